@@ -1,0 +1,49 @@
+# Everything a user or CI runs. `make demo` and `make test` set up .venv by themselves.
+PYTHON ?= python3.11
+TORCH_INDEX ?=
+PIP_INDEX = $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
+BIN := .venv/bin
+OUT ?= out
+export OMP_NUM_THREADS ?= 1
+
+.PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps clean
+help:            ## list the targets
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
+
+setup: .venv/.installed  ## make .venv and install the library with its pinned dependencies
+.venv/.installed: pyproject.toml constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "onlinebayes needs Python 3.11: install it, or run make PYTHON=/path/to/python3.11"; exit 2; }
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt torch==2.13.0
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt -e '.[dev]'
+	@touch $@
+
+demo: setup      ## the main job: measurement -> missing effect -> posterior -> policy (under 5 minutes)
+	$(BIN)/python -m recipes.demo --out $(OUT)/demo
+demo-seeds: setup  ## the demo on five seeds -> docs/results/demo-seeds.json
+	$(BIN)/python -m recipes.studies.demo_seeds
+
+test: setup lint ## lint, types, arrows, fast tests (under 8 minutes)
+	$(BIN)/python -m pytest
+lint: setup
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports --no-cache
+
+check: setup     ## a sample of the slow evidence (under 20 minutes)
+	$(BIN)/python -m pytest -m slow --timeout 1200
+
+bench: setup     ## speed -> docs/results/bench.json
+	$(BIN)/python -m recipes.studies.speed
+blind: setup     ## hidden effects and null sets -> docs/results/blind.json
+	$(BIN)/python -m recipes.studies.blind
+emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
+	$(BIN)/python -m recipes.studies.emps
+cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cartpole.json
+	$(BIN)/python -m recipes.cartpole --study
+pendulum: setup  ## Online BayesSim on Pendulum, five seeds -> docs/results/pendulum.json
+	$(BIN)/python -m recipes.pendulum --study
+
+clean:           ## remove .venv and the outputs
+	rm -rf .venv $(OUT)

@@ -1,0 +1,19 @@
+"""What every long piece of work needs: errors, atomic files, progress, interruption, seeds, result tables."""
+
+from onlinebayes.runs.errors import BadInput
+from onlinebayes.runs.files import atomic_path, write_atomic
+from onlinebayes.runs.interrupt import Interrupt
+from onlinebayes.runs.progress import Progress
+from onlinebayes.runs.results import ResultTable
+from onlinebayes.runs.seeds import generator, seed_everything
+
+__all__ = [
+    "BadInput",
+    "Interrupt",
+    "Progress",
+    "ResultTable",
+    "atomic_path",
+    "generator",
+    "seed_everything",
+    "write_atomic",
+]

@@ -1,0 +1,15 @@
+"""The one error that means: the input is wrong, and here is what to do about it."""
+
+from __future__ import annotations
+
+
+class BadInput(ValueError):
+    """Input that cannot be used; the message is one line with the value, the rule and the cure.
+
+    The command line prints it and exits with status 2. Library code raises it for files, tables, models and bounds
+    that come from a user; a programming mistake stays a plain ``ValueError`` or ``TypeError``.
+    """
+
+    def __init__(self, problem: str, cure: str = "", *, where: str = "") -> None:
+        parts = [f"{where}: " if where else "", problem, f"; {cure}" if cure else ""]
+        super().__init__(" ".join("".join(parts).split()))

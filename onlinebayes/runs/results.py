@@ -1,0 +1,128 @@
+"""Result tables: ``docs/results/NAME.json`` and the Markdown table made from it.
+
+Each row is ``{name, value, spread, unit, goal, holds}``; the head records command, seeds, versions and machine, so that
+every figure in a document can be printed again.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import math
+import os
+import platform
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from onlinebayes.runs.files import write_atomic
+
+PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy")
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: its name, value, spread, unit, the goal in words and whether it holds (None: no goal)."""
+
+    name: str
+    value: float | str
+    spread: float | str | None
+    unit: str
+    goal: str | None
+    holds: bool | None
+
+
+@dataclass
+class ResultTable:
+    """Rows with a head, written as JSON and as Markdown.
+
+    Args:
+        name: the make target's name; also the file's.
+        command: what a reader types to get the same figures.
+        seeds: the seeds that were run.
+    """
+
+    name: str
+    command: str
+    seeds: Sequence[int]
+    rows: list[Row] = field(default_factory=list)
+
+    def add(
+        self,
+        name: str,
+        value: float | str,
+        *,
+        spread: float | str | None = None,
+        unit: str = "",
+        goal: str | None = None,
+        holds: bool | None = None,
+    ) -> None:
+        """Append one row; ``holds`` is computed by the caller from the unrounded value."""
+        self.rows.append(Row(name, value, spread, unit, goal, holds))
+
+    @property
+    def holds(self) -> bool:
+        """Whether no row with a goal misses it."""
+        return all(row.holds is not False for row in self.rows)
+
+    def to_json(self) -> str:
+        """The table with its head; numbers that JSON lacks (inf, nan) become text."""
+        head = {
+            "name": self.name,
+            "command": self.command,
+            "seeds": list(self.seeds),
+            "versions": versions(),
+            "machine": machine(),
+        }
+        rows = [{key: _finite(value) for key, value in asdict(row).items()} for row in self.rows]
+        return json.dumps({**head, "rows": rows}, indent=1) + "\n"
+
+    def to_markdown(self) -> str:
+        """The table as a reader sees it."""
+        lines = [
+            f"# {self.name}",
+            "",
+            f"Printed by `{self.command}` (seeds {', '.join(map(str, self.seeds))}; {machine()}).",
+            "",
+            "| name | value | spread | unit | goal | holds |",
+            "|---|---|---|---|---|---|",
+        ]
+        for row in self.rows:
+            holds = {None: "", True: "yes", False: "**no**"}[row.holds]
+            cells = (row.name, _text(row.value), _text(row.spread), row.unit, row.goal or "", holds)
+            lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        return "\n".join(lines) + "\n"
+
+    def write(self, folder: str | Path = "docs/results") -> Path:
+        """Write ``NAME.json`` and ``NAME.md`` atomically and return the JSON's path."""
+        folder = Path(folder)
+        write_atomic(folder / f"{self.name}.md", self.to_markdown())
+        write_atomic(folder / f"{self.name}.json", self.to_json())
+        return folder / f"{self.name}.json"
+
+
+def versions() -> dict[str, str]:
+    """The versions of Python and of the packages that decide a figure."""
+    found = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def machine() -> str:
+    """The machine in words: processor family and the number of cores this process may use."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return f"{platform.system()} {platform.machine()}, {cores} cores"
+
+
+def _finite(value: object) -> object:
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _text(value: float | str | None) -> str:
+    if value is None:
+        return ""
+    return value if isinstance(value, str) else f"{value:.4g}"

@@ -1,0 +1,143 @@
+"""What an effect is: one named physical term with bounded parameters of its own, at its neutral value nothing at all.
+
+    tau_total = tau_model(q, v, u) + effect(q, v, u; parameters),      effect(...; neutral) = 0, bit for bit
+
+An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parameters join the simulator's space as
+``name@target.parameter``. It says how each backend carries it:
+
+| hook                          | backend | what it does                                                          |
+|-------------------------------|---------|-----------------------------------------------------------------------|
+| ``edit`` + ``fields``/``write`` | MuJoCo | structure before compiling; per-world fields of the compiled model     |
+| ``force``, ``friction_bound`` | torch   | generalised force; bound of a dry friction that the solver makes stick |
+| ``command``, ``rest``         | both    | the input stage, with its hidden state (MuJoCo: where ``fields`` is empty) |
+
+On MuJoCo an effect with ``fields`` is carried natively and its ``command`` is not called.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.parameters import ParameterSpace
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Typical sizes at a target, from which an effect takes the bounds of its parameters.
+
+    Args:
+        force: largest generalised force in play at the joint [N, N m]; for an actuator, at its transmission.
+        speed: largest speed [m/s, rad/s].
+        travel: range of the position [m, rad].
+        time: longest plausible dead time [s].
+        unit: the joint's kind, which decides the units.
+    """
+
+    force: float
+    speed: float
+    travel: float
+    time: float
+    unit: Literal["slide", "hinge"] = "hinge"
+
+
+class Effect(ABC):
+    """A named physical term at one target; subclasses are frozen dataclasses whose fields are target and Parameters.
+
+    Attributes:
+        name: the contract's name, e.g. ``"dry_friction"``.
+        target_kind: what ``target`` names.
+        target: name of the joint or actuator.
+        fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
+        has_command: whether the effect is an input stage (:meth:`command`).
+    """
+
+    name: ClassVar[str]
+    target_kind: ClassVar[Literal["joint", "actuator"]]
+    target: str
+    fields: ClassVar[tuple[str, ...]] = ()
+    has_command: ClassVar[bool] = False
+
+    @classmethod
+    @abstractmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """The effect at ``target`` with physical bounds that suit these sizes (what ``diagnose`` tries)."""
+
+    @property
+    @abstractmethod
+    def parameters(self) -> ParameterSpace:
+        """The effect's own parameters, by their short names."""
+
+    @property
+    @abstractmethod
+    def neutral(self) -> Mapping[str, float]:
+        """The value of each parameter at which the effect is exactly nothing."""
+
+    @property
+    def key(self) -> str:
+        """``name@target``."""
+        return f"{self.name}@{self.target}"
+
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """Finite values from which screening also starts, for what is not small-signal linear; none by default."""
+        return ()
+
+    # --- MuJoCo -------------------------------------------------------------------------------------------------
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Change the structure once, before compiling (an extra actuator, a solver setting); nothing by default."""
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """Set the per-world model fields from the parameters.
+
+        Args:
+            model: the compiled model, for ids and base values.
+            fields: field name -> live array (N, ...), **already holding the values without this effect**.
+            parameters: short name -> values (N,) [SI].
+        """
+
+    # --- torch --------------------------------------------------------------------------------------------------
+
+    def force(
+        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
+    ) -> Float[Tensor, " N"] | None:
+        """Generalised force on the target joint [N, N m], or None where the effect has none."""
+        return None
+
+    def friction_bound(self, parameters: Mapping[str, Tensor]) -> Float[Tensor, " N"] | None:
+        """Bound F >= 0 of a Coulomb force on the target joint [N, N m], which the solver makes stick, or None."""
+        return None
+
+    # --- both ---------------------------------------------------------------------------------------------------
+
+    def rest(self, worlds: int, timestep: float, like: Tensor) -> TensorDict | None:
+        """The hidden state before anything has happened, batch size (worlds,), or None for an effect without one."""
+        return None
+
+    def command(
+        self,
+        parameters: Mapping[str, Tensor],
+        state: TensorDict | None,
+        command: Float[Tensor, "N K"],
+        timestep: float,
+    ) -> tuple[Float[Tensor, "N K"], TensorDict | None]:
+        """What the target actuator receives over K consecutive timesteps, and the hidden state after them.
+
+        Args:
+            parameters: short name -> values (N,).
+            state: the hidden state before the first of the K steps (see :meth:`rest`).
+            command: the command on each timestep [command units].
+            timestep: length of one [s].
+        """
+        return command, state

@@ -1,0 +1,36 @@
+"""Shapes are checked while tests run, every test starts from the same seed, measured data is asked for by name."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+from jaxtyping import install_import_hook
+
+import tests.typecheck  # noqa: F401  (the hook looks the checker up as an attribute)
+
+install_import_hook(["onlinebayes", "envs"], "tests.typecheck.check")
+
+import torch  # noqa: E402
+
+from onlinebayes.runs import seed_everything  # noqa: E402
+
+torch.set_num_threads(1)
+
+
+@pytest.fixture(autouse=True)
+def _seed() -> None:
+    seed_everything(0)
+
+
+@pytest.fixture
+def data() -> Path:
+    """The folder of real measurements; skips where there is none, fails where CI promised one."""
+    folder = os.environ.get("ONLINEBAYES_DATA")
+    if folder and Path(folder).is_dir():
+        return Path(folder)
+    reason = "real data is absent: set ONLINEBAYES_DATA to the folder that holds emps/, ball_drops/, ..."
+    if os.environ.get("ONLINEBAYES_REQUIRE_DATA"):
+        pytest.fail(reason)
+    pytest.skip(reason)
