@@ -14,15 +14,12 @@ import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.runs import BadInput
-
-Scale = Literal["linear", "log"]
 
 
 @dataclass(frozen=True)
@@ -42,7 +39,7 @@ class Parameter:
     low: float
     high: float
     unit: str = ""
-    scale: Scale = "linear"
+    scale: str = "linear"
 
     def __post_init__(self) -> None:
         if not (math.isfinite(self.low) and math.isfinite(self.high)):
