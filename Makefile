@@ -1,8 +1,9 @@
 # Everything a user or CI runs. `make demo` and `make test` set up .venv by themselves.
-PYTHON ?= python3.11
+PYTHON ?= $(shell command -v python3.11 || command -v python3 || echo python3.11)
 TORCH_INDEX ?=
 PIP_INDEX = $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
 BIN := .venv/bin
+PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt
 OUT ?= out
 export OMP_NUM_THREADS ?= 1
 
@@ -12,10 +13,12 @@ help:            ## list the targets
 
 setup: .venv/.installed  ## make .venv and install the library with its pinned dependencies
 .venv/.installed: pyproject.toml constraints.txt
-	@command -v $(PYTHON) >/dev/null || { echo "onlinebayes needs Python 3.11: install it, or run make PYTHON=/path/to/python3.11"; exit 2; }
-	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt torch==2.13.0
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt -e '.[dev]'
+	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null || \
+	  { echo "onlinebayes needs Python 3.11 or 3.12: install it, or run make PYTHON=/path/to/python3.11"; exit 2; }
+	@echo "setting up .venv: a minute or two, once"
+	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(PIP) torch==2.13.0
+	@$(PIP) -e '.[dev]'
 	@touch $@
 
 demo: setup      ## the main job: measurement -> missing effect -> posterior -> policy (under 5 minutes)
