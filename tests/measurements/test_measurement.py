@@ -1,0 +1,94 @@
+"""Runs of different lengths become one rectangle whose padding is told apart, and what is wrong is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from onlinebayes.measurements import Measurement, Signal, concatenate
+from onlinebayes.runs import BadInput
+
+NAN = float("nan")
+
+
+def two_runs() -> Measurement:
+    return Measurement.from_runs(
+        {
+            "a": {"time": [0.0, 0.1, 0.2], "ctrl.motor": [1.0, 1.0, 2.0], "qpos.x": [0.0, NAN, 0.3]},
+            "b": {"time": [5.0, 5.5], "ctrl.motor": [0.0, 0.0], "qpos.x": [1.0, 1.0], "qvel.x": [0.0, 0.5]},
+        }
+    )
+
+
+def test_runs_are_padded_and_told_apart():
+    m = two_runs()
+    assert m.runs == ("a", "b")
+    assert m.commands == ("motor",)
+    assert [s.name for s in m.signals] == ["qpos.x", "qvel.x"]
+    assert m.data.batch_size == (2, 3)
+    assert m.lengths.tolist() == [3, 2]
+    assert m.durations == pytest.approx((0.2, 0.5))
+    assert m.data["mask"].tolist() == [[True, True, True], [True, True, False]]
+    assert m.data["time"][1].tolist() == [5.0, 5.5, 6.0]
+    assert m.data["command"][0, :, 0].tolist() == [1.0, 1.0, 2.0]
+    assert m.data["measured"][0].tolist() == [[True, False], [False, False], [True, False]]
+    assert not m.data["measured"][1, 2].any()
+    assert bool(torch.isfinite(m.data["signal"]).all())
+    assert m.data["enable"].unique().tolist() == [1.0]
+    assert m.data["time"].dtype == torch.float64
+
+
+def test_select_drops_padding_and_keeps_order():
+    m = two_runs()
+    assert m.select(["b"]).data.batch_size == (1, 2)
+    assert m.select(["b", "a"]).runs == ("b", "a")
+    assert m.select(["b", "a"]).data["time"][1].tolist() == m.data["time"][0].tolist()
+    with pytest.raises(BadInput, match="run 'c' is unknown; known: a, b"):
+        m.select(["c"])
+    with pytest.raises(BadInput, match="no run"):
+        m.select([])
+
+
+def test_concatenate_is_the_inverse_of_select():
+    m = two_runs()
+    again = concatenate([m.select(["a"]), m.select(["b"])])
+    assert again.runs == m.runs
+    assert bool((again.data == m.data).all())
+    with pytest.raises(BadInput, match="run 'a' stands in two"):
+        concatenate([m, m])
+
+
+def test_signals_carry_their_noise():
+    m = two_runs().with_signals([Signal("qpos.x", "m", sd=1e-3)])
+    assert m.signals == (Signal("qpos.x", "m", sd=1e-3), Signal("qvel.x"))
+    for bad in (0.0, -1.0, NAN, float("inf")):
+        with pytest.raises(BadInput, match="not a positive number"):
+            Signal("qpos.x", sd=bad)
+
+
+@pytest.mark.parametrize(
+    ("columns", "message"),
+    [
+        ({"ctrl.u": [0.0, 0.0]}, "no column 'time'"),
+        ({"time": []}, "0 row"),
+        ({"time": [0.0]}, "at least two rows"),
+        ({"time": [0.0, 1.0], "qpos.x": [0.0]}, r"column 'qpos.x' has shape \(1,\)"),
+        ({"time": [0.0, 1.0, 1.0]}, "row 3: time goes from 1 to 1 s"),
+        ({"time": [0.0, NAN, 1.0]}, "row 2: time is nan"),
+        ({"time": [0.0, 1.0], "qpos.x": [0.0, np.inf]}, "row 2, column 'qpos.x': inf"),
+        ({"time": [0.0, 1.0], "ctrl.u": [NAN, 1.0]}, "row 1, column 'ctrl.u': a command cannot be nan"),
+    ],
+)
+def test_bad_runs_are_named(columns, message):
+    with pytest.raises(BadInput, match=message):
+        Measurement.from_runs({"a": columns})
+
+
+def test_a_command_may_be_left_out_only_where_the_actuator_is_off():
+    time = {"time": [0.0, 1.0], "qpos.x": [0.0, 0.0]}
+    with pytest.raises(BadInput, match=r"no column 'ctrl\.u'"):
+        Measurement.from_runs({"a": time}, commands=["u"])
+    off = Measurement.from_runs({"a": {**time, "enable.u": [0.0, 0.0]}}, commands=["u"])
+    assert off.data["enable"].unique().tolist() == [0.0]
+    assert off.data["command"].unique().tolist() == [0.0]
