@@ -141,7 +141,7 @@ class RerunLogger(Logger):
 
     def _log(self, name: str, content: Any, step: int | None) -> None:
         self.experiment.set_time("step", sequence=self._step(name, step))
-        self.experiment.log(name.split("/"), content)
+        self.experiment.log([*name.split("/")], content)
 
     def _step(self, name: str, step: int | None) -> int:
         step = self._next[name] if step is None else int(step)
