@@ -1,0 +1,257 @@
+"""What criticism finds, as frozen values: the verdict, the ranked effects, the errors, and the replays behind them.
+
+Everything that report.json, the HTML report and the recording show stands here; nothing in these classes computes. The
+words and their exact rules: verdict and remainder in ``verdict.py``, ``score_gain`` in ``score.py``, ``p_value`` in
+``screening.py``, ``homogeneous`` in ``homogeneity.py``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from onlinebayes.simulators.base import Simulator
+
+Verdict = Literal[
+    "data_problem",
+    "insufficient_data",
+    "bounds_exclude_truth",
+    "tie",
+    "missing_effect",
+    "unexplained",
+    "adequate",
+]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """How effects are judged.
+
+    Args:
+        folds: number of blocks, or None for as many as the data allow (at most 12; one a run from 7 runs on).
+        horizon_s: length of the long windows H [s]; the short ones are 0.3 H.
+        alpha: level of the screening test.
+        tolerance: rms_over_floor up to which a model with nothing missing is called adequate.
+    """
+
+    folds: int | None = None
+    horizon_s: float = 1.0
+    alpha: float = 0.03
+    tolerance: float = 1.2
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One fitted parameter: mean, sd and the 5 and 95 % points [``unit``], from the leave-one-block-out jackknife.
+
+    ``identifiable`` is False where the parameter lies along a direction that the data leave flat.
+    """
+
+    mean: float
+    sd: float
+    q05: float
+    q95: float
+    unit: str
+    identifiable: bool = True
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One effect that was tried.
+
+    Args:
+        effect: ``name@target``.
+        rank: 1 for the first; None where it is confounded with the free parameters.
+        p_value: of the maximum over all candidates, in the stage in which it was last screened; None if confounded.
+        score_gain, score_gain_se: cross-validated log score over the model without it, nats; None if not refitted.
+        n_blocks: number of blocks B.
+        rms_fall: share by which the cross-validated error falls at the long and the short horizon; None if not refitted.
+        homogeneous: whether its size is the same law in all blocks, speeds and positions; None if not refitted.
+        accepted: whether it stands in the final model.
+        refused_because: the rules it failed, in words; empty for accepted and unranked ones.
+        parameters: short name -> estimate, from its own refit; empty if not refitted.
+        indistinguishable_from: effects that explain the data equally.
+        nested_in: richer effects that contain it.
+        confounded_with: free parameters that do the same already.
+        exclusion_limit: smallest size of its first parameter that these data would have shown [that unit], or None.
+    """
+
+    effect: str
+    rank: int | None
+    p_value: float | None
+    score_gain: float | None
+    score_gain_se: float | None
+    n_blocks: int
+    rms_fall: tuple[float, float] | None = None
+    homogeneous: bool | None = None
+    accepted: bool = False
+    refused_because: tuple[str, ...] = ()
+    parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    indistinguishable_from: tuple[str, ...] = ()
+    nested_in: tuple[str, ...] = ()
+    confounded_with: tuple[str, ...] = ()
+    exclusion_limit: float | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One acceptance; errors are cross-validated inside the fit runs, signal -> RMS [the signal's unit]."""
+
+    added: str
+    error_before: Mapping[str, float]
+    error_after: Mapping[str, float]
+    score_gain: float
+    score_gain_se: float
+    n_blocks: int
+
+
+@dataclass(frozen=True)
+class Failure:
+    """Where the error concentrates: a region that holds ``share_of_error`` of the squared error of one signal."""
+
+    signal: str
+    where: str
+    share_of_error: float
+    share_of_time: float
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What is left after the final model, by signal: start-projected RMS over the floor, and where it concentrates."""
+
+    status: Literal["noise", "structured"]
+    rms_over_floor: Mapping[str, float]
+    where: str
+
+
+@dataclass(frozen=True)
+class HeldOutError:
+    """RMS over tiled windows of the held-out runs, signal -> value [the signal's unit]; ``horizon_s`` in seconds.
+
+    ``before`` is the base model refitted, ``after`` the final one; ``noise_floor`` holds sensor noise and the
+    propagated uncertainty of the windows' starts.
+    """
+
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    noise_floor: Mapping[str, float]
+    horizon_s: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Whether the integration step is fine enough to judge by.
+
+    Args:
+        timestep: the step that criticism used [s].
+        error_at_quarter_step: how far the replay moves when the step is divided by 4 [floors].
+        sufficient: whether that is below a tenth of the residual, or of the floor.
+    """
+
+    timestep: float
+    error_at_quarter_step: float
+    sufficient: bool
+
+
+@dataclass(frozen=True)
+class FlatDirection:
+    """A combination of parameters that the data do not determine, in words, and its direction: name -> component."""
+
+    description: str
+    direction: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class ReplayedRun:
+    """One run as measured and as simulated window by window, each window from its smoothed measured start.
+
+    Args:
+        run: its name.
+        held_out: whether it was kept from the fit.
+        time: rows [s], padding removed.
+        command: what was commanded.
+        measured: the signals, nan where not measured.
+        simulated: the same signals of the model.
+        qpos: the model's joint positions, for drawing its geometry.
+        window: number of the window that each row belongs to.
+    """
+
+    run: str
+    held_out: bool
+    time: Float[Tensor, " T"]
+    command: Float[Tensor, "T U"]
+    measured: Float[Tensor, "T S"]
+    simulated: Float[Tensor, "T S"]
+    qpos: Float[Tensor, "T Q"]
+    window: Int[Tensor, " T"]
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A simulator with its parameters fitted.
+
+    Args:
+        simulator: with its effects added.
+        theta: the mode, in the order of ``simulator.parameters`` [SI].
+        covariance: of theta, from the jackknife over blocks [SI].
+        parameters: address -> estimate.
+        effects: keys of the effects that ``simulator`` carries.
+        replays: fit runs first, then the held-out ones (none while those stay closed).
+    """
+
+    simulator: Simulator
+    theta: Float[Tensor, " P"]
+    covariance: Float[Tensor, "P P"]
+    parameters: Mapping[str, Estimate]
+    effects: tuple[str, ...]
+    replays: tuple[ReplayedRun, ...]
+
+
+@dataclass(frozen=True)
+class Criticism:
+    """The answer of ``compare``, ``diagnose`` or ``refine``; the fields up to ``numerics`` are report.json's.
+
+    Args:
+        verdict: what is wrong; None from ``compare``, which names nothing.
+        accepted: keys of the effects added, in order (those added by hand belong to the base model).
+        what_to_record: with ``insufficient_data``, what would decide; else empty.
+        base, final: the base model refitted and the accepted one (the same object where nothing was accepted).
+        command: which of the three made this.
+        signals: names of the S signals that were compared, in the order of the replays' columns.
+        units: signal -> unit.
+        sensor_sd: signal -> sensor noise used, given or estimated [the signal's unit].
+        interrupted: whether the search was stopped before its end.
+    """
+
+    command: Literal["compare", "diagnose", "refine"]
+    verdict: Verdict | None
+    accepted: tuple[str, ...]
+    remainder: Remainder
+    heldout_error: HeldOutError
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    candidates_tried: int
+    holdout_looks: int
+    failures: tuple[Failure, ...]
+    parameters: Mapping[str, Estimate]
+    flat_directions: tuple[FlatDirection, ...]
+    numerics: Numerics
+    base: FittedModel
+    final: FittedModel
+    signals: tuple[str, ...]
+    commands: tuple[str, ...]
+    units: Mapping[str, str]
+    sensor_sd: Mapping[str, float]
+    selection: Selection
+    what_to_record: str = ""
+    interrupted: bool = False
+    notes: tuple[str, ...] = ()
+
+    @property
+    def held_out_runs(self) -> tuple[str, ...]:
+        """Names of the runs that were kept for the reported error."""
+        return tuple(replay.run for replay in self.final.replays if replay.held_out)
