@@ -5,48 +5,55 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from jaxtyping import Int
 
 from onlinebayes.runs import BadInput
 
 
-def check_columns(run: str, columns: Mapping[str, np.ndarray]) -> None:
-    """Raise :class:`BadInput` unless the columns are one run: a time, equal lengths, values finite or nan.
+def check_columns(columns: Mapping[str, np.ndarray], where: str, rows: Int[np.ndarray, " T"] | None = None) -> None:
+    """Raise :class:`BadInput` unless the columns are one run: a time that increases, equal lengths, finite or nan.
 
     Args:
-        run: its name, for the message.
-        columns: column name -> values (T,); rows are counted from 1 in messages.
+        columns: column name -> values (T,).
+        where: what holds them, for the message, e.g. ``"run 'a'"``.
+        rows: number of each row in messages; counted from 1 by default.
     """
-    where = f"run '{run}'"
     if "time" not in columns:
         raise BadInput("no column 'time'", "give the instant of every row in seconds", where=where)
     time = columns["time"]
     for name, values in columns.items():
-        if values.ndim != 1 or len(values) != len(time):
+        if values.ndim != 1 or values.shape != time.shape:
             raise BadInput(
                 f"column '{name}' has shape {values.shape}, 'time' has {time.shape}",
                 "give one value a row (nan where it was not measured)",
                 where=where,
             )
-        if (wrong := np.flatnonzero(np.isinf(values))).size:
-            raise BadInput(
-                f"{values[wrong[0]]} is not a number that can be measured",
-                "use nan where it was not measured",
-                where=f"{where}, row {wrong[0] + 1}, column '{name}'",
-            )
-        if name.startswith(("ctrl.", "enable.")) and (wrong := np.flatnonzero(np.isnan(values))).size:
-            raise BadInput(
-                "a command cannot be nan",
-                "give the value that was sent",
-                where=f"{where}, row {wrong[0] + 1}, column '{name}'",
-            )
+    rows = np.arange(1, len(time) + 1) if rows is None else rows
+    for name, values in columns.items():
+        _check_values(name, values, where, rows)
     if len(time) < 2:
-        raise BadInput(f"{len(time)} row", "a run needs at least two rows", where=where)
-    if (wrong := np.flatnonzero(np.isnan(time))).size:
-        raise BadInput("time is nan", "every row has a time", where=f"{where}, row {wrong[0] + 1}")
+        at = f", row {rows[0]}" if len(time) else ""
+        raise BadInput(f"a run of {len(time)} row{'' if len(time) == 1 else 's'}", "give two or more", where=where + at)
     if (wrong := np.flatnonzero(np.diff(time) <= 0)).size:
         k = int(wrong[0])
         raise BadInput(
-            f"time goes from {time[k]:.9g} to {time[k + 1]:.9g} s",
-            "it must increase strictly within a run; sort the rows or start a new run",
-            where=f"{where}, row {k + 2}",
+            f"time goes from {time[k]:.12g} to {time[k + 1]:.12g} s",
+            "it must increase strictly within a run: sort the rows, drop repeated ones, or start a new run",
+            where=f"{where}, row {rows[k + 1]}, column 'time'",
+        )
+
+
+def _check_values(name: str, values: np.ndarray, where: str, rows: np.ndarray) -> None:
+    if (wrong := np.flatnonzero(np.isinf(values))).size:
+        raise BadInput(
+            f"{values[wrong[0]]} is no measured value",
+            "leave the cell empty (or nan) where nothing was measured",
+            where=f"{where}, row {rows[wrong[0]]}, column '{name}'",
+        )
+    needed = name == "time" or name.startswith(("ctrl.", "enable."))
+    if needed and (wrong := np.flatnonzero(np.isnan(values))).size:
+        raise BadInput(
+            f"{'the time' if name == 'time' else 'a command'} cannot be nan",
+            "give the instant of the row in seconds" if name == "time" else "give the value that was sent",
+            where=f"{where}, row {rows[wrong[0]]}, column '{name}'",
         )

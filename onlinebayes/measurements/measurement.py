@@ -207,7 +207,7 @@ def _pad(data: TensorDict, rows: int) -> TensorDict:
 
 def _arrays(run: str, columns: Columns) -> dict[str, np.ndarray]:
     arrays = {name: np.asarray(values, dtype=np.float64) for name, values in columns.items()}
-    check_columns(run, arrays)
+    check_columns(arrays, f"run '{run}'")
     return arrays
 
 

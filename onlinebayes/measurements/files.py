@@ -1,0 +1,198 @@
+"""The columns of a CSV or Parquet file, read in pieces; every error names the file, the row and the column.
+
+Rows are counted as a spreadsheet shows them: the header is row 1, empty lines count. CSV is UTF-8 (a byte-order mark
+is fine), comma separated, with a decimal point. Parquet needs the extra ``onlinebayes[parquet]``.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from onlinebayes.measurements.parquet import parquet_columns, parquet_header
+from onlinebayes.runs import BadInput
+
+CHUNK = 100_000
+"""Rows that are held as text at once."""
+
+NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+
+
+def header(path: Path) -> list[str]:
+    """The column names of a table, stripped of surrounding blanks, in the file's order.
+
+    Raises:
+        BadInput: the file is missing or unreadable, no table, empty, not UTF-8, not separated by commas, or two
+            columns share a name.
+    """
+    if is_parquet(path):
+        names = parquet_header(path)
+    else:
+        with csv_rows(path) as rows:
+            first = next(rows, None)
+        if not first:
+            raise BadInput("the first row is empty", "begin with a row of column names", where=str(path))
+        names = [name.strip() for name in first]
+        _check_separator(names, path)
+    for name in names:
+        if name and names.count(name) > 1:
+            raise BadInput(
+                f"two columns are called '{name}'", "give each column a name of its own", where=f"{path}, row 1"
+            )
+    return names
+
+
+def columns(path: Path, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    """Some columns of a table.
+
+    Args:
+        path: the file.
+        names: which columns, all of them in the header.
+        text: those that stay text; the others are numbers, nan where a cell is empty or says nan.
+        held: number columns in which a written nan is an error, for their empty cells mean the last value.
+    """
+    if is_parquet(path):
+        read = parquet_columns(path, names, text, held)
+        return Columns(read, np.arange(2, 2 + len(next(iter(read.values())))))
+    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+    numbers: list[np.ndarray] = []
+    with csv_rows(path) as rows:
+        all_names = [name.strip() for name in next(rows)]
+        places = {name: all_names.index(name) for name in names}
+        for chunk, at in _chunks(rows, len(all_names), path):
+            numbers.append(at)
+            cells = list(zip(*chunk, strict=True))
+            for name, place in places.items():
+                if name in text:
+                    parts[name].append(np.array([cell.strip() for cell in cells[place]], dtype=object))
+                else:
+                    parts[name].append(_numbers(cells[place], name, path, at, name in held))
+    if not numbers:
+        raise BadInput("a header and no rows", "give at least two rows a run", where=str(path))
+    return Columns({name: np.concatenate(part) for name, part in parts.items()}, np.concatenate(numbers))
+
+
+class Columns(dict[str, np.ndarray]):
+    """Column name -> values, with the number of each row in its file.
+
+    Attributes:
+        rows: (T,) numbers of the rows.
+    """
+
+    def __init__(self, values: dict[str, np.ndarray], rows: np.ndarray) -> None:
+        super().__init__(values)
+        self.rows = rows
+
+
+def is_parquet(path: Path) -> bool:
+    """Whether the file is Parquet, by its first bytes; raises :class:`BadInput` when it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            start = file.read(4)
+    except FileNotFoundError:
+        raise BadInput("no such file", "check 'measurements' in the problem file", where=str(path)) from None
+    except OSError as error:
+        raise BadInput(f"cannot be read: {error.strerror}", "name a CSV or Parquet file", where=str(path)) from None
+    if start == b"PAR1":
+        return True
+    if path.suffix.lower() in (".parquet", ".pq"):
+        raise BadInput("is not a Parquet file", "write it again, or name a CSV file .csv", where=str(path))
+    if not start:
+        raise BadInput("the file is empty", "give a header and at least two rows", where=str(path))
+    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise BadInput("the file is UTF-16", "save it as UTF-8", where=str(path))
+    return False
+
+
+@contextmanager
+def csv_rows(path: Path) -> Iterator[Iterator[list[str]]]:
+    """The rows of a CSV file as lists of cells; what the reader finds wrong becomes :class:`BadInput`."""
+    reader = None
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            yield reader
+    except UnicodeDecodeError:
+        raise BadInput("the file is not UTF-8", "save it as UTF-8", where=f"{path}, {_undecodable(path)}") from None
+    except csv.Error as error:
+        line = f", line {reader.line_num}" if reader else ""
+        raise BadInput(f"is no readable CSV: {error}", "check the quotes on that line", where=f"{path}{line}") from None
+
+
+def _undecodable(path: Path) -> str:
+    number = 0
+    with path.open("rb") as file:
+        for number, line in enumerate(file, start=1):
+            try:
+                line.decode("utf-8")
+            except UnicodeDecodeError as error:
+                return f"row {number}, byte 0x{line[error.start]:02x}"
+    return f"row {number}"
+
+
+def _check_separator(names: Sequence[str], path: Path) -> None:
+    if any("\0" in name for name in names):
+        raise BadInput("is not a text file", "name a CSV or Parquet file", where=str(path))
+    joined = ",".join(names)
+    for mark, called in ((";", "semicolons"), ("\t", "tabs"), ("|", "bars")):
+        if joined.count(mark) > joined.count(","):
+            raise BadInput(
+                f"the columns are separated by {called}",
+                "save the table with commas between columns and a point in the numbers",
+                where=f"{path}, row 1",
+            )
+
+
+def _chunks(rows: Iterator[list[str]], width: int, path: Path) -> Iterator[tuple[list[list[str]], np.ndarray]]:
+    """Pieces of rows that are not empty, each with the rows' numbers."""
+    start = 2
+    while chunk := list(islice(rows, CHUNK)):
+        at = np.arange(start, start + len(chunk))
+        start += len(chunk)
+        lengths = np.fromiter(map(len, chunk), dtype=np.int64, count=len(chunk))
+        if (wrong := np.flatnonzero((lengths != width) & (lengths != 0))).size:
+            k = int(wrong[0])
+            raise BadInput(
+                f"{lengths[k]} cells where the header has {width}",
+                "give every row one cell a column; leave a cell empty where nothing was measured",
+                where=f"{path}, row {at[k]}",
+            )
+        if not lengths.all():
+            chunk, at = [row for row in chunk if row], at[lengths > 0]
+        if chunk:
+            yield chunk, at
+
+
+def _numbers(cells: Sequence[str], name: str, path: Path, rows: np.ndarray, held: bool) -> np.ndarray:
+    try:
+        values = np.array([float(cell) if cell else np.nan for cell in cells])
+    except ValueError:
+        cells = [cell.strip() for cell in cells]
+        for cell, row in zip(cells, rows, strict=True):
+            _check_number(cell, name, path, int(row))
+        values = np.array([float(cell) if cell else np.nan for cell in cells])
+    if held and np.isnan(values).sum() != sum(1 for cell in cells if not cell.strip()):
+        wrong = next(k for k, cell in enumerate(cells) if cell.strip() and np.isnan(values[k]))
+        raise BadInput(
+            "a command cannot be nan",
+            "give the value that was sent, or leave the cell empty to hold the last one",
+            where=f"{path}, row {rows[wrong]}, column '{name}'",
+        )
+    return values
+
+
+def _check_number(cell: str, name: str, path: Path, row: int) -> None:
+    try:
+        float(cell or "nan")
+    except ValueError:
+        shown = cell if len(cell) <= 40 else cell[:37] + "..."
+        cure = "leave the cell empty where nothing was measured"
+        if NUMBER_WITH_COMMA.fullmatch(cell):
+            cure = "write numbers with a decimal point"
+        raise BadInput(f"'{shown}' is not a number", cure, where=f"{path}, row {row}, column '{name}'") from None
