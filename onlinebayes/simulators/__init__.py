@@ -1,5 +1,7 @@
 """Simulators: many worlds at once, each with its own physical parameters."""
 
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.env import SimulatorEnv, Task
+from onlinebayes.simulators.torch import Actuator, Joint, TorchSimulator
 
-__all__ = ["Simulator"]
+__all__ = ["Actuator", "Joint", "Simulator", "SimulatorEnv", "Task", "TorchSimulator"]

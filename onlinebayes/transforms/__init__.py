@@ -1,0 +1,5 @@
+"""Transforms of TorchRL environments: draw physics at reset, embed what has been seen."""
+
+from onlinebayes.transforms.randomization import Distribution, ParameterRandomization
+
+__all__ = ["Distribution", "ParameterRandomization"]

@@ -1,0 +1,395 @@
+r"""Mechanical systems written as batched equations in torch: give the acceleration, get a simulator.
+
+    a = M(q)^{-1} (f(q, v) + tau),    tau = gears u + effects
+
+    semi-implicit   v+ = v + h a,   q+ = q + h v+        (MuJoCo's Euler; Gymnasium's Pendulum)
+    explicit        v+ = v + h a,   q+ = q + h v         (Gymnasium's CartPole)
+
+| term                              | code                                     |
+|-----------------------------------|------------------------------------------|
+| a(q, v, tau)                      | ``acceleration``, written by the system  |
+| gears u, input stages of effects  | ``_drive``                               |
+| forces of effects                 | ``_load``                                |
+| dry friction that sticks          | ``_rub``, :func:`friction.stick`         |
+"""
+
+from __future__ import annotations
+
+import copy
+import difflib
+import itertools
+import math
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import torch
+from jaxtyping import Bool, Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.friction import stick
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One coordinate: its name, its kind, and the speed it is cut off at [m/s, rad/s]."""
+
+    name: str
+    kind: Literal["slide", "hinge"]
+    max_speed: float = math.inf
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One command column: a force ``gear * u`` on ``joint``, u cut off at ``limit`` [command units].
+
+    ``gear`` is a number [N or N m per command unit] or the name of a parameter of the system.
+    """
+
+    name: str
+    joint: str
+    gear: float | str = 1.0
+    limit: float = math.inf
+
+
+class TorchSimulator(Simulator):
+    """N worlds of one mechanical system given by its acceleration.
+
+    A subclass states the class attributes and :meth:`acceleration`.
+
+    Args:
+        parameters: which of the system's parameters are free and their bounds, by name, in the order of theta; or just
+            their names, with the bounds of :attr:`physical`. The others rest at :attr:`defaults`.
+        worlds: number of worlds N.
+        dt: seconds that one step advances [s], a whole number of :attr:`timestep`; one timestep without it.
+        dtype, device: of all tensors.
+
+    Attributes:
+        physical: every parameter of the system with its physical bounds. Not a prior.
+        defaults: name -> value of every parameter of the system.
+        joints, actuators: by name, in the order of coordinates and commands.
+        semi_implicit: whether positions move by the new velocity (else by the old one).
+
+    Raises:
+        BadInput: a parameter that the system does not have, or a ``dt`` that is no whole number of timesteps.
+    """
+
+    physical: ClassVar[ParameterSpace]
+    defaults: ClassVar[Mapping[str, float]]
+    joints: ClassVar[tuple[Joint, ...]]
+    actuators: ClassVar[tuple[Actuator, ...]]
+    semi_implicit: ClassVar[bool] = True
+    _theta: Tensor
+    _values: dict[str, Tensor]
+    _q: Tensor
+    _v: Tensor
+    _hidden: dict[str, TensorDict]
+    _failed: Tensor
+
+    def __init__(
+        self,
+        parameters: ParameterSpace | Sequence[str] = (),
+        worlds: int = 1,
+        *,
+        dt: float | None = None,
+        dtype: torch.dtype = torch.float64,
+        device: torch.device | str = "cpu",
+    ) -> None:
+        if not isinstance(parameters, ParameterSpace):
+            parameters = self.physical.subspace(parameters)
+        for name in parameters:
+            self.physical.index(name)
+        self.parameters = parameters
+        self.dt = self.timestep if dt is None else dt
+        self._substeps = round(self.dt / self.timestep)
+        if self._substeps < 1 or not math.isclose(self._substeps * self.timestep, self.dt, rel_tol=1e-6):
+            raise BadInput(f"dt = {self.dt:g} s", f"it must be a whole number of timesteps of {self.timestep:g} s")
+        self.dtype, self.device = dtype, torch.device(device)
+        self.commands = tuple(a.name for a in self.actuators)
+        self.signals = tuple(f"{kind}.{j.name}" for kind in ("qpos", "qvel") for j in self.joints)
+        self.effects: tuple[Effect, ...] = ()
+        self._row = {joint.name: i for i, joint in enumerate(self.joints)}
+        self._populate(worlds)
+
+    # --- the system ---------------------------------------------------------------------------------------------
+
+    @abstractmethod
+    def acceleration(
+        self,
+        parameters: Mapping[str, Float[Tensor, " N"]],
+        q: Float[Tensor, "J N"],
+        v: Float[Tensor, "J N"],
+        tau: Float[Tensor, "J N"],
+    ) -> Float[Tensor, "J N"]:
+        """a = M(q)^{-1} (f(q, v) + tau), affine in tau [m/s^2, rad/s^2].
+
+        Joints come first, so that each coordinate is one contiguous row and ``x, angle = q`` unpacks them.
+
+        Args:
+            parameters: every parameter of the system, free or not (N,) [SI].
+            q: positions [m, rad].
+            v: velocities [m/s, rad/s].
+            tau: generalised forces of actuators and effects [N, N m].
+        """
+
+    # --- Simulator ----------------------------------------------------------------------------------------------
+
+    @property
+    def nominal(self) -> Float[Tensor, " P"]:
+        """The defaults, and each effect's neutral values."""
+        values = {f"{e.key}.{name}": value for e in self.effects for name, value in e.neutral.items()}
+        return self.parameters.vector(
+            {name: {**self.defaults, **values}[name] for name in self.parameters}, dtype=self.dtype, device=self.device
+        )
+
+    @property
+    def state(self) -> TensorDict:
+        """A copy of the complete state of all worlds."""
+        return self._state(self._q, self._v, self._hidden).clone()
+
+    @property
+    def theta(self) -> Float[Tensor, "N P"]:
+        """A copy of every world's parameters."""
+        return self._theta.clone()
+
+    @property
+    def failed(self) -> Bool[Tensor, " N"]:
+        """Worlds whose state ceased to be finite since their last reset."""
+        return self._failed.clone()
+
+    def reset(
+        self,
+        theta: Float[Tensor, "N P"],
+        state: TensorDictBase | None = None,
+        mask: Bool[Tensor, " N"] | None = None,
+    ) -> TensorDict:
+        """New parameters and states for the worlds under ``mask``; see :meth:`Simulator.reset`."""
+        q, v, hidden = self._load_state(state, self.worlds)
+        theta = theta.to(self._theta)
+        if mask is None:
+            self._theta, self._q, self._v, self._hidden = theta.clone(), q.clone(), v.clone(), hidden
+            self._failed = torch.zeros_like(self._failed)
+        else:
+            self._theta = torch.where(mask[:, None], theta, self._theta)
+            self._q, self._v = torch.where(mask, q, self._q), torch.where(mask, v, self._v)
+            self._hidden = {key: _select(mask, hidden[key], self._hidden[key]) for key in hidden}
+            self._failed = self._failed & ~mask
+        self._values = self._columns(self._theta)
+        return self._state(self._q, self._v, self._hidden)
+
+    def step(self, inputs: TensorDictBase) -> TensorDict:
+        """Advance every world that has not failed by ``dt``."""
+        command = inputs.get("command").to(dtype=self.dtype, device=self.device)
+        q, v, hidden = self._advance(
+            self._values, self._q, self._v, self._hidden, command, inputs.get("enable", None), self._substeps
+        )
+        # One reduction tells whether any world diverged; the masks are worked out only then.
+        if not bool((q.sum() + v.sum()).isfinite()) or bool(self._failed.any()):
+            bad = self._failed | ~(q.isfinite() & v.isfinite()).all(0)
+            q, v = torch.where(bad, self._q, q), torch.where(bad, self._v, v)
+            hidden = {key: _select(bad, self._hidden[key], hidden[key]) for key in hidden}
+            self._failed = bad
+        self._q, self._v, self._hidden = q, v, hidden
+        return self._state(q, v, hidden)
+
+    def rollout(
+        self,
+        theta: Float[Tensor, "M P"],
+        state: TensorDictBase,
+        inputs: TensorDictBase,
+        times: Float[Tensor, " T"],
+    ) -> TensorDict:
+        """Trajectories of M worlds; see :meth:`Simulator.rollout`."""
+        values = self._columns(theta.to(dtype=self.dtype, device=self.device))
+        q, v, hidden = self._load_state(state, len(theta))
+        command = inputs.get("command").to(dtype=self.dtype, device=self.device)
+        enable = inputs.get("enable", None)
+        marks = [0, *(times.double() / self.timestep).round().long().tolist()]
+        valid = torch.ones(len(theta), dtype=torch.bool, device=self.device)
+        rows = []
+        for k, steps in enumerate(b - a for a, b in itertools.pairwise(marks)):
+            on = None if enable is None else enable[:, k]
+            new_q, new_v, new_hidden = self._advance(values, q, v, hidden, command[:, k], on, steps)
+            valid = valid & (new_q.isfinite() & new_v.isfinite()).all(0)
+            q, v = torch.where(valid, new_q, q), torch.where(valid, new_v, v)
+            hidden = {key: _select(valid, new_hidden[key], hidden[key]) for key in hidden}
+            rows.append(self._state(q, v, hidden).set("valid", valid))
+        return torch.stack(rows, dim=1)
+
+    def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
+        """Positions, then velocities."""
+        return torch.cat((state.get("qpos"), state.get("qvel")), dim=-1)
+
+    def with_effect(self, effect: Effect) -> Self:
+        """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
+        known = self._row if effect.target_kind == "joint" else self.commands
+        if effect.target not in known:
+            near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
+            raise BadInput(
+                f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown", f"nearest: {', '.join(near)}"
+            )
+        if any(effect.key == other.key for other in self.effects):
+            raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
+        kind = type(effect)
+        if not effect.has_command and kind.force is Effect.force and kind.friction_bound is Effect.friction_bound:
+            raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")
+        grown = copy.copy(self)
+        grown.effects = (*self.effects, effect)
+        grown.parameters = self.parameters | ParameterSpace(
+            {f"{effect.key}.{name}": parameter for name, parameter in effect.parameters.items()}
+        )
+        grown._populate(self.worlds)
+        return grown
+
+    def with_worlds(self, worlds: int) -> Self:
+        """A new simulator with another number of worlds, all at the nominal parameters and at rest."""
+        other = copy.copy(self)
+        other._populate(worlds)
+        return other
+
+    # --- one step -----------------------------------------------------------------------------------------------
+
+    def _advance(
+        self,
+        values: Mapping[str, Tensor],
+        q: Tensor,
+        v: Tensor,
+        hidden: dict[str, TensorDict],
+        command: Tensor,
+        enable: Tensor | None,
+        steps: int,
+    ) -> tuple[Tensor, Tensor, dict[str, TensorDict]]:
+        """``steps`` timesteps under one held command; returns new tensors and leaves the given ones alone."""
+        if not steps:
+            return q, v, hidden
+        drive, hidden = self._drive(values, hidden, command, enable, steps)
+        h = self.timestep
+        for k in range(steps):
+            tau = self._load(values, q, v, drive[..., k])
+            new = torch.add(v, self.acceleration(values, q, v, tau), alpha=h)
+            new = self._rub(values, q, v, tau, new)
+            for i, joint in enumerate(self.joints):
+                if joint.max_speed < math.inf:
+                    new[i].clamp_(-joint.max_speed, joint.max_speed)
+            q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
+        return q, v, hidden
+
+    def _drive(
+        self,
+        values: Mapping[str, Tensor],
+        hidden: dict[str, TensorDict],
+        command: Tensor,
+        enable: Tensor | None,
+        steps: int,
+    ) -> tuple[Tensor, dict[str, TensorDict]]:
+        """Generalised forces of the actuators on each of ``steps`` timesteps (J, N, steps)."""
+        stages = [e for e in self.effects if e.has_command]
+        hidden = dict(hidden)
+        force: list[Tensor | None] = [None] * len(self.joints)
+        for column, actuator in enumerate(self.actuators):
+            u = command[:, column]
+            if actuator.limit < math.inf:
+                u = u.clamp(-actuator.limit, actuator.limit)
+            u = u[:, None].expand(-1, steps)
+            for effect in stages:
+                if effect.target == actuator.name:
+                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, self.timestep)
+                    if after is not None:
+                        hidden[effect.key] = after
+            gear = values[actuator.gear][:, None] if isinstance(actuator.gear, str) else actuator.gear
+            u = u * gear
+            if enable is not None:
+                u = u * enable[:, column, None].to(u)
+            row = self._row[actuator.joint]
+            before = force[row]
+            force[row] = u if before is None else before + u
+        blank = command.new_zeros(()).expand(len(command), steps)
+        return torch.stack([blank if f is None else f for f in force]), hidden
+
+    def _load(self, values: Mapping[str, Tensor], q: Tensor, v: Tensor, tau: Tensor) -> Tensor:
+        """The actuators' forces and those of the effects (J, N)."""
+        if not self.effects:
+            return tau
+        tau = tau.clone()
+        for effect in self.effects:
+            if effect.target_kind == "joint":
+                i = self._row[effect.target]
+                force = effect.force(_own(effect, values), q[i], v[i])
+                if force is not None:
+                    tau[i] = tau[i] + force
+        return tau
+
+    def _rub(self, values: Mapping[str, Tensor], q: Tensor, v: Tensor, tau: Tensor, free: Tensor) -> Tensor:
+        """Velocities after the step ``free`` once dry friction has acted (J, N)."""
+        bounds: dict[int, Tensor] = {}
+        for effect in self.effects:
+            bound = effect.friction_bound(_own(effect, values)) if effect.target_kind == "joint" else None
+            if bound is not None:
+                i = self._row[effect.target]
+                bounds[i] = bounds[i] + bound if i in bounds else bound
+        if not bounds:
+            return free
+        base = self.acceleration(values, q, v, tau)
+        columns = []
+        for i in bounds:
+            # The acceleration is affine in tau, so a unit force at joint i shows column i of the inverse mass.
+            unit = torch.zeros_like(tau)
+            unit[i] = 1.0
+            columns.append(self.acceleration(values, q, v, tau + unit) - base)
+        impulse = torch.stack([bound * self.timestep for bound in bounds.values()])
+        return stick(free, torch.stack(columns, dim=1), impulse, list(bounds))
+
+    # --- state --------------------------------------------------------------------------------------------------
+
+    def _populate(self, worlds: int) -> None:
+        """All worlds at the nominal parameters and at rest."""
+        if worlds < 1:
+            raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
+        self.worlds = worlds
+        self._theta = self.nominal.expand(worlds, -1).clone()
+        self._values = self._columns(self._theta)
+        self._q, self._v, self._hidden = self._load_state(None, worlds)
+        self._failed = torch.zeros(worlds, dtype=torch.bool, device=self.device)
+
+    def _columns(self, theta: Tensor) -> dict[str, Tensor]:
+        """Every parameter of the system and of its effects as one contiguous row (N,)."""
+        fixed = {
+            name: torch.full((len(theta),), value, dtype=self.dtype, device=self.device)
+            for name, value in self.defaults.items()
+            if name not in self.parameters
+        }
+        return {**fixed, **dict(zip(self.parameters, theta.T.contiguous().unbind(0), strict=True))}
+
+    def _state(self, q: Tensor, v: Tensor, hidden: dict[str, TensorDict]) -> TensorDict:
+        state = TensorDict({"qpos": q.T, "qvel": v.T}, batch_size=(q.shape[1],), device=self.device)
+        for key, value in hidden.items():
+            state["effects", key] = value
+        return state
+
+    def _load_state(self, state: TensorDictBase | None, worlds: int) -> tuple[Tensor, Tensor, dict[str, TensorDict]]:
+        blank = torch.zeros(len(self.joints), worlds, dtype=self.dtype, device=self.device)
+        hidden = {}
+        for effect in self.effects:
+            given = None if state is None else state.get(("effects", effect.key), None)
+            given = effect.rest(worlds, self.timestep, blank[0]) if given is None else given
+            if given is not None:
+                hidden[effect.key] = given
+        if state is None:
+            return blank, blank.clone(), hidden
+        return state.get("qpos").to(blank).T.contiguous(), state.get("qvel").to(blank).T.contiguous(), hidden
+
+
+def _own(effect: Effect, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """An effect's own parameters by their short names."""
+    return {name: values[f"{effect.key}.{name}"] for name in effect.parameters}
+
+
+def _select(mask: Tensor, yes: TensorDict, no: TensorDict) -> TensorDict:
+    """Row by row: ``yes`` where the mask holds, else ``no``."""
+    return yes.apply(lambda a, b: torch.where(mask.reshape(-1, *[1] * (a.ndim - 1)), a, b), no)
