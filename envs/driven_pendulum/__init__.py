@@ -1,0 +1,17 @@
+"""A driven pendulum: a rig with its own integrator that plays reality, the MJCF an engineer would fit to it, its task."""
+
+from envs.driven_pendulum.rig import MODEL, DrivenPendulumRig
+from envs.driven_pendulum.sets import KINDS, Encoder, MeasuredSet, Protocol, blind_set, blind_sets, draw_truth, record
+
+__all__ = [
+    "KINDS",
+    "MODEL",
+    "DrivenPendulumRig",
+    "Encoder",
+    "MeasuredSet",
+    "Protocol",
+    "blind_set",
+    "blind_sets",
+    "draw_truth",
+    "record",
+]
