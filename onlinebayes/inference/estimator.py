@@ -1,0 +1,87 @@
+"""Embedding -> mixture of Gaussians over the parameters: a mixture density network (Bishop 1994), box-truncated.
+
+    (logits, mu, L) = network(e)
+    q(theta | x) = sum_k w_k N(z(theta); mu_k, L_k L_k^T) 1[z in box] / Z
+
+with a full covariance a component, as in Papamakarios and Murray (2016) and BayesSim (Ramos, Possas and Fox 2019).
+The means are held within a quarter of the box's width around it and the scales above ``SHARPEST``: a component can
+reach over an edge, and cannot run away from the box, where it would be nothing but its own tail.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor, nn
+
+from onlinebayes.inference.distributions import Box, TruncatedMixture
+from onlinebayes.parameters import ParameterSpace
+
+SHARPEST, BROADEST, REACH = 1e-4, 2.0, 0.75
+"""Smallest and largest scale, and farthest mean from the centre, in widths of the box."""
+
+
+class MixtureEstimator(TensorDictModuleBase):
+    """Embedding (B, E) -> the parameters of K components a row.
+
+    ``in_keys`` is ``["embedding"]``; ``out_keys`` are ``["logits", "mean", "scale_tril"]`` with shapes (B, K),
+    (B, K, P) and (B, K, P, P), in the coordinates of :attr:`box`. :meth:`distribution` builds the distribution.
+
+    Args:
+        space: the parameters theta speaks of.
+        embedding: length E of the embedding's vector.
+        components: number K of Gaussians.
+        hidden: width of the two hidden layers.
+        box: where the simulations were drawn, the proposal's box; the whole prior's by default.
+    """
+
+    def __init__(
+        self, space: ParameterSpace, embedding: int, *, components: int = 5, hidden: int = 128, box: Box | None = None
+    ) -> None:
+        super().__init__()
+        self.in_keys = ["embedding"]
+        self.out_keys = ["logits", "mean", "scale_tril"]
+        self.space, self.components = space, components
+        self.box = box if box is not None else Box.whole(space)
+        size = len(space)
+        self._below = torch.tril_indices(size, size, offset=-1)
+        self.trunk = nn.Sequential(nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
+        self.logits = nn.Linear(hidden, components)
+        self.mean = nn.Linear(hidden, components * size)
+        self.scale = nn.Linear(hidden, components * size)
+        self.shear = nn.Linear(hidden, components * self._below.shape[1])
+
+    def parameters_of(
+        self, embedding: Float[Tensor, "B E"]
+    ) -> tuple[Float[Tensor, "B K"], Float[Tensor, "B K P"], Float[Tensor, "B K P P"]]:
+        """Logits, means and Cholesky factors of the components."""
+        batch, size = embedding.shape[0], len(self.space)
+        h = self.trunk(embedding)
+        mean = 0.5 + REACH * torch.tanh(self.mean(h).view(batch, self.components, size))
+        diagonal = SHARPEST + BROADEST * torch.sigmoid(self.scale(h).view(batch, self.components, size) - 2)
+        scale_tril = torch.diag_embed(diagonal)
+        if size > 1:
+            # A shear counts in units of its row's own scale, so that a ridge is as easy to say as a ball.
+            row, column = self._below.to(h.device)
+            shear = self.shear(h).view(batch, self.components, -1) * diagonal[..., row]
+            scale_tril = _with_shear(scale_tril, shear, row, column)
+        return self.logits(h), mean, scale_tril
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Write the parameters of the mixtures beside the embedding."""
+        values = self.parameters_of(tensordict.get("embedding"))
+        for key, value in zip(self.out_keys, values, strict=True):
+            tensordict.set(key, value)
+        return tensordict
+
+    def distribution(self, embedding: Float[Tensor, "B E"]) -> TruncatedMixture:
+        """The batch of mixtures that the embeddings stand for."""
+        return TruncatedMixture(*self.parameters_of(embedding), self.box)
+
+
+def _with_shear(scale_tril: Tensor, shear: Tensor, row: Tensor, column: Tensor) -> Tensor:
+    result = torch.zeros_like(scale_tril)
+    result[..., row, column] = shear
+    return scale_tril + result

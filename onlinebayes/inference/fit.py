@@ -1,0 +1,127 @@
+"""Training of an embedding and an estimator by their loss: Adam (Kingma and Ba 2015) on minibatches, early stopping.
+
+The learning rate falls along half a cosine over the epochs (or, under a time budget, over the time); the weights kept
+are those of the epoch with the lowest validation loss.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import torch
+from tensordict import TensorDictBase
+
+from onlinebayes.inference.loss import NeuralPosteriorLoss
+
+
+@dataclass
+class FitReport:
+    """What a fit did: mean negative log densities (in the box's coordinates) an epoch.
+
+    Attributes:
+        train: training loss of each epoch.
+        validation: validation loss of each epoch.
+        best: the epoch whose weights were kept, from 0.
+        seconds: time taken [s].
+    """
+
+    train: list[float] = field(default_factory=list)
+    validation: list[float] = field(default_factory=list)
+    best: int = 0
+    seconds: float = 0.0
+
+
+def fit(
+    loss: NeuralPosteriorLoss,
+    trajectories: TensorDictBase,
+    *,
+    generator: torch.Generator,
+    epochs: int = 100,
+    seconds: float | None = None,
+    batch_size: int = 100,
+    learning_rate: float = 2e-3,
+    validation: float = 0.1,
+    patience: int = 20,
+    clip: float = 5.0,
+    progress: Callable[[int, float], None] | None = None,
+) -> FitReport:
+    """Fit ``loss.embedding`` and ``loss.estimator`` to trajectories with their theta.
+
+    Args:
+        loss: the loss; its features are standardised on ``trajectories`` first.
+        trajectories: batch size (B, T), with the keys the loss reads.
+        generator: decides the split and the order of the batches, so that a fit can be repeated.
+        epochs: largest number of passes over the data.
+        seconds: time budget [s]; the fit ends with the epoch in which it runs out.
+        batch_size: trajectories a step.
+        learning_rate: Adam's, at the start.
+        validation: share of the trajectories held out for early stopping.
+        patience: epochs without a lower validation loss after which the fit ends.
+        clip: largest norm of the gradient.
+        progress: called with the epoch and its validation loss.
+
+    Raises:
+        ValueError: fewer than two trajectories, or a loss that is not finite from the first epoch on.
+    """
+    start = time.monotonic()
+    rows, held_out = _prepared(loss, trajectories, validation, generator)
+    optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate)
+    report, best, best_state = FitReport(), math.inf, copy.deepcopy(loss.state_dict())
+    for epoch in range(epochs):
+        spent = time.monotonic() - start
+        done = max(epoch / epochs, spent / seconds if seconds else 0.0)
+        for group in optimiser.param_groups:
+            group["lr"] = learning_rate * (0.02 + 0.49 * (1 + math.cos(math.pi * min(done, 1.0))))
+        report.train.append(_epoch(loss, rows, optimiser, batch_size, clip, generator))
+        with torch.no_grad():
+            report.validation.append(float(loss.each(held_out).mean()))
+        if report.validation[-1] < best:
+            best, report.best, best_state = report.validation[-1], epoch, copy.deepcopy(loss.state_dict())
+        if progress is not None:
+            progress(epoch, report.validation[-1])
+        if epoch - report.best >= patience or (seconds is not None and time.monotonic() - start >= seconds):
+            break
+    if not math.isfinite(best):
+        raise ValueError("the loss was never finite: look at the trajectories for nan and inf, and mask those steps")
+    loss.load_state_dict(best_state)
+    report.seconds = time.monotonic() - start
+    return report
+
+
+def _prepared(
+    loss: NeuralPosteriorLoss, trajectories: TensorDictBase, validation: float, generator: torch.Generator
+) -> tuple[TensorDictBase, TensorDictBase]:
+    if trajectories.shape[0] < 2:
+        raise ValueError(f"{trajectories.shape[0]} trajectories; a fit needs two at least, one of them held out")
+    with torch.no_grad():
+        loss.standardise(trajectories)
+        rows = loss.prepare(trajectories)
+    order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
+    held = min(max(1, round(validation * len(order))), len(order) - 1)
+    return rows[order[held:]], rows[order[:held]]
+
+
+def _epoch(
+    loss: NeuralPosteriorLoss,
+    rows: TensorDictBase,
+    optimiser: torch.optim.Optimizer,
+    batch_size: int,
+    clip: float,
+    generator: torch.Generator,
+) -> float:
+    """One pass; steps with a gradient that is not finite are left out."""
+    order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
+    total = 0.0
+    for index in order.split(batch_size):
+        value = loss.each(rows[index]).mean()
+        optimiser.zero_grad(set_to_none=True)
+        value.backward()
+        norm = torch.nn.utils.clip_grad_norm_(loss.parameters(), clip)
+        if bool(torch.isfinite(norm)):
+            optimiser.step()
+        total += float(value.detach()) * len(index)
+    return total / rows.shape[0]

@@ -1,0 +1,69 @@
+"""Maximum likelihood of the parameters given their trajectories: neural posterior estimation.
+
+    loss = - mean_b log q(theta_b | embedding(x_b)),    theta_b ~ proposal, x_b ~ simulator(theta_b)
+
+Its minimum over q is the posterior under the proposal as a prior (Papamakarios and Murray 2016). A proposal that is
+the prior *cut* to a region which holds the posterior's mass needs no correction: inside the region it is the prior up
+to a constant, and outside there is nothing to correct (truncated sequential neural posterior estimation, Deistler,
+Goncalves and Macke 2022). q is zero outside the proposal's box and normalised over it, in the loss as in use.
+
+Embedding and estimator are trained together; the loss embeds raw trajectories anew at every call.
+"""
+
+from __future__ import annotations
+
+from jaxtyping import Float
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+from torch import Tensor
+
+from onlinebayes.embeddings import LSTMEmbedding
+from onlinebayes.inference.estimator import MixtureEstimator
+from onlinebayes.inference.trajectories import TrajectoryKeys
+
+
+class NeuralPosteriorLoss(TensorDictModuleBase):
+    """Trajectories with their theta -> ``"loss_posterior"``, the mean negative log density in the box's coordinates.
+
+    ``in_keys`` are those of ``keys`` (``"observation"``, ``"action"``, ``("next", "observation")``, ``"theta"``; and
+    ``"mask"`` where there is one); ``out_keys`` is ``["loss_posterior"]``.
+
+    Args:
+        embedding: trajectory -> vector; trained.
+        estimator: vector -> mixture; trained.
+        keys: where the trajectories lie in the TensorDict.
+    """
+
+    def __init__(
+        self, embedding: LSTMEmbedding, estimator: MixtureEstimator, keys: TrajectoryKeys | None = None
+    ) -> None:
+        super().__init__()
+        self.embedding, self.estimator = embedding, estimator
+        self.keys = keys if keys is not None else TrajectoryKeys()
+        self.in_keys = [self.keys.observation, self.keys.action, self.keys.following, self.keys.theta]
+        self.out_keys = ["loss_posterior"]
+
+    @property
+    def weight(self) -> Tensor:
+        """Some weight of the embedding: its dtype and device are the networks'."""
+        return next(self.embedding.parameters())
+
+    def standardise(self, trajectories: TensorDictBase) -> None:
+        """Fit the features' mean and standard deviation on these trajectories."""
+        self.embedding.features.fit(*self.keys.read(trajectories, self.weight))
+
+    def prepare(self, trajectories: TensorDictBase) -> TensorDict:
+        """Features, mask and z of theta: all that does not depend on a weight, computed once before training."""
+        *values, mask = self.keys.read(trajectories, self.weight)
+        z = self.estimator.box.to_frame(self.keys.read_theta(trajectories)).to(self.weight)
+        features = self.embedding.features(*values)
+        return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
+
+    def each(self, prepared: TensorDictBase) -> Float[Tensor, " B"]:
+        """The loss of each row that :meth:`prepare` made."""
+        embedding = self.embedding.encode(prepared["features"], prepared["mask"])
+        return -self.estimator.distribution(embedding).log_prob_frame(prepared["z"])
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDict:
+        """The mean loss over the batch, a scalar on ``"loss_posterior"``."""
+        return TensorDict({"loss_posterior": self.each(self.prepare(tensordict)).mean()})

@@ -1,0 +1,97 @@
+"""The posterior over physical parameters given trajectories: an immutable distribution on the box.
+
+One trajectory x gives q(theta | x). Several, of the same system:
+
+    union      1/n sum_i q(theta | x_i)                          cautious: narrow proposals on this
+    product    prop. to prod_i q(theta | x_i) / p(theta)^(n-1)   what they say together, p uniform on the box
+
+The product is right if each q is; a slightly overconfident q is overconfident n times in it (in the first rounds of a
+sequential run the truth lost 35 nats that way), so the union is the default.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDictBase
+from torch import Tensor
+
+from onlinebayes.inference.distributions import BoxUniform, TruncatedMixture
+from onlinebayes.inference.distributions.algebra import product, union
+from onlinebayes.inference.distributions.marginal import Marginal
+from onlinebayes.inference.loss import NeuralPosteriorLoss
+
+
+class Posterior:
+    """What is known of theta; conditioning gives a new posterior and leaves this one as it is.
+
+    Args:
+        loss: the trained loss; embedding, estimator and keys are copied out of it and frozen. Before
+            :meth:`condition` the posterior is the uniform distribution on the box the estimator was trained in.
+    """
+
+    def __init__(self, loss: NeuralPosteriorLoss) -> None:
+        self._loss = copy.deepcopy(loss).eval().requires_grad_(False)
+        self.space = self._loss.estimator.space
+        self.distribution: TruncatedMixture | BoxUniform = BoxUniform(self.space, self._loss.estimator.box)
+
+    def condition(self, trajectories: TensorDictBase, *, combine: str = "union") -> Posterior:
+        """The posterior given trajectories (B, T) of one system.
+
+        Args:
+            trajectories: with the loss's keys but theta; B = 1 for a single one.
+            combine: ``"union"`` or ``"product"``, see the module; the same for B = 1.
+
+        Raises:
+            ValueError: another ``combine``, or values that are not finite.
+        """
+        if combine not in ("union", "product"):
+            raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
+        batch = self.each(trajectories)
+        singles = [
+            TruncatedMixture(
+                batch.log_weights[i].double(), batch.mean[i].double(), batch.scale_tril[i].double(), batch.box
+            )
+            for i in range(batch.batch_shape[0])
+        ]
+        return self._with(union(singles) if combine == "union" else product(singles))
+
+    @torch.no_grad()
+    def each(self, trajectories: TensorDictBase) -> TruncatedMixture:
+        """One mixture a trajectory, as a batch (B,): for calibration, where each has a theta of its own."""
+        *values, mask = self._loss.keys.read(trajectories, self._loss.weight)
+        return self._loss.estimator.distribution(self._loss.embedding(*values, mask))
+
+    def sample(
+        self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None
+    ) -> Float[Tensor, "*shape P"]:
+        """Theta (*shape, P) in SI units, float64."""
+        return self.distribution.sample(shape, generator)
+
+    def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
+        """Natural log of the density on the original scale [1 / units]; -inf outside the box."""
+        return self.distribution.log_prob(theta)
+
+    def marginal(self, names: Sequence[str]) -> Marginal:
+        """The distribution of some of the parameters, the others integrated out."""
+        return Marginal(self.distribution, names)
+
+    def mean(self, samples: int = 10_000) -> Float[Tensor, " P"]:
+        """Posterior mean [units], by Monte Carlo with a fixed seed."""
+        return self._fixed(samples).mean(0)
+
+    def quantiles(self, levels: Sequence[float], samples: int = 10_000) -> Float[Tensor, "Q P"]:
+        """Quantiles of each parameter [units], by Monte Carlo with a fixed seed."""
+        points = self._fixed(samples)
+        return torch.quantile(points, torch.as_tensor(levels, dtype=points.dtype, device=points.device), dim=0)
+
+    def _fixed(self, samples: int) -> Tensor:
+        return self.sample((samples,), torch.Generator().manual_seed(0))
+
+    def _with(self, distribution: TruncatedMixture) -> Posterior:
+        result = copy.copy(self)
+        result.distribution = distribution
+        return result
