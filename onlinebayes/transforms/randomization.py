@@ -8,7 +8,7 @@ draw happens before the environment's own reset and reaches it on the leaf ``"th
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from tensordict import TensorDict, TensorDictBase
@@ -16,6 +16,7 @@ from torch import Tensor
 from torchrl.envs import Transform
 
 
+@runtime_checkable
 class Distribution(Protocol):
     """Anything to draw parameters from: priors, posteriors, proposals."""
 
