@@ -106,7 +106,7 @@ class TableReader:
         if not found:
             raise BadInput(
                 "no column that the model has",
-                f"give one of {_list([s.name for s in self.signals])}",
+                f"give one of {_list([w.column or w.signal.name for w in wanted])}",
                 where=f"{path}, row 1",
             )
         text = [name for name in ("run",) if name in names]

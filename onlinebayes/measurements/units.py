@@ -1,0 +1,49 @@
+"""Units that logs are written in, and what multiplies a value to bring it to SI."""
+
+from __future__ import annotations
+
+import difflib
+import math
+
+from onlinebayes.runs import BadInput
+
+SI = {
+    "m": ("m", 1.0),
+    "cm": ("m", 1e-2),
+    "mm": ("m", 1e-3),
+    "um": ("m", 1e-6),
+    "rad": ("rad", 1.0),
+    "mrad": ("rad", 1e-3),
+    "deg": ("rad", math.pi / 180),
+    "rev": ("rad", 2 * math.pi),
+    "m/s": ("m/s", 1.0),
+    "cm/s": ("m/s", 1e-2),
+    "mm/s": ("m/s", 1e-3),
+    "km/h": ("m/s", 1 / 3.6),
+    "rad/s": ("rad/s", 1.0),
+    "mrad/s": ("rad/s", 1e-3),
+    "deg/s": ("rad/s", math.pi / 180),
+    "rev/s": ("rad/s", 2 * math.pi),
+    "rpm": ("rad/s", 2 * math.pi / 60),
+}
+"""unit -> (its SI unit, factor)."""
+
+
+def to_si(unit: str, wanted: str = "") -> float:
+    """What multiplies a value in ``unit`` to give SI.
+
+    Args:
+        unit: e.g. ``"deg"``.
+        wanted: the SI unit that must come out, e.g. ``"rad"``; any when empty.
+
+    Raises:
+        BadInput: a unit that is unknown or of another quantity.
+    """
+    if unit not in SI:
+        near = difflib.get_close_matches(unit, SI, n=2, cutoff=0.5)
+        raise BadInput(f"unit '{unit}' is unknown", f"{'nearest' if near else 'known'}: {', '.join(near or SI)}")
+    found, factor = SI[unit]
+    if wanted and found != wanted:
+        known = ", ".join(name for name, (si, _) in SI.items() if si == wanted) or wanted
+        raise BadInput(f"unit '{unit}' cannot become {wanted}", f"use one of {known}")
+    return factor
