@@ -40,6 +40,7 @@ class Scales:
         travel: range of the position [m, rad].
         time: longest plausible dead time [s].
         unit: the joint's kind, which decides the units.
+        centre: middle of the positions visited [m, rad].
     """
 
     force: float
@@ -47,6 +48,7 @@ class Scales:
     travel: float
     time: float
     unit: Literal["slide", "hinge"] = "hinge"
+    centre: float = 0.0
 
 
 class Effect(ABC):
@@ -141,3 +143,24 @@ class Effect(ABC):
             timestep: length of one [s].
         """
         return command, state
+
+    def trace(
+        self,
+        parameters: Mapping[str, Tensor],
+        state: TensorDict | None,
+        command: Float[Tensor, "N K"],
+        timestep: float,
+    ) -> TensorDict | None:
+        """The hidden state after each of the K timesteps, batch size (N, K): what :meth:`command` would leave there.
+
+        A stage whose states are at hand all together says so; by default they are walked through one by one.
+        """
+        if state is None:
+            return None
+        states: list[TensorDict] = []
+        for k in range(command.shape[1]):
+            _, after = self.command(parameters, states[-1] if k else state, command[:, k : k + 1], timestep)
+            if after is None:
+                return None
+            states.append(after)
+        return TensorDict.stack(states, dim=1)

@@ -1,0 +1,91 @@
+"""A spring at a joint: tau = -k (q - q0), carried by MuJoCo as ``jnt_stiffness`` and ``qpos_spring``.
+
+Two springs at one joint are one: k1 (q - q1) + k2 (q - q2) = (k1 + k2) (q - (k1 q1 + k2 q2) / (k1 + k2)).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+
+
+@dataclass(frozen=True)
+class JointStiffness(Effect):
+    """-k (q - q0) on a slide or hinge joint; it adds to the spring that the model has.
+
+    Args:
+        target: joint.
+        stiffness: bounds of k >= 0 [N/m, N m/rad].
+        springref: bounds of the rest position q0 [m, rad].
+    """
+
+    target: str
+    stiffness: Parameter
+    springref: Parameter
+    name = "joint_stiffness"
+    target_kind = "joint"
+    fields = ("jnt_stiffness", "qpos_spring")
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "stiffness", self.stiffness)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """k up to what pulls with the largest force at half the travel; q0 within one travel of the middle."""
+        return cls(
+            target,
+            Parameter(0.0, 2 * scales.force / scales.travel, joint_unit(scales.unit, "N/m", "N m/rad")),
+            Parameter(
+                scales.centre - scales.travel, scales.centre + scales.travel, joint_unit(scales.unit, "m", "rad")
+            ),
+        )
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``stiffness`` and ``springref``."""
+        return ParameterSpace({"stiffness": self.stiffness, "springref": self.springref})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """k = 0; q0, without meaning then, is the middle of its bounds."""
+        return {"stiffness": 0.0, "springref": (self.springref.low + self.springref.high) / 2}
+
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """A weak spring with its rest position on either side: at k = 0 nothing depends on q0."""
+        low, high = self.springref.low, self.springref.high
+        k = self.stiffness.low + 0.1 * (self.stiffness.high - self.stiffness.low)
+        return tuple({"stiffness": k, "springref": low + part * (high - low)} for part in (0.25, 0.75))
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Refuse a joint whose own spring is not linear: its rest position cannot be shared."""
+        if any(spec.joint(self.target).stiffness[1:]):
+            raise BadInput(f"{self.key}: the joint's own spring is nonlinear", "free joint.<name>.stiffness[i] instead")
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """``jnt_stiffness += k``, and ``qpos_spring`` where both springs together rest."""
+        joint = model.joint(self.target)
+        q, j = int(joint.qposadr[0]), int(joint.id)
+        k, present = parameters["stiffness"], fields["jnt_stiffness"][:, j].copy()
+        rest, on = fields["qpos_spring"][:, q], k > 0
+        fields["jnt_stiffness"][:, j] += k
+        rest[on] = (present[on] * rest[on] + k[on] * parameters["springref"][on]) / (present[on] + k[on])
+
+    def force(
+        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
+    ) -> Float[Tensor, " N"]:
+        """-k (q - q0) [N, N m]."""
+        return -parameters["stiffness"] * (q - parameters["springref"])

@@ -1,0 +1,63 @@
+"""Quadratic drag of a joint: tau = -k v abs(v), carried by MuJoCo as the first coefficient of ``dof_dampingpoly``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+
+
+@dataclass(frozen=True)
+class QuadraticDrag(Effect):
+    """-k v abs(v) on a slide or hinge joint; it adds to the polynomial damping that the model has.
+
+    Args:
+        target: joint.
+        drag: bounds of k >= 0 [N s2/m2, N m s2/rad2].
+    """
+
+    target: str
+    drag: Parameter
+    name = "quadratic_drag"
+    target_kind = "joint"
+    fields = ("dof_dampingpoly",)
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "drag", self.drag)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """k up to the value that brakes with the largest force at the largest speed."""
+        unit = joint_unit(scales.unit, "N s2/m2", "N m s2/rad2")
+        return cls(target, Parameter(0.0, scales.force / scales.speed**2, unit))
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``drag``."""
+        return ParameterSpace({"drag": self.drag})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """k = 0."""
+        return {"drag": 0.0}
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """``dof_dampingpoly[0] += k``: MuJoCo's law is -(d + p0 abs(v) + p1 v^2) v."""
+        fields["dof_dampingpoly"][:, int(model.joint(self.target).dofadr[0]), 0] += parameters["drag"]
+
+    def force(
+        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
+    ) -> Float[Tensor, " N"]:
+        """-k v abs(v) [N, N m]."""
+        return -parameters["drag"] * v * v.abs()

@@ -1,0 +1,63 @@
+"""Viscous friction of a joint: tau = -d v, carried by MuJoCo as ``dof_damping``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+
+
+@dataclass(frozen=True)
+class ViscousFriction(Effect):
+    """-d v on a slide or hinge joint; it adds to the damping that the model has.
+
+    Args:
+        target: joint.
+        damping: bounds of d >= 0 [N s/m, N m s/rad].
+    """
+
+    target: str
+    damping: Parameter
+    name = "viscous_friction"
+    target_kind = "joint"
+    fields = ("dof_damping",)
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "damping", self.damping)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """d up to the value that brakes with the largest force at the largest speed."""
+        unit = joint_unit(scales.unit, "N s/m", "N m s/rad")
+        return cls(target, Parameter(0.0, scales.force / scales.speed, unit))
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``damping``."""
+        return ParameterSpace({"damping": self.damping})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """d = 0."""
+        return {"damping": 0.0}
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """``dof_damping += d``."""
+        fields["dof_damping"][:, int(model.joint(self.target).dofadr[0])] += parameters["damping"]
+
+    def force(
+        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
+    ) -> Float[Tensor, " N"]:
+        """-d v [N, N m]."""
+        return -parameters["damping"] * v

@@ -1,0 +1,217 @@
+"""Addresses of physical parameters in a compiled model: ``<kind>.<name>.<field>[index]`` or ``option.<field>``.
+
+An address resolves to the cells of ``mjModel`` arrays that a value is written to, each with a sign:
+``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. The contract's names are MJCF's (see :mod:`.fields`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.fields import FIELDS, PLAIN, UNITS, Column
+
+_OBJECTS = {
+    "body": mujoco.mjtObj.mjOBJ_BODY,
+    "joint": mujoco.mjtObj.mjOBJ_JOINT,
+    "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
+    "tendon": mujoco.mjtObj.mjOBJ_TENDON,
+    "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
+    "site": mujoco.mjtObj.mjOBJ_SITE,
+}
+_COUNTS = {"body": "nbody", "joint": "njnt", "geom": "ngeom", "actuator": "nu", "tendon": "ntendon"} | {
+    "sensor": "nsensor",
+    "site": "nsite",
+}
+_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+_PATTERN = re.compile(r"^(?P<field>[a-z_]+)(\[(?P<index>\d+)\])?$")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """``array[..., *index] = sign * value``."""
+
+    array: str
+    index: tuple[int | slice, ...]
+    sign: float = 1.0
+
+
+@dataclass(frozen=True)
+class Address:
+    """One parameter's place in a compiled model.
+
+    Args:
+        name: as the user writes it, e.g. ``"joint.hinge.damping"``.
+        cells: where its value is written; the first one is where it is read.
+        unit: SI unit, empty for a pure number.
+    """
+
+    name: str
+    cells: tuple[Cell, ...]
+    unit: str
+
+    def read(self, model: mujoco.MjModel) -> float:
+        """The model's own value [unit]."""
+        cell = self.cells[0]
+        return cell.sign * float(np.ravel(model_array(model, cell.array)[cell.index])[0])
+
+    def write(self, fields: Mapping[str, np.ndarray], values: np.ndarray) -> None:
+        """Write one value per world, values (N,), into the per-world arrays (N, ...)."""
+        for cell in self.cells:
+            block = fields[cell.array][(slice(None), *cell.index)]
+            block[...] = (cell.sign * values).reshape(-1, *([1] * (block.ndim - 1)))
+
+
+def model_array(model: mujoco.MjModel, array: str) -> np.ndarray:
+    """The array of a compiled model by the name that ``mujoco.batch`` gives it (``opt.gravity``, ``body_mass``)."""
+    if array.startswith("opt."):
+        return np.atleast_1d(np.asarray(getattr(model.opt, array[4:])))
+    return getattr(model, array)
+
+
+def names(model: mujoco.MjModel, kind: str) -> tuple[str, ...]:
+    """Names of the model's elements of one kind, in order of their ids."""
+    return tuple(mujoco.mj_id2name(model, _OBJECTS[kind], i) or "" for i in range(getattr(model, _COUNTS[kind])))
+
+
+def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
+    """Id of a named element.
+
+    Raises:
+        BadInput: there is none; names the nearest ones.
+    """
+    i = mujoco.mj_name2id(model, _OBJECTS[kind], name)
+    if i < 0:
+        known = [n for n in names(model, kind) if n and n != "world"]
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        raise BadInput(
+            f"the model has no {kind} '{name}'",
+            f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}",
+        )
+    return i
+
+
+def resolve(model: mujoco.MjModel, name: str) -> Address:
+    """The cells that an address stands for.
+
+    Raises:
+        BadInput: the address is malformed, or names an element or a field that is not there; names the nearest.
+    """
+    kind, element, field, index = _parse(model, name)
+    if kind == "actuator" and field in ("kp", "kv"):
+        return Address(name, _servo(model, element, field, name), "")
+    columns = FIELDS[kind][field]
+    if index is None and len(columns) > 1 and field not in PLAIN:
+        raise BadInput(
+            f"address '{name}' has {len(columns)} values", f"name one: '{name}[0]' to '{name}[{len(columns) - 1}]'"
+        )
+    if (index or 0) >= len(columns):
+        raise BadInput(f"address '{name}' is past the end", f"the index runs from 0 to {len(columns) - 1}")
+    column = columns[index or 0]
+    return Address(name, (Cell(column.array, _index(model, kind, element, column)),), unit(model, kind, element, field))
+
+
+def unit(model: mujoco.MjModel, kind: str, element: str, field: str) -> str:
+    """SI unit of a field; a slide joint's differ from a hinge's."""
+    units = UNITS.get((kind, field), "")
+    if isinstance(units, str):
+        return units
+    slide = model.jnt_type[element_id(model, "joint", element)] == _SLIDE
+    return units[0 if slide else 1]
+
+
+def _parse(model: mujoco.MjModel, name: str) -> tuple[str, str, str, int | None]:
+    kind, _, rest = name.partition(".")
+    if kind not in FIELDS:
+        near = difflib.get_close_matches(kind, FIELDS, n=1, cutoff=0.4)
+        raise BadInput(
+            f"address '{name}' starts with '{kind}'",
+            f"write <kind>.<name>.<field>[index] with kind {', '.join(FIELDS)}"
+            + (f"; nearest: {near[0]}" if near else ""),
+        )
+    # Names may contain dots: the field is what follows the last one.
+    element, _, last = rest.rpartition(".") if kind != "option" else ("", "", rest)
+    match = _PATTERN.match(last)
+    if match is None or (kind != "option" and not element):
+        raise BadInput(
+            f"address '{name}' is malformed",
+            "write option.<field>[index]" if kind == "option" else f"write {kind}.<name>.<field>[index]",
+        )
+    if kind != "option":
+        element_id(model, kind, element)
+    field = match["field"]
+    known = [*FIELDS[kind], *(("kp", "kv") if kind == "actuator" else ())]
+    if field not in known:
+        raise _unknown_field(kind, element, field, name, known)
+    return kind, element, field, int(match["index"]) if match["index"] else None
+
+
+def _unknown_field(kind: str, element: str, field: str, name: str, known: Sequence[str]) -> BadInput:
+    if (kind, field) == ("body", "inertial"):
+        return BadInput(
+            f"address '{name}': the pseudo-inertia is not implemented yet",
+            f"free body.{element}.mass, body.{element}.inertia[i] or body.{element}.ipos[i]",
+        )
+    if (kind, field) == ("option", "timestep"):
+        return BadInput(f"address '{name}' cannot be a parameter", "all worlds share one timestep: set it in the model")
+    near = difflib.get_close_matches(field, known, n=1, cutoff=0.4)
+    place = f"{kind}.{element}" if element else kind
+    nearest = f"nearest: '{place}.{near[0]}'; " if near else ""
+    return BadInput(f"address '{name}': a {kind} has no field '{field}'", f"{nearest}known: {', '.join(known)}")
+
+
+def _index(model: mujoco.MjModel, kind: str, element: str, column: Column) -> tuple[int | slice, ...]:
+    tail = () if column.index is None else (column.index,)
+    if kind == "option":
+        return tail or (0,)
+    i = element_id(model, kind, element)
+    if column.array.startswith("dof_"):
+        width = {mujoco.mjtJoint.mjJNT_FREE: 6, mujoco.mjtJoint.mjJNT_BALL: 3}.get(
+            mujoco.mjtJoint(model.jnt_type[i]), 1
+        )
+        first = int(model.jnt_dofadr[i])
+        return (slice(first, first + width), *tail)
+    if column.array == "qpos_spring":
+        return (scalar_joint(model, element)[0], *tail)
+    return (i, *tail)
+
+
+def scalar_joint(model: mujoco.MjModel, name: str) -> tuple[int, int, int]:
+    """(qpos address, dof address, joint id) of a slide or hinge joint.
+
+    Raises:
+        BadInput: there is no such joint, or it is a free or ball joint.
+    """
+    i = element_id(model, "joint", name)
+    if model.jnt_type[i] not in (_SLIDE, _HINGE):
+        raise BadInput(f"joint '{name}' is a free or ball joint", "only a slide or hinge joint can carry this")
+    return int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i]), i
+
+
+def _servo(model: mujoco.MjModel, element: str, field: str, name: str) -> tuple[Cell, ...]:
+    """Cells of kp and kv: position servo f = kp (u - q) - kv v, velocity servo f = kv (u - v)."""
+    i = element_id(model, "actuator", element)
+    gain, bias = model.actuator_gainprm[i], model.actuator_biasprm[i]
+    affine = model.actuator_gaintype[i] == int(mujoco.mjtGain.mjGAIN_FIXED) and model.actuator_biastype[i] == int(
+        mujoco.mjtBias.mjBIAS_AFFINE
+    )
+    position = affine and gain[0] == -bias[1] and gain[0] != 0
+    velocity = affine and gain[0] == -bias[2] and gain[0] != 0
+    if field == "kp" and position:
+        return (Cell("actuator_gainprm", (i, 0)), Cell("actuator_biasprm", (i, 1), -1.0))
+    if field == "kv" and position:
+        return (Cell("actuator_biasprm", (i, 2), -1.0),)
+    if field == "kv" and velocity:
+        return (Cell("actuator_gainprm", (i, 0)), Cell("actuator_biasprm", (i, 2), -1.0))
+    raise BadInput(
+        f"address '{name}': actuator '{element}' is not a {'position' if field == 'kp' else 'position or velocity'} "
+        "servo",
+        f"use actuator.{element}.gear[0] or .gainprm[0], or make it a <position> in the model",
+    )

@@ -1,0 +1,133 @@
+"""One world as a model of its own: a spec that holds every parameter and native effect, for plain MuJoCo to load.
+
+Only what differs from the file is written. Compiled values are translated back to MJCF's attributes: angles to the
+file's unit, a changed body to an explicit inertial, an ``actuator_delay`` to MuJoCo's own ``delay`` with its buffer.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import torch
+
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import ActuatorDelay
+from onlinebayes.simulators.mujoco.addresses import model_array, names
+from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
+from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.system import MujocoSystem
+
+_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
+_SINGLE = (int(mujoco.mjtJoint.mjJNT_SLIDE), _HINGE)
+
+
+def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
+    """The spec of the world with parameters theta (1, P).
+
+    Raises:
+        BadInput: an effect has no native form, or a value has no place in MJCF.
+    """
+    spec = system.spec.copy()
+    compile_spec(spec)
+    for array, values in system.write(theta).items():
+        base = model_array(system.model, array)
+        if not np.array_equal(values[0], base):
+            _write(spec, system.model, array, values[0], base)
+    for effect in system.stages:
+        if not isinstance(effect, ActuatorDelay):
+            raise BadInput(f"{effect.key} has no native form in MuJoCo", "leave it out before exporting")
+        delay = float(system.own(effect, torch.from_numpy(theta))["delay"][0])
+        _write_delay(spec, effect, delay, system.model.opt.timestep)
+    compile_spec(spec)
+    return spec
+
+
+def to_xml(spec: mujoco.MjSpec) -> str:
+    """MJCF text with all 17 digits, so that the file replays as the spec does (MuJoCo writes 6)."""
+    with _precision(17):
+        return spec.to_xml()
+
+
+def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, values: np.ndarray, base: np.ndarray) -> None:
+    place = SPEC[array]
+    if place.kind == "option":
+        current = getattr(spec.option, place.attribute)
+        setattr(spec.option, place.attribute, values.copy() if np.ndim(current) else float(values[0]))
+        return
+    for name in names(model, place.kind):
+        rows = _rows(model, array, place, name)
+        if rows is None or np.array_equal(values[rows], base[rows]):
+            continue
+        element = getattr(spec, place.kind)(name)
+        if place.kind == "body" and place.attribute in ("mass", "inertia", "ipos"):
+            _own_inertial(spec, element, model, name)
+        _assign(element, place, _in_file_units(spec, model, place, name, values[rows]))
+
+
+def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, name: str) -> int | slice | None:
+    """Row of the array that holds the element; several dofs of a joint share one value, the first one's."""
+    element = getattr(model, place.kind)(name)
+    if array.startswith("dof_"):
+        return int(element.dofadr[0])
+    if array == "qpos_spring":
+        return int(element.qposadr[0]) if model.jnt_type[element.id] in _SINGLE else None
+    return int(element.id)
+
+
+def _assign(element: object, place: SpecAttribute, value: np.ndarray) -> None:
+    current = getattr(element, place.attribute)
+    if np.ndim(current) == 0:
+        setattr(element, place.attribute, float(np.ravel(value)[0]))
+        return
+    whole = np.array(current, dtype=float)
+    value = np.atleast_1d(value)
+    whole[place.offset : place.offset + len(value)] = value[: len(whole) - place.offset]
+    setattr(element, place.attribute, whole)
+
+
+def _in_file_units(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, place: SpecAttribute, name: str, value: np.ndarray
+) -> np.ndarray:
+    angle = place.kind == "joint" and place.attribute in ("springref", "range")
+    if angle and spec.compiler.degree and model.joint(name).type[0] == _HINGE:
+        return np.rad2deg(value)
+    return value
+
+
+def _own_inertial(spec: mujoco.MjSpec, body: mujoco.MjsBody, model: mujoco.MjModel, name: str) -> None:
+    """Give the body the inertial that it was compiled to, in place of one inferred from its geoms."""
+    if body.explicitinertial and np.isnan(body.fullinertia[0]):
+        return
+    compiled = model.body(name)
+    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
+    body.explicitinertial = True
+    body.fullinertia = np.full(6, math.nan)
+    body.mass, body.inertia = float(compiled.mass[0]), compiled.inertia.copy()
+    body.ipos, body.iquat = compiled.ipos.copy(), compiled.iquat.copy()
+
+
+def _write_delay(spec: mujoco.MjSpec, effect: ActuatorDelay, delay: float, timestep: float) -> None:
+    if delay == 0:
+        return
+    actuator = spec.actuator(effect.target)
+    if actuator.delay:
+        raise BadInput(f"{effect.key}: the actuator has a delay of its own", "export cannot hold two")
+    actuator.delay, actuator.interp = delay, 1
+    actuator.nsample = math.ceil(delay / timestep) + 2
+
+
+@contextmanager
+def _precision(digits: int) -> Iterator[None]:
+    library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
+    before = library._mjPRIVATE__get_xml_precision()
+    library._mjPRIVATE__set_xml_precision(digits)
+    try:
+        yield
+    finally:
+        library._mjPRIVATE__set_xml_precision(before)

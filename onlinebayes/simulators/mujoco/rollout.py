@@ -1,0 +1,119 @@
+"""Trajectories of M worlds from given states under given commands, all timesteps inside the engine.
+
+Row k of the inputs is spread over the whole timesteps from ``times[k-1]`` to ``times[k]``, command stages run over the
+whole sequence at once, and the states at ``times`` are picked from the recorded timesteps.
+"""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.system import MujocoSystem
+from onlinebayes.simulators.mujoco.worlds import Worlds
+
+MEMORY = 2**26
+"""Numbers that controls and records of one engine call may take together (512 MiB); more worlds go in several calls."""
+
+
+def rollout(
+    system: MujocoSystem,
+    threads: int,
+    theta: Float[Tensor, "M P"],
+    state: TensorDictBase,
+    inputs: TensorDictBase,
+    times: Float[Tensor, " T"],
+) -> TensorDict:
+    """See :meth:`onlinebayes.simulators.base.Simulator.rollout`."""
+    marks = _marks(times, system.model.opt.timestep)
+    per_world = max(1, int(marks[-1])) * (system.model.nu + system.record.size)
+    chunk = max(1, MEMORY // per_world)
+    parts = [
+        _rollout(system, threads, theta[i : i + chunk], state[i : i + chunk], inputs[i : i + chunk], marks)
+        for i in range(0, len(theta), chunk)
+    ]
+    return parts[0] if len(parts) == 1 else torch.cat(parts)
+
+
+def _marks(times: Tensor, timestep: float) -> np.ndarray:
+    """Number of timesteps since the start at which each row is recorded (T,)."""
+    if not len(times):
+        raise BadInput("times is empty", "give at least one instant")
+    marks = np.round(times.detach().double().cpu().numpy() / timestep).astype(np.int64)
+    if marks[0] < 0 or (np.diff(marks) < 0).any():
+        raise BadInput("times go back", "give instants since the start, increasing")
+    return marks
+
+
+def _rollout(
+    system: MujocoSystem,
+    threads: int,
+    theta: Tensor,
+    state: TensorDictBase,
+    inputs: TensorDictBase,
+    marks: np.ndarray,
+) -> TensorDict:
+    worlds = Worlds(system, len(theta), threads)
+    worlds.write_theta(theta.numpy())
+    worlds.write_state(state)
+    start = system.record.pack(worlds.read_state(), len(theta))
+    row = np.repeat(np.arange(len(marks)), np.diff(marks, prepend=0))
+    hidden = system.hidden(state, len(theta))
+    ctrl, _, fed = system.drive(theta, hidden, inputs.get("command")[:, row])
+    enable = inputs.get("enable", None)
+    recorded, good = _record(worlds, ctrl, None if enable is None else enable.numpy() > 0, row)
+    # Row 0 of the line is the start: a world that diverged at step g + 1 stays at row g.
+    picked = np.minimum(marks[None], good[:, None])
+    states = np.take_along_axis(recorded, np.maximum(picked, 1)[..., None] - 1, axis=1) if len(row) else None
+    if states is None:
+        states = np.repeat(start[:, None], len(marks), axis=1)
+    elif (picked == 0).any():
+        states = np.where((picked == 0)[..., None], start[:, None], states)
+    trajectory = TensorDict(system.record.unpack(torch.from_numpy(states)), batch_size=[len(theta), len(marks)])
+    trajectory["valid"] = torch.from_numpy(marks[None] <= good[:, None])
+    for key, trace in system.trace(theta, hidden, fed).items():
+        trajectory["effects", key] = _pick(hidden[key], trace, marks)
+    return trajectory
+
+
+def _record(
+    worlds: Worlds, ctrl: np.ndarray, enable: np.ndarray | None, row: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run all timesteps; where actuators are switched, in stretches between the switches."""
+    if enable is None or enable.all() or not len(row):
+        return worlds.record(ctrl) if len(row) else (np.zeros((worlds.worlds, 0, 1)), np.zeros(worlds.worlds, int))
+    on = enable[:, row]
+    switches = np.flatnonzero((on[:, 1:] != on[:, :-1]).any((0, 2))) + 1
+    edges = [0, *switches.tolist(), len(row)]
+    pieces, good = [], np.zeros(worlds.worlds, dtype=np.int64)
+    for begin, end in itertools.pairwise(edges):
+        worlds.write_enable(on[:, begin])
+        piece, count = worlds.record(ctrl[:, begin:end])
+        pieces.append(piece)
+        good += np.where(good == begin, count, 0)
+    return np.concatenate(pieces, axis=1), good
+
+
+def _pick(start: TensorDict, trace: TensorDict, marks: np.ndarray) -> TensorDict:
+    """The hidden state after each row: views of the trace where the rows are evenly spaced."""
+    size = [len(start), len(marks)]
+    strides = np.diff(marks)
+    if marks[0] > 0 and (not len(strides) or (strides == strides[0]).all()):
+        stride = int(strides[0]) if len(strides) else 1
+        if stride > 0:
+            return trace.apply(lambda x: x[:, int(marks[0]) - 1 :: stride][:, : len(marks)], batch_size=size)
+    index = torch.from_numpy(np.maximum(marks - 1, 0))
+    first = torch.from_numpy(marks == 0)
+
+    def pick(before: Tensor, after: Tensor) -> Tensor:
+        rows = after[:, index] if after.shape[1] else before[:, None].expand(-1, len(marks), *before.shape[1:])
+        shape = (1, -1, *([1] * (before.ndim - 1)))
+        return torch.where(first.reshape(shape), before[:, None], rows)
+
+    return start.apply(pick, trace, batch_size=size)

@@ -1,0 +1,171 @@
+"""Worlds of any MJCF model on ``mujoco.batch``, each with its own physical parameters and effects."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Self
+
+import mujoco
+import numpy as np
+import torch
+from jaxtyping import Bool, Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.mujoco.export import export
+from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.rollout import rollout
+from onlinebayes.simulators.mujoco.system import MujocoSystem
+from onlinebayes.simulators.mujoco.worlds import Worlds
+
+
+class MujocoSimulator(Simulator):
+    """N worlds of one MJCF model, bit for bit what ``mj_step`` gives over N models whose fields were changed.
+
+    Args:
+        model: path of an MJCF file, MJCF text, or a spec.
+        parameters: the free parameters by address, e.g. ``"joint.hinge.damping"`` (see :mod:`.addresses`).
+        worlds: number of worlds N.
+        dt: seconds of a step [s], a whole number of the model's timesteps; one timestep without it.
+        threads: threads that step the worlds, 0 for all cores.
+        effects: effects to begin with, in order; the same as :meth:`with_effect` for each.
+
+    Attributes:
+        spec: the model's spec, effects' structure included; its values are the nominal ones.
+        model: the compiled model.
+
+    Raises:
+        BadInput: the model is missing or does not compile, an address does not exist, ``dt`` is no whole number of
+            timesteps.
+    """
+
+    def __init__(
+        self,
+        model: str | Path | mujoco.MjSpec,
+        parameters: ParameterSpace | None = None,
+        worlds: int = 1,
+        dt: float | None = None,
+        threads: int = 0,
+        effects: Sequence[Effect] = (),
+    ) -> None:
+        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects)
+        self._threads = threads
+        self.spec, self.model = self._system.spec, self._system.model
+        self.parameters, self.effects = self._system.parameters, self._system.effects
+        self.commands = tuple(c.name for c in self._system.commands)
+        self.signals = self._system.signals
+        self.worlds, self.device, self.dtype = worlds, torch.device("cpu"), torch.float64
+        self.timestep = float(self.model.opt.timestep)
+        self.dt = self.timestep if dt is None else dt
+        self._steps = round(self.dt / self.timestep)
+        if self._steps < 1 or not math.isclose(self._steps * self.timestep, self.dt, rel_tol=1e-6):
+            raise BadInput(
+                f"dt = {self.dt:g} s", f"it must be a whole number of the model's timesteps of {self.timestep:g} s"
+            )
+        if worlds < 1:
+            raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
+        self._worlds = Worlds(self._system, worlds, threads)
+        self._theta = self.nominal.expand(worlds, -1).clone()
+        self._hidden = self._system.rest(worlds)
+        self._worlds.write_theta(self._theta.numpy())
+
+    @property
+    def nominal(self) -> Float[Tensor, " P"]:
+        """The model file's own values, and the effects' neutral ones."""
+        return self._system.nominal
+
+    @property
+    def state(self) -> TensorDict:
+        """A copy of the complete state; see :mod:`.system` for its keys."""
+        state = self._worlds.read_state()
+        for key, hidden in self._hidden.items():
+            state["effects", key] = hidden.clone()
+        return state
+
+    @property
+    def theta(self) -> Float[Tensor, "N P"]:
+        """A copy of every world's parameters."""
+        return self._theta.clone()
+
+    @property
+    def failed(self) -> Bool[Tensor, " N"]:
+        """Worlds that the engine warned about since their last reset."""
+        return torch.from_numpy(self._worlds.failed.copy())
+
+    def reset(
+        self,
+        theta: Float[Tensor, "N P"],
+        state: TensorDictBase | None = None,
+        mask: Bool[Tensor, " N"] | None = None,
+    ) -> TensorDict:
+        """New parameters and states for the worlds under ``mask``; see :meth:`Simulator.reset`."""
+        ids = None if mask is None or bool(mask.all()) else mask.numpy().nonzero()[0].astype(np.int32)
+        rows = slice(None) if ids is None else torch.from_numpy(ids).long()
+        chosen = None if state is None else state[rows]
+        self._theta[rows] = _finite(theta[rows])
+        count = self.worlds if ids is None else len(ids)
+        for key, fresh in self._system.hidden(chosen, count).items():
+            self._hidden[key][rows] = fresh
+        self._worlds.revive(ids)
+        self._worlds.write_theta(self._theta[rows].numpy(), ids)
+        self._worlds.write_state(chosen, ids)
+        return self.state
+
+    def step(self, inputs: TensorDictBase) -> TensorDict:
+        """Advance every world that has not failed by ``dt``."""
+        command, enable = inputs.get("command").to(torch.float64), inputs.get("enable", None)
+        self._worlds.write_enable(None if enable is None else enable.numpy())
+        steps = self._steps if self._system.stages else 1
+        ctrl, after, _ = self._system.drive(self._theta, self._hidden, command[:, None].expand(-1, steps, -1))
+        if self._system.stages:
+            self._worlds.follow(ctrl)
+        else:
+            self._worlds.hold(ctrl[:, 0], self._steps)
+        going = torch.from_numpy(~self._worlds.failed)
+        for key, hidden in after.items():
+            self._hidden[key][going] = hidden[going]
+        return self.state
+
+    def rollout(
+        self,
+        theta: Float[Tensor, "M P"],
+        state: TensorDictBase,
+        inputs: TensorDictBase,
+        times: Float[Tensor, " T"],
+    ) -> TensorDict:
+        """Trajectories of M worlds; see :meth:`Simulator.rollout`. Every timestep runs inside the engine."""
+        return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
+
+    def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
+        """Positions, then velocities, in the model's order."""
+        return torch.cat([state.get("qpos"), state.get("qvel")], dim=-1)
+
+    def with_effect(self, effect: Effect) -> Self:
+        """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
+        if any(effect.key == other.key for other in self.effects):
+            raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
+        return self._remade(self.worlds, (*self.effects, effect))
+
+    def with_worlds(self, worlds: int) -> Self:
+        """A new simulator with another number of worlds, all nominal and at the default state."""
+        return self._remade(worlds, self.effects)
+
+    def export(self, theta: Float[Tensor, " P"]) -> mujoco.MjSpec:
+        """One world as a spec with every parameter and native effect written in; see :mod:`.export`."""
+        return export(self._system, _finite(theta[None]).numpy())
+
+    def _remade(self, worlds: int, effects: Sequence[Effect]) -> Self:
+        system = self._system
+        return type(self)(system.source, system.base_parameters, worlds, self.dt, self._threads, effects)
+
+
+def _finite(theta: Tensor) -> Tensor:
+    if not bool(theta.isfinite().all()):
+        raise BadInput("theta is not finite", "give every parameter a finite value")
+    return theta.detach().to(device="cpu", dtype=torch.float64)

@@ -1,0 +1,247 @@
+"""One compiled system with its effects: how theta becomes fields of the model, and which state makes it complete.
+
+    fields = effects(parameters(base fields; theta); theta)
+
+| part of the state     | shape   | there when                                                       |
+|-----------------------|---------|------------------------------------------------------------------|
+| ``"qpos"``, ``"qvel"`` | nq, nv | always                                                           |
+| ``"act"``             | na      | actuators have activations                                       |
+| ``"history"``, ``"time"`` | n, 1 | the model file itself has delays                                 |
+| ``"qacc_warmstart"``  | nv      | always: the constraint solver starts from it, so the future depends on it |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.mujoco.addresses import Address, model_array, names, resolve, scalar_joint
+from onlinebayes.simulators.mujoco.model import compile_spec
+
+STATE = {
+    "time": mujoco.mjtState.mjSTATE_TIME,
+    "qpos": mujoco.mjtState.mjSTATE_QPOS,
+    "qvel": mujoco.mjtState.mjSTATE_QVEL,
+    "act": mujoco.mjtState.mjSTATE_ACT,
+    "history": mujoco.mjtState.mjSTATE_HISTORY,
+    "qacc_warmstart": mujoco.mjtState.mjSTATE_WARMSTART,
+}
+
+
+@dataclass(frozen=True)
+class Record:
+    """Layout of one recorded row: which parts of the state, where, and MuJoCo's bits for it; time comes first.
+
+    Args:
+        bits: the ``mjtState`` bits of all parts.
+        columns: key of the state -> its columns.
+        size: width S of a row.
+    """
+
+    bits: int
+    columns: dict[str, slice]
+    size: int
+
+    def unpack(self, rows: Float[Tensor, "*batch S"]) -> dict[str, Tensor]:
+        """The parts of a state, sharing the rows' memory."""
+        return {key: rows[..., columns] for key, columns in self.columns.items()}
+
+    def pack(self, state: TensorDictBase, worlds: int) -> np.ndarray:
+        """Rows (N, S) of a state; time 0."""
+        rows = np.zeros((worlds, self.size))
+        for key, columns in self.columns.items():
+            rows[:, columns] = state.get(key).numpy()
+        return rows
+
+
+@dataclass(frozen=True)
+class Command:
+    """One command column: its name, its actuator's id, its place in ``ctrl`` and its limits [command units]."""
+
+    name: str
+    actuator: int
+    ctrl: int
+    low: float
+    high: float
+
+
+class MujocoSystem:
+    """A model, its free parameters and its effects, compiled.
+
+    Args:
+        source: the spec without effects; not changed.
+        parameters: the free parameters, by address.
+        effects: in order.
+
+    Raises:
+        BadInput: the model does not compile, an address or a target does not exist.
+    """
+
+    def __init__(self, source: mujoco.MjSpec, parameters: ParameterSpace, effects: Sequence[Effect] = ()) -> None:
+        self.source, self.base_parameters, self.effects = source, parameters, tuple(effects)
+        base = compile_spec(source)
+        self.addresses: tuple[Address, ...] = tuple(resolve(base, name) for name in parameters)
+        self.spec = source.copy()
+        self.parameters = parameters
+        for effect in self.effects:
+            _check_target(base, effect)
+            effect.edit(self.spec)
+            self.parameters = self.parameters | _grown(effect)
+        self.model = compile_spec(self.spec) if self.effects else base
+        self.commands = _commands(self.model, names(base, "actuator"))
+        self.signals = _signals(self.model)
+        self.fields = tuple(
+            sorted({c.array for a in self.addresses for c in a.cells} | {f for e in self.effects for f in e.fields})
+        )
+        self.needs_const = any(is_const_input(f) for f in self.fields)
+        self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
+        self.record = _record(self.model)
+        self.parts = tuple(self.record.columns)
+
+    @property
+    def nominal(self) -> Tensor:
+        """The file's own values and the effects' neutral ones (P,)."""
+        values = [address.read(self.model) for address in self.addresses]
+        values += [value for effect in self.effects for value in _neutral(effect)]
+        return torch.tensor(values, dtype=torch.float64)
+
+    def own(self, effect: Effect, theta: np.ndarray | Tensor) -> dict:
+        """The effect's own parameters by their short names, columns of theta (N,)."""
+        return {name: theta[:, self.parameters.index(f"{effect.key}.{name}")] for name in effect.parameters}
+
+    def write(self, theta: np.ndarray) -> dict[str, np.ndarray]:
+        """Every field that a parameter or an effect touches, per world (N, ...), for theta (N, P)."""
+        fields = {}
+        for name in self.fields:
+            base = model_array(self.model, name)
+            fields[name] = np.repeat(base[None], len(theta), axis=0)
+        for i, address in enumerate(self.addresses):
+            address.write(fields, theta[:, i])
+        for effect in self.effects:
+            if effect.fields:
+                effect.write(self.model, fields, self.own(effect, theta))
+        return fields
+
+    def rest(self, worlds: int) -> dict[str, TensorDict]:
+        """Hidden states of the command stages before anything has happened."""
+        like = torch.zeros((), dtype=torch.float64)
+        rests = {e.key: e.rest(worlds, self.model.opt.timestep, like) for e in self.stages}
+        return {key: rest for key, rest in rests.items() if rest is not None}
+
+    def hidden(self, state: TensorDictBase, worlds: int) -> dict[str, TensorDict]:
+        """Hidden states found in ``state``; what it lacks is at rest."""
+        rest = self.rest(worlds)
+        return {key: state.get(("effects", key), default) for key, default in rest.items()}
+
+    def force_range(self, fields: Mapping[str, np.ndarray]) -> np.ndarray:
+        """Limits of the actuators' forces (1 or N, nu, 2) [N, N m], whether or not they are in force."""
+        return fields.get("actuator_forcerange", self.model.actuator_forcerange[None])
+
+    def drive(
+        self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor
+    ) -> tuple[np.ndarray, dict[str, TensorDict], dict[str, Tensor]]:
+        """What the actuators receive over K timesteps.
+
+        Args:
+            theta: parameters (N, P).
+            hidden: hidden states of the command stages before the first timestep.
+            command: (N, K, U) [command units].
+
+        Returns:
+            ``ctrl`` (N, K, nu), the hidden states after the last timestep, and what each stage was fed (N, K).
+        """
+        after, fed = dict(hidden), {}
+        ctrl = np.zeros((*command.shape[:2], self.model.nu))
+        for column, place in enumerate(self.commands):
+            u = command[..., column]
+            staged = [e for e in self.stages if self.model.actuator(e.target).id == place.actuator]
+            if staged:
+                # An actuator cuts its command off before it delays it.
+                u = u.clamp(place.low, place.high)
+            for effect in staged:
+                fed[effect.key] = u
+                u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, self.model.opt.timestep)
+                if state is not None:
+                    after[effect.key] = state
+            ctrl[..., place.ctrl] = u.numpy()
+        return ctrl, after, fed
+
+    def trace(
+        self, theta: Tensor, hidden: Mapping[str, TensorDict], fed: Mapping[str, Tensor]
+    ) -> dict[str, TensorDict]:
+        """Hidden states after each timestep (N, K), from what :meth:`drive` fed the stages."""
+        traces = {
+            e.key: e.trace(self.own(e, theta), hidden.get(e.key), fed[e.key], self.model.opt.timestep)
+            for e in self.stages
+        }
+        return {key: trace for key, trace in traces.items() if trace is not None}
+
+
+def is_const_input(field: str) -> bool:
+    """Whether constants that ``mj_setConst`` derives depend on this field."""
+    return field.startswith("opt.") or field in mujoco.MjModel._setconst_inputs
+
+
+def _record(model: mujoco.MjModel) -> Record:
+    # Time matters only to delays, which read their buffers by it; the record always has it, to see who stopped.
+    columns, place, bits = {}, 0, 0
+    for key, bit in STATE.items():
+        size = mujoco.mj_stateSize(model, int(bit))
+        if key in ("qpos", "qvel") or size > 0:
+            bits |= int(bit)
+            if key != "time" or model.nhistory:
+                columns[key] = slice(place, place + size)
+            place += size
+    return Record(bits, columns, place)
+
+
+def _neutral(effect: Effect) -> list[float]:
+    return [effect.neutral[name] for name in effect.parameters]
+
+
+def _grown(effect: Effect) -> ParameterSpace:
+    return ParameterSpace({f"{effect.key}.{name}": parameter for name, parameter in effect.parameters.items()})
+
+
+def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
+    if effect.target_kind == "joint":
+        scalar_joint(model, effect.target)
+    elif effect.target not in names(model, effect.target_kind):
+        # The message with the nearest names.
+        resolve(model, f"{effect.target_kind}.{effect.target}.gear")
+    if not effect.fields and not effect.has_command:
+        raise BadInput(f"{effect.key} has no form in MuJoCo", "write its fields and write(), or its command()")
+
+
+def _commands(model: mujoco.MjModel, visible: Sequence[str]) -> tuple[Command, ...]:
+    """The commands of the model's own actuators; actuators that effects added have none."""
+    columns = []
+    for name in visible:
+        i = model.actuator(name).id
+        first, count = int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
+        for k in range(count):
+            limited = bool(model.actuator_ctrllimited[i])
+            low, high = model.actuator_ctrlrange[i] if limited else (-np.inf, np.inf)
+            columns.append(Command(name if count == 1 else f"{name}.{k}", i, first + k, float(low), float(high)))
+    return tuple(columns)
+
+
+def _signals(model: mujoco.MjModel) -> tuple[str, ...]:
+    """``qpos.<joint>`` of all joints, then ``qvel.<joint>``; with .0 ... where a joint has several."""
+    widths = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
+    signals = []
+    for part, key in enumerate(("qpos", "qvel")):
+        for i, name in enumerate(names(model, "joint")):
+            width = widths.get(mujoco.mjtJoint(model.jnt_type[i]), (1, 1))[part]
+            signals += [f"{key}.{name}"] if width == 1 else [f"{key}.{name}.{k}" for k in range(width)]
+    return tuple(signals)

@@ -1,0 +1,160 @@
+"""N worlds on one ``mujoco.batch.Batch``: parameters in, states in and out, steps, and who diverged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import mujoco
+import mujoco.batch
+import numpy as np
+import torch
+from tensordict import TensorDict, TensorDictBase
+
+from onlinebayes.simulators.mujoco.model import batch_model, quiet
+from onlinebayes.simulators.mujoco.system import MujocoSystem
+
+
+class Worlds:
+    """N worlds of a system. A row is one world's ``mjSTATE_INTEGRATION``.
+
+    A world fails when the engine warns about it (its state or acceleration is not finite or huge, its constraints
+    overflow) or raises; it then keeps the row it had and is not stepped until it is written anew.
+
+    Args:
+        system: the compiled system.
+        worlds: N.
+        threads: 0 for all cores.
+
+    Attributes:
+        failed: (N,) bool.
+    """
+
+    def __init__(self, system: MujocoSystem, worlds: int, threads: int = 0) -> None:
+        self.system, self.worlds = system, worlds
+        self.batch = mujoco.batch.Batch(batch_model(system.model), worlds, threads)
+        self.failed = np.zeros(worlds, dtype=bool)
+        self._fields = {name: self.batch.expand(name) for name in system.fields}
+        self._parts = {key: self.batch.bind(key).reshape(worlds, -1) for key in system.parts}
+        self._rest = self.batch.state[0].copy()
+        self._ctrl = self.batch.bind("ctrl")
+        self._on = np.ones((worlds, len(system.commands)), dtype=bool)
+
+    # --- writing ------------------------------------------------------------------------------------------------
+
+    def write_theta(self, theta: np.ndarray, ids: np.ndarray | None = None) -> None:
+        """Write the parameters theta (n, P) into the worlds ``ids`` (all without); constants follow."""
+        rows = slice(None) if ids is None else ids
+        for name, values in self.system.write(theta).items():
+            self._fields[name][rows] = values.reshape(len(theta), *self._fields[name].shape[1:])
+        if self.system.needs_const:
+            self._run(self.batch.set_const, ids)
+        if not self._on.all():
+            self._switch(self._on)
+
+    def write_state(self, state: TensorDictBase | None, ids: np.ndarray | None = None) -> None:
+        """Start the worlds ``ids`` (all without) from ``state`` (n,); parts it lacks are the model's defaults."""
+        rows = slice(None) if ids is None else ids
+        self.batch.state[rows] = self._rest
+        for key, part in self._parts.items():
+            value = None if state is None else state.get(key, None)
+            if value is not None:
+                part[rows] = value.detach().numpy().reshape(len(value), -1)
+        self.batch.warning[rows] = 0
+
+    def revive(self, ids: np.ndarray | None = None) -> None:
+        """The worlds ``ids`` (all without) have not failed."""
+        self.failed[slice(None) if ids is None else ids] = False
+
+    def write_enable(self, enable: np.ndarray | None) -> None:
+        """Switch actuators: enable (N, U), None for all on. Off means that the actuator gives no force."""
+        on = np.ones_like(self._on) if enable is None else enable > 0
+        if not np.array_equal(on, self._on):
+            self._switch(on)
+
+    def _switch(self, on: np.ndarray) -> None:
+        """An actuator that is off has its force limited to [0, 0]; MuJoCo treats every kind of actuator alike there."""
+        model = self.system.model
+        limited, bounds = self.batch.expand("actuator_forcelimited"), self.batch.expand("actuator_forcerange")
+        own = self.system.force_range(self._fields)
+        for column, command in enumerate(self.system.commands):
+            i, active = command.actuator, on[:, column]
+            limited[:, i] = np.where(active, model.actuator_forcelimited[i], 1)
+            bounds[:, i] = np.where(active[:, None], own[:, i], 0.0)
+        self._on = on.copy()
+
+    # --- reading ------------------------------------------------------------------------------------------------
+
+    def read_state(self) -> TensorDict:
+        """A copy of the states, batch size (N,)."""
+        return TensorDict(
+            {key: torch.from_numpy(part.copy()) for key, part in self._parts.items()}, batch_size=[self.worlds]
+        )
+
+    # --- running ------------------------------------------------------------------------------------------------
+
+    def hold(self, ctrl: np.ndarray, steps: int) -> None:
+        """``steps`` timesteps under one ctrl (N, nu)."""
+        before = self.batch.state.copy()
+        self._ctrl[...] = ctrl
+        self._run(partial(self.batch.step, nstep=steps), self._alive())
+        self._settle(before)
+
+    def follow(self, ctrl: np.ndarray) -> None:
+        """One timestep for each row of ctrl (N, K, nu)."""
+        before = self.batch.state.copy()
+        for k in range(ctrl.shape[1]):
+            self._ctrl[...] = ctrl[:, k]
+            self._run(self.batch.step, self._alive())
+        self._settle(before)
+
+    def record(self, ctrl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """One timestep for each row of ctrl (N, K, nu), all recorded.
+
+        Returns:
+            The recorded rows (N, K, S), laid out by :attr:`MujocoSystem.record`, and how many of them are good (N,).
+        """
+        spec, size = self.system.record.bits, self.system.record.size
+        steps, alive = ctrl.shape[1], self._alive()
+        count = self.worlds if alive is None else len(alive)
+        rows = {spec: np.zeros((count, steps, size))}
+        control = None
+        if ctrl.shape[2]:
+            control = ctrl if alive is None else ctrl[alive]
+        run = partial(self.batch.rollout, steps, control, int(mujoco.mjtState.mjSTATE_CTRL), [spec], out=rows)
+        raised = self._run(lambda ids=None: run(ids=ids), alive)
+        good = np.full(self.worlds, steps)
+        recorded = rows[spec]
+        if alive is not None:
+            recorded = np.zeros((self.worlds, steps, size))
+            recorded[alive], good[self.failed] = rows[spec], 0
+        # A world stops at the step that warned: time, the first column, stands still from there on.
+        stopped = self.batch.warning[:, :, 1].any(1) & ~self.failed
+        clock = recorded[stopped, :, 0]
+        good[stopped] = (clock == clock[:, -1:]).argmax(1)
+        good[raised] = 0
+        wild = ~np.isfinite(recorded[:, -1]).all(1) & ~stopped
+        good[wild] = np.minimum(good[wild], (~np.isfinite(recorded[wild]).all(2)).argmax(1))
+        self.failed |= good < steps
+        return recorded, good
+
+    def _alive(self) -> np.ndarray | None:
+        return np.flatnonzero(~self.failed).astype(np.int32) if self.failed.any() else None
+
+    def _run(self, call: Callable[..., object], ids: np.ndarray | None) -> np.ndarray:
+        """Run a batch call; worlds in which the engine raised fail. Returns their ids."""
+        try:
+            with quiet():
+                call(ids=ids)
+        except mujoco.batch.SimulationError as error:
+            self.failed[error.ids] = True
+            return error.ids
+        return np.zeros(0, dtype=np.int32)
+
+    def _settle(self, before: np.ndarray) -> None:
+        """Worlds that have just failed get back the row they had."""
+        failed = self.failed | self.batch.warning[:, :, 1].any(1)
+        if failed.any():
+            self.batch.state[failed] = before[failed]
+            self.batch.warning[failed] = 0
+            self.failed = failed
