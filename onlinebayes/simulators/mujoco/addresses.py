@@ -1,7 +1,8 @@
 """Addresses of physical parameters in a compiled model: ``<kind>.<name>.<field>[index]`` or ``option.<field>``.
 
 An address resolves to the cells of ``mjModel`` arrays that a value is written to, each with a sign:
-``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. The contract's names are MJCF's (see :mod:`.fields`).
+``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. The contract's names are MJCF's (see
+:mod:`.fields`).
 """
 
 from __future__ import annotations

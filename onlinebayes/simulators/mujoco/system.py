@@ -138,9 +138,11 @@ class MujocoSystem:
         rests = {e.key: e.rest(worlds, self.model.opt.timestep, like) for e in self.stages}
         return {key: rest for key, rest in rests.items() if rest is not None}
 
-    def hidden(self, state: TensorDictBase, worlds: int) -> dict[str, TensorDict]:
+    def hidden(self, state: TensorDictBase | None, worlds: int) -> dict[str, TensorDict]:
         """Hidden states found in ``state``; what it lacks is at rest."""
         rest = self.rest(worlds)
+        if state is None:
+            return rest
         return {key: state.get(("effects", key), default) for key, default in rest.items()}
 
     def force_range(self, fields: Mapping[str, np.ndarray]) -> np.ndarray:
