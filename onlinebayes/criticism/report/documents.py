@@ -1,0 +1,43 @@
+"""The recording's two text documents, in Markdown."""
+
+from __future__ import annotations
+
+from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism.results import Criticism
+
+SHOWN = 15
+
+
+def report(result: Criticism) -> str:
+    """Headline, errors, remainder, parameters."""
+    lines = [f"# {words.headline(result)}", "", words.improvement(result), "", words.remainder(result), ""]
+    lines += [f"- where: {f.where}: {quantities.percent(f.share_of_error)} of the error of {f.signal}, "
+              f"{quantities.percent(f.share_of_time)} of the time" for f in result.failures[:3]]  # fmt: skip
+    lines += ["", "| parameter | value |", "|---|---|"]
+    lines += [f"| {name} | {words.estimate(value)} |" for name, value in result.parameters.items()]
+    lines += ["", "Grey: measured. Orange: the model before. Blue: the model after. report.html tells the rest."]
+    return "\n".join(lines)
+
+
+def ranking(result: Criticism) -> str:
+    """The candidates with their evidence."""
+    if not result.candidates:
+        return "No effect was tried: `onlinebayes diagnose` does."
+    lines = [
+        f"# {result.candidates_tried} candidate effects",
+        "",
+        "| | effect | evidence | p | outcome |",
+        "|---|---|---|---|---|",
+    ]
+    for candidate in result.candidates[:SHOWN]:
+        gain = (
+            f"{quantities.significant(candidate.score_gain)} ± {quantities.significant(candidate.score_gain_se or 0.0)}"
+            if candidate.score_gain is not None
+            else "–"
+        )
+        p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
+        lines.append(
+            f"| {candidate.rank or ''} | {words.plain(candidate.effect)} | {gain} | {p} | {words.outcome(candidate)} |"
+        )
+    lines += ["", *(f"{sentence}\n" for sentence in words.ties(result))]
+    return "\n".join(lines)

@@ -1,0 +1,171 @@
+"""A MuJoCo model in a Rerun recording: its visible geoms as shapes, its bodies moving along the run.
+
+Shapes are logged once and belong to their body's entity; the body's pose is sent as one column per run. The measured
+motion is drawn solid, simulated ones as wireframes, so that two almost equal poses stay readable.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from rerun import RecordingStream
+
+Array = NDArray[np.float64]
+Colour = tuple[int, int, int]
+_VISIBLE_GROUPS = 3  # as in MuJoCo's own viewer: groups 0, 1, 2
+
+
+def log_shapes(stream: RecordingStream, root: str, model: mujoco.MjModel, ghost: Colour | None = None) -> None:
+    """Log the model's geoms below ``root``, one entity a body.
+
+    Args:
+        stream: the recording.
+        root: entity path.
+        model: the compiled model.
+        ghost: draw wireframes in this colour instead of solids in the model's own colours.
+    """
+    for geom in range(model.ngeom):
+        body = int(model.geom_bodyid[geom])
+        if model.geom_group[geom] >= _VISIBLE_GROUPS or (ghost is not None and model.body_weldid[body] == 0):
+            continue
+        shape = _shape(model, geom, ghost)
+        if shape is not None:
+            stream.log(entity(root, _body(model, body), f"geom{geom}"), shape, static=True)
+
+
+def send_motion(stream: RecordingStream, root: str, model: mujoco.MjModel, time: Array, qpos: Array) -> None:
+    """Send the pose of every body that can move.
+
+    Args:
+        stream: the recording.
+        root: entity path, as in :func:`log_shapes`.
+        model: the compiled model.
+        time: (T,) on the time line ``time`` [s].
+        qpos: (T, nq) [m, rad].
+    """
+    import rerun as rr
+
+    positions, quaternions = poses(model, qpos)
+    for body in range(model.nbody):
+        path = entity(root, _body(model, body))
+        if model.body_weldid[body] == 0:
+            pose = rr.Transform3D(translation=positions[0, body], quaternion=quaternions[0, body])
+            stream.log(path, pose, static=True)
+        else:
+            stream.send_columns(
+                path,
+                [rr.TimeColumn("time", duration=time)],
+                rr.Transform3D.columns(translation=positions[:, body], quaternion=quaternions[:, body]),
+            )
+
+
+def entity(root: str, *parts: str) -> str:
+    """The entity path of ``parts`` below ``root``; parts may hold any character."""
+    import rerun as rr
+
+    return "/".join([root, *(rr.escape_entity_path_part(part) for part in parts)])
+
+
+def poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
+    """Positions (T, nbody, 3) [m] and orientations (T, nbody, 4), xyzw, of all bodies in the world."""
+    data = mujoco.MjData(model)
+    positions, quaternions = np.empty((len(qpos), model.nbody, 3)), np.empty((len(qpos), model.nbody, 4))
+    for k, row in enumerate(qpos):
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        positions[k], quaternions[k] = data.xpos, data.xquat
+    return positions, quaternions[..., [1, 2, 3, 0]]
+
+
+def measured_qpos(model: mujoco.MjModel, signals: tuple[str, ...], measured: Array, simulated: Array) -> Array:
+    """(T, nq): the measured positions where there are any, the simulated ones elsewhere.
+
+    Args:
+        model: the compiled model.
+        signals: names of the columns of ``measured``.
+        measured: (T, S), nan where not measured.
+        simulated: (T, nq).
+    """
+    qpos = simulated.copy()
+    for column, signal in enumerate(signals):
+        kind, _, name = signal.partition(".")
+        if kind != "qpos":
+            continue
+        joint, part = _joint(model, name)
+        known = np.isfinite(measured[:, column])
+        if joint >= 0 and known.any():
+            rows = np.arange(len(qpos))
+            qpos[:, model.jnt_qposadr[joint] + part] = np.interp(rows, rows[known], measured[known, column])
+    return qpos
+
+
+def _joint(model: mujoco.MjModel, name: str) -> tuple[int, int]:
+    """Id of the joint and the index within its positions; -1 for an unknown one."""
+    joint = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
+    stem, _, part = name.rpartition(".")
+    if joint < 0 and part.isdigit():
+        return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, stem), int(part)
+    return joint, 0
+
+
+def _body(model: mujoco.MjModel, body: int) -> str:
+    return mujoco.mj_id2name(model, mujoco.mjtObj.mjOBJ_BODY, body) or f"body{body}"
+
+
+def _shape(model: mujoco.MjModel, geom: int, ghost: Colour | None) -> Any:
+    """The Rerun archetype of a geom in its body's frame, None for kinds that have none (height fields, sdf)."""
+    import rerun as rr
+
+    size, centre = model.geom_size[geom], model.geom_pos[geom]
+    quaternion = model.geom_quat[geom][[1, 2, 3, 0]]
+    colour = np.uint8(255 * _rgba(model, geom)) if ghost is None else (*ghost, 255)
+    fill = rr.components.FillMode.Solid if ghost is None else rr.components.FillMode.MajorWireframe
+    style: dict[str, Any] = {"colors": [colour], "fill_mode": fill, "quaternions": [quaternion]}
+    at: dict[str, Any] = {"centers": [centre]}
+    match mujoco.mjtGeom(model.geom_type[geom]):
+        case mujoco.mjtGeom.mjGEOM_BOX:
+            return rr.Boxes3D(half_sizes=[size], **at, **style)
+        case mujoco.mjtGeom.mjGEOM_SPHERE:
+            return rr.Ellipsoids3D(half_sizes=[[size[0]] * 3], **at, **style)
+        case mujoco.mjtGeom.mjGEOM_ELLIPSOID:
+            return rr.Ellipsoids3D(half_sizes=[size], **at, **style)
+        case mujoco.mjtGeom.mjGEOM_CYLINDER:
+            return rr.Cylinders3D(lengths=[2 * size[1]], radii=[size[0]], **at, **style)
+        case mujoco.mjtGeom.mjGEOM_CAPSULE:
+            # Rerun's capsule starts at its origin, MuJoCo's is centred.
+            start = centre - _rotated(model.geom_quat[geom], np.array([0.0, 0.0, size[1]]))
+            return rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[start], **style)
+        case mujoco.mjtGeom.mjGEOM_PLANE:
+            reach = [s if s > 0 else 2.0 * max(float(model.stat.extent), 1.0) for s in size[:2]]
+            return rr.Boxes3D(half_sizes=[[*reach, 1e-4]], **at, **style)
+        case mujoco.mjtGeom.mjGEOM_MESH:
+            return _mesh(model, geom, colour if ghost is None else (*ghost, 90))
+    return None
+
+
+def _mesh(model: mujoco.MjModel, geom: int, colour: Any) -> Any:
+    import rerun as rr
+
+    mesh = int(model.geom_dataid[geom])
+    first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
+    face, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
+    vertices = _rotated(model.geom_quat[geom], model.mesh_vert[first : first + count]) + model.geom_pos[geom]
+    return rr.Mesh3D(
+        vertex_positions=vertices, triangle_indices=model.mesh_face[face : face + faces], albedo_factor=colour
+    )
+
+
+def _rotated(quaternion: Array, vectors: Array) -> Array:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    return vectors @ matrix.reshape(3, 3).T
+
+
+def _rgba(model: mujoco.MjModel, geom: int) -> Array:
+    material = int(model.geom_matid[geom])
+    return model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]

@@ -1,0 +1,52 @@
+"""The few pieces of HTML that the sections share. Text that comes from a user is escaped here, not by the sections."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+
+class Html(str):
+    """Text that is HTML already; everything else is escaped when it is put in."""
+
+    __slots__ = ()
+
+
+def text(content: str) -> Html:
+    """``content`` as HTML; what is HTML already stays."""
+    return content if isinstance(content, Html) else Html(escape(content, quote=True))
+
+
+def tag(name: str, *content: str, kind: str = "") -> Html:
+    """``<name class=kind>content</name>``."""
+    css = f' class="{kind}"' if kind else ""
+    return Html(f"<{name}{css}>{''.join(text(item) for item in content)}</{name}>")
+
+
+def join(*content: str) -> Html:
+    """Pieces one after the other."""
+    return Html("".join(text(item) for item in content))
+
+
+def section(title: str, *content: str, note: str = "") -> Html:
+    """A headed part of the report; ``note`` says under the heading how to read it."""
+    return tag("section", tag("h2", title), tag("p", note, kind="note") if note else "", *content)
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]], kinds: Sequence[str] = ()) -> Html:
+    """A table; ``kinds`` gives a CSS class for each row where it needs one."""
+    kinds = kinds or [""] * len(rows)
+    body = [tag("tr", *(tag("td", cell) for cell in row), kind=kind) for row, kind in zip(rows, kinds, strict=True)]
+    return tag(
+        "div",
+        tag("table", tag("thead", tag("tr", *(tag("th", cell) for cell in head))), tag("tbody", *body)),
+        kind="scroll",
+    )
+
+
+def bar(share: float, kind: str = "", label: str = "", error: float = 0.0) -> Html:
+    """A horizontal bar of ``share`` in 0..1 of its cell, with a whisker of ``error`` to both sides, and its label."""
+    share, low, high = (min(max(x, 0.0), 1.0) for x in (share, share - error, share + error))
+    whisker = f'<i style="left:{100 * low:.1f}%;width:{100 * (high - low):.1f}%"></i>' if error > 0 else ""
+    inner = f'<span class="track"><b class="{kind}" style="width:{100 * share:.1f}%"></b>{whisker}</span>'
+    return Html(f'<span class="bar">{inner}<span>{text(label)}</span></span>')

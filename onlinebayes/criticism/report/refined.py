@@ -1,0 +1,107 @@
+"""The refined model: refined.toml (the problem with its accepted effects) and refined.xml (for plain MuJoCo).
+
+refined.toml is the problem file with ``[effects] add`` extended, everything else kept: bounds stay priors, the fitted
+values stand beside them as comments, relative paths are rewritten to hold from the new folder. refined.xml is the
+model with every fitted value and every effect that MuJoCo has a term for written in; a comment names those it lacks.
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import mujoco
+
+from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report.toml import to_toml
+from onlinebayes.criticism.results import Criticism
+from onlinebayes.runs import write_atomic
+from onlinebayes.simulators.base import Simulator
+
+
+def refined_files(result: Criticism) -> tuple[str, ...]:
+    """Names of the files that :func:`write_refined` writes for this result."""
+    if result.command != "refine":
+        return ()
+    return ("refined.toml", "refined.xml") if _exports(result.final.simulator) else ("refined.toml",)
+
+
+def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path) -> None:
+    """Write refined.toml, and refined.xml for a MuJoCo model, each atomically.
+
+    Args:
+        result: what ``refine`` returned.
+        out_dir: folder of the report.
+        problem: the problem file that was refined.
+
+    Raises:
+        BadInput: the folder cannot be written.
+    """
+    folder, problem = Path(out_dir), Path(problem)
+    content = tomllib.loads(problem.read_text(encoding="utf-8-sig"))
+    write_atomic(folder / "refined.toml", refined_toml(content, problem.parent, folder, result))
+    if _exports(result.final.simulator):
+        write_atomic(folder / "refined.xml", refined_xml(result))
+
+
+def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result: Criticism) -> str:
+    """The text of refined.toml.
+
+    Args:
+        content: the parsed problem file.
+        source: the folder its relative paths start from.
+        target: the folder that the new file will lie in.
+        result: what ``refine`` returned.
+    """
+    content = dict(content)
+    content["model"] = _moved(content["model"], source, target)
+    tables = content["measurements"]
+    content["measurements"] = [_moved(t, source, target) for t in ([tables] if isinstance(tables, str) else tables)]
+    effects = dict(content.get("effects", {}))
+    effects["add"] = list(result.final.effects)
+    content["effects"] = effects
+    content["parameters"] = {**content["parameters"], **_bounds(result)}
+    comments: dict[tuple[str, ...], str] = {
+        ("parameters", name): f"fitted: {words.estimate(value)}" for name, value in result.parameters.items()
+    }
+    head = f"{words.headline(result)}\n{words.improvement(result)}"
+    return to_toml(content, head=head, comments=comments)
+
+
+def refined_xml(result: Criticism) -> str:
+    """MJCF of the final model with its fitted values; effects without a native term are named in a comment."""
+    simulator: Any = result.final.simulator
+    spec: mujoco.MjSpec = simulator.export(result.final.theta)
+    spec.compile()
+    missing = [effect.key for effect in simulator.effects if not effect.fields]
+    note = f"not in this file, MuJoCo has no term for it: {', '.join(missing)}" if missing else "complete"
+    # "--" would end an XML comment.
+    return f"<!-- refined by onlinebayes; {note.replace('--', '- -')} -->\n{spec.to_xml()}"
+
+
+def _bounds(result: Criticism) -> dict[str, Any]:
+    """Bounds of the effects' parameters, as the problem file writes them."""
+    space = result.final.simulator.parameters
+    found: dict[str, Any] = {}
+    for effect in result.final.simulator.effects:
+        for name in effect.parameters:
+            address = f"{effect.key}.{name}"
+            parameter = space[address]
+            found[address] = [parameter.low, parameter.high]
+            if parameter.scale != "linear":
+                found[address] = {"low": parameter.low, "high": parameter.high, "scale": parameter.scale}
+    return found
+
+
+def _exports(simulator: Simulator) -> bool:
+    return callable(getattr(simulator, "export", None))
+
+
+def _moved(path: str, source: Path, target: Path) -> str:
+    """A relative path that starts from ``source``, rewritten to start from ``target``; factories stay as they are."""
+    if not (source / path).exists() or Path(path).is_absolute():
+        return path
+    return Path(os.path.relpath((source / path).resolve(), target.resolve())).as_posix()

@@ -1,0 +1,87 @@
+"""The replays as arrays for drawing: measured, simulated before and after, and the window in which it shows most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from onlinebayes.criticism.results import Criticism, ReplayedRun
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One signal of one run.
+
+    Args:
+        run: its name.
+        held_out: whether it was kept from the fit.
+        time: (T,) [s].
+        measured: (T,) nan where not measured [the signal's unit].
+        before, after: (T,) simulated by the base and by the final model, restarted at each window.
+        window: (T,) number of the window that a row belongs to.
+    """
+
+    run: str
+    held_out: bool
+    time: Array
+    measured: Array
+    before: Array
+    after: Array
+    window: NDArray[np.int64]
+
+    def rows(self, keep: NDArray[np.bool_]) -> Trace:
+        """Some of the rows."""
+        names = ("time", "measured", "before", "after", "window")
+        return replace(self, **{name: getattr(self, name)[keep] for name in names})
+
+    def broken(self, values: Array) -> Array:
+        """``values`` with a nan at the start of each window but the first, so that lines do not join windows."""
+        found = values.copy()
+        found[1:][np.diff(self.window) != 0] = np.nan
+        return found
+
+
+def traces(result: Criticism, signal: str) -> list[Trace]:
+    """One signal in all runs, held-out runs first."""
+    column = result.signals.index(signal)
+    pairs = zip(result.base.replays, result.final.replays, strict=True)
+    found = [_trace(before, after, column) for before, after in pairs]
+    return sorted(found, key=lambda trace: not trace.held_out)
+
+
+def shown(all_traces: Sequence[Trace]) -> list[Trace]:
+    """The traces to judge by: the held-out ones, or all where none were opened."""
+    return [trace for trace in all_traces if trace.held_out] or list(all_traces)
+
+
+def worst_window(all_traces: Sequence[Trace]) -> Trace | None:
+    """The rows of the window in which the base model is furthest off in the root mean square, or None without rows."""
+    best: tuple[float, Trace] | None = None
+    for trace in shown(all_traces):
+        squared = (trace.before - trace.measured) ** 2
+        for number in np.unique(trace.window):
+            inside = (trace.window == number) & np.isfinite(squared)
+            error = float(squared[inside].mean()) if inside.sum() > 2 else -1.0
+            if error >= 0 and (best is None or error > best[0]):
+                best = (error, trace.rows(trace.window == number))
+    return best[1] if best else None
+
+
+def _trace(before: ReplayedRun, after: ReplayedRun, column: int) -> Trace:
+    def array(values: object) -> Array:
+        return np.asarray(values, dtype=np.float64)
+
+    return Trace(
+        run=before.run,
+        held_out=before.held_out,
+        time=array(before.time.cpu()),
+        measured=array(before.measured[:, column].cpu()),
+        before=array(before.simulated[:, column].cpu()),
+        after=array(after.simulated[:, column].cpu()),
+        window=np.asarray(before.window.cpu(), dtype=np.int64),
+    )

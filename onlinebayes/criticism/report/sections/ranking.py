@@ -1,0 +1,91 @@
+"""What was tried, how strong the evidence is, and why an effect is in the model or not."""
+
+from __future__ import annotations
+
+from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism.report.markup import Html, bar, join, section, table, tag
+from onlinebayes.criticism.results import Candidate, Criticism
+
+SHOWN = 12
+
+
+def render(result: Criticism) -> Html:
+    """The ranking, the ties in words, the way from the base model to the final one."""
+    if result.command == "compare":
+        return Html("")
+    return join(_steps(result), _table(result), _limits(result))
+
+
+def _table(result: Criticism) -> Html:
+    ranked = [candidate for candidate in result.candidates if candidate.rank is not None]
+    if not result.candidates:
+        return Html("")
+    largest = max((abs(c.score_gain or 0) + (c.score_gain_se or 0) for c in ranked), default=0.0) or 1.0
+    rows = [_row(candidate, largest) for candidate in result.candidates]
+    kinds = ["accepted" if candidate.accepted else "" for candidate in result.candidates]
+    head = ("", "effect", "evidence", "error falls", "p", "same law", "size", "outcome")
+    note = (
+        "Evidence is the gain in log score on data left out of the fit, with its standard error. Error falls: the "
+        "cross-validated error over long and short windows. p: chance of so strong a lead among all candidates if "
+        "nothing were missing. Same law: whether one size fits all parts of the data."
+    )
+    tied = [tag("p", sentence, kind="tie") for sentence in words.ties(result)]
+    more = _folded(table(head, rows[SHOWN:], kinds[SHOWN:]), len(rows) - SHOWN)
+    title = f"Ranking of {result.candidates_tried} candidate effects"
+    return section(title, table(head, rows[:SHOWN], kinds[:SHOWN]), more, *tied, note=note)
+
+
+def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
+    gain, error = candidate.score_gain, candidate.score_gain_se or 0.0
+    evidence = (
+        bar(
+            gain / largest, "gain", f"{quantities.significant(gain)} ± {quantities.significant(error)}", error / largest
+        )
+        if gain is not None
+        else Html("–")
+    )
+    fall = " / ".join(quantities.percent(share) for share in candidate.rms_fall) if candidate.rms_fall else "–"
+    return (
+        str(candidate.rank or ""),
+        join(words.plain(candidate.effect), tag("small", tag("code", candidate.effect))),
+        evidence,
+        fall,
+        quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
+        {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
+        words.size(candidate) or "–",
+        words.outcome(candidate),
+    )
+
+
+def _folded(content: Html, count: int) -> Html:
+    if count <= 0:
+        return Html("")
+    return tag("details", tag("summary", f"{count} more"), content)
+
+
+def _steps(result: Criticism) -> Html:
+    """The cross-validated error of the worst signal after each acceptance, as bars."""
+    if not result.steps:
+        return Html("")
+    signal = words.worst_signal(result)
+    unit, first = result.units[signal], result.steps[0].error_before[signal]
+    scale = quantities.scale_for(first, unit)
+    rows = [("the base model, refitted", bar(1.0, "before", scale.text(first)))]
+    for step in result.steps:
+        error = step.error_after[signal]
+        rows.append((f"+ {words.plain(step.added)}", bar(error / first, "after", scale.text(error))))
+    note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."
+    return section("Step by step", table(("model", "cross-validated error"), rows), note=note)
+
+
+def _limits(result: Criticism) -> Html:
+    limited = [c for c in result.candidates if c.exclusion_limit is not None and not c.accepted]
+    if not limited:
+        return Html("")
+    rows = []
+    for candidate in limited:
+        name, first = next(iter(candidate.parameters.items()), ("", None))
+        size = quantities.text(candidate.exclusion_limit, first.unit if first else "")
+        rows.append((words.plain(candidate.effect), f"{name} above {size}".strip()))
+    note = "Had one of these effects been larger than this, these data would have shown it."
+    return section("What is excluded", table(("effect", "excluded"), rows), note=note)

@@ -1,0 +1,147 @@
+"""The first screen: how wrong the model is, where, what is missing, how much better it is now; and one picture."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from onlinebayes.criticism.report import quantities, replays, svg, words
+from onlinebayes.criticism.report.markup import Html, bar, join, section, table, tag
+from onlinebayes.criticism.results import Criticism
+
+
+def render(result: Criticism) -> Html:
+    """Headline, four tiles, picture."""
+    lead = tag("p", words.improvement(result), " ", words.remainder(result), kind="lead")
+    notes = tag("p", "The search was stopped before its end; this is what it had found.", kind="warning")
+    return join(
+        tag("p", tag("span", words.VERDICTS[result.verdict], kind=f"badge {result.verdict or 'compared'}")),
+        tag("h1", words.headline(result)),
+        lead,
+        notes if result.interrupted else "",
+        tag("div", _wrong(result), _where(result), _missing(result), _better(result), kind="tiles"),
+        picture(result),
+    )
+
+
+def picture(result: Criticism) -> Html:
+    """Measured against simulated in the window where the base model is worst, with the errors below."""
+    signal = words.worst_signal(result)
+    worst = replays.worst_window(replays.traces(result, signal))
+    if worst is None:
+        return Html("")
+    unit, changed = result.units[signal], bool(result.accepted)
+    kinds = ("before", "after") if changed else ("before",)
+    values = {"before": worst.before, "after": worst.after}
+    span = float(np.nanmax(np.abs(worst.measured - np.nanmean(worst.measured)))) or 1.0
+    outer = quantities.scale_for(span, unit)
+    inner = quantities.scale_for(float(np.nanmax(np.abs(worst.before - worst.measured))), unit)
+    curves = [svg.Curve(worst.time, worst.measured / outer.size, "measured", "measured")]
+    curves += [svg.Curve(worst.time, values[kind] / outer.size, kind, _LABELS[kind]) for kind in kinds]
+    errors = [svg.Curve(worst.time, (values[k] - worst.measured) / inner.size, k, f"error {k}") for k in kinds]
+    floor = result.heldout_error.noise_floor[signal] / inner.size
+    chart = svg.chart(
+        [
+            svg.Panel(curves, f"{signal} [{outer.unit}]", 190),
+            svg.Panel(errors, f"error [{inner.unit}]", 120, band=floor),
+        ],
+        "time [s]",
+        title=f"{signal}, measured and simulated, in the worst window of run {worst.run}",
+    )
+    kept = "held-out run" if worst.held_out else "run"
+    caption = f"The window in which the model is furthest off: {kept} “{worst.run}”, both models started alike."
+    return tag("figure", legend(changed), Html(chart), tag("figcaption", caption))
+
+
+def legend(changed: bool, kinds: tuple[str, ...] = ("measured", "before", "after", "floor")) -> Html:
+    """What the colours mean; there is one model only where nothing was ``changed``."""
+    labels = _LABELS if changed else {**_LABELS, "before": "model"}
+    shown = [kind for kind in kinds if changed or kind != "after"]
+    return tag("p", *(tag("span", labels[kind], kind=f"key {kind}") for kind in shown), kind="legend")
+
+
+def heldout(result: Criticism) -> Html:
+    """Error before and after for every signal, where there is more than one."""
+    if len(result.signals) < 2:
+        return Html("")
+    errors, rows = result.heldout_error, []
+    for signal in result.signals:
+        before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
+        scale = quantities.scale_for(before, result.units[signal])
+        horizon = quantities.text(errors.horizon_s[signal], "s")
+        values = (scale.text(before), scale.text(after), scale.text(floor), words.better(before, after), horizon)
+        rows.append((tag("code", signal), *values))
+    head = ("signal", "before", "after", "noise floor", "", "window")
+    return section("Held-out error, signal by signal", table(head, rows))
+
+
+_LABELS = {
+    "measured": "measured",
+    "before": "model before",
+    "after": "model after",
+    "floor": "noise floor",
+}
+
+
+def _tile(question: str, answer: str, detail: str) -> Html:
+    return tag("div", tag("h3", question), tag("p", answer, kind="answer"), tag("p", detail), kind="tile")
+
+
+def _wrong(result: Criticism) -> Html:
+    signal = words.worst_signal(result)
+    errors, unit = result.heldout_error, result.units[signal]
+    floor = errors.noise_floor[signal]
+    return _tile(
+        "How wrong is the model?",
+        quantities.text(errors.before[signal], unit),
+        f"{signal}, RMS over {quantities.text(errors.horizon_s[signal], 's')} of held-out data: "
+        f"{words.times_floor(errors.before[signal] / floor)} ({quantities.text(floor, unit)})",
+    )
+
+
+def _where(result: Criticism) -> Html:
+    if not result.failures:
+        return _tile("Where?", "everywhere alike", "no region holds much more of the error than of the time")
+    worst = result.failures[0]
+    share, time = quantities.percent(worst.share_of_error), quantities.percent(worst.share_of_time)
+    return _tile("Where?", worst.where, f"{share} of the squared error of {worst.signal} in {time} of the time")
+
+
+def _missing(result: Criticism) -> Html:
+    question = "What is missing?"
+    if result.command == "compare":
+        return _tile(question, "not asked", "onlinebayes diagnose ranks the effects that could be missing")
+    if result.verdict == "tie":
+        members = [words.plain(effect) for effect in words.tie_members(result)]
+        return _tile(question, words.listing(members, "or"), "the data cannot tell these apart")
+    if not result.accepted:
+        tried = f"{result.candidates_tried} effects were tried, none was accepted"
+        return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
+    by_effect = {candidate.effect: candidate for candidate in result.candidates}
+    sizes = [words.size(by_effect[effect]) for effect in result.accepted if effect in by_effect]
+    answer = words.listing([words.plain(effect) for effect in result.accepted])
+    return _tile(question, answer, "; ".join(size for size in sizes if size))
+
+
+def _better(result: Criticism) -> Html:
+    signal = words.worst_signal(result)
+    errors, unit = result.heldout_error, result.units[signal]
+    before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
+    if not result.accepted:
+        ratio = result.remainder.rms_over_floor.get(signal, float("nan"))
+        return _tile(
+            "How much better now?", "unchanged", f"nothing was added; the residual is {words.times_floor(ratio)}"
+        )
+    largest = max(before, after, floor)
+    bars = join(
+        *(
+            bar(value / largest, kind, f"{kind} {quantities.text(value, unit)}")
+            for kind, value in (("before", before), ("after", after), ("floor", floor))
+        )
+    )
+    return tag(
+        "div",
+        tag("h3", "How much better now?"),
+        tag("p", words.better(before, after), kind="answer"),
+        bars,
+        kind="tile",
+    )

@@ -1,0 +1,70 @@
+"""What to do next, how to use the refined model, and how the result was reached."""
+
+from __future__ import annotations
+
+from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism.report.markup import Html, join, section, table, tag
+from onlinebayes.criticism.results import Criticism
+from onlinebayes.runs.results import versions
+
+NEXT = {
+    None: "Run onlinebayes diagnose to rank the effects that could be missing.",
+    "data_problem": "Put the line named above into the problem file and run again.",
+    "insufficient_data": "Record more, then run again.",
+    "bounds_exclude_truth": "Widen the bound named above if the value is physically possible, and run again.",
+    "tie": "Decide by what you know of the machine, add that effect with --add, or record an experiment in which the "
+    "tied effects act differently.",
+    "missing_effect": "Use the refined model below. If what is left matters to you, look at where it concentrates.",
+    "unexplained": "Look at where the error concentrates: the cause is outside the vocabulary, or two causes act at "
+    "once. Free more parameters, add an effect of your own (effects.modules), or record simpler motions.",
+    "adequate": "Use the model: these data cannot improve it.",
+}
+
+
+def render(result: Criticism, files: tuple[str, ...]) -> Html:
+    """Next step, snippet, provenance; ``files`` are the names of the refined files that stand beside the report."""
+    return join(_next(result), _snippet(result, files), _how(result))
+
+
+def _next(result: Criticism) -> Html:
+    record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
+    return section("What to do next", tag("p", NEXT[result.verdict]), record, *_notes(result))
+
+
+def _notes(result: Criticism) -> list[Html]:
+    return [tag("p", note, kind="note") for note in result.notes]
+
+
+def _snippet(result: Criticism, files: tuple[str, ...]) -> Html:
+    parts = []
+    if "refined.xml" in files:
+        code = 'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml")  # the effects are in the model\n'
+        parts += [tag("p", "In plain MuJoCo:"), tag("pre", tag("code", code))]
+    if "refined.toml" in files:
+        command = "onlinebayes compare refined.toml --out again      # the same model against new measurements\n"
+        parts += [tag("p", "On the command line:"), tag("pre", tag("code", command))]
+    return section("Use the refined model", *parts) if parts else Html("")
+
+
+def _how(result: Criticism) -> Html:
+    numerics, selection = result.numerics, result.selection
+    moved = f"{quantities.significant(numerics.error_at_quarter_step)} noise floors"
+    enough = "fine enough" if numerics.sufficient else "too coarse: no effect is named from these data"
+    blocks = result.candidates[0].n_blocks if result.candidates else selection.folds
+    looks = {1: "once"}.get(result.holdout_looks, f"{result.holdout_looks} times")
+    noise = [f"{name} {quantities.text(sd, result.units.get(name, ''))}" for name, sd in result.sensor_sd.items()]
+    horizons = [quantities.text(share * selection.horizon_s, "s") for share in (1.0, 0.3)]
+    rows = [
+        (
+            "time step",
+            f"{quantities.text(numerics.timestep, 's')}; a quarter of it moves the replay by {moved}: {enough}",
+        ),
+        ("held-out runs", words.listing(list(result.held_out_runs)) or "none"),
+        ("held-out runs opened", f"{looks}, for the reported error only"),
+        ("windows", words.listing(horizons)),
+        ("blocks of the cross-validation", str(blocks or "–")),
+        ("level of the screening", f"{selection.alpha:g}"),
+        ("sensor noise (sd)", words.listing(noise)),
+        ("versions", ", ".join(f"{name} {version}" for name, version in versions().items())),
+    ]
+    return section("How this was reached", table(("", ""), rows))

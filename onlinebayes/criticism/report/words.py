@@ -1,0 +1,166 @@
+"""The report's sentences: what a result means, in the words of whoever owns the robot.
+
+Everything here is text made from a :class:`~onlinebayes.criticism.results.Criticism`; HTML, recording and terminal say
+the same. The signal that a sentence speaks of is the one whose base error stands highest above its noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from onlinebayes.criticism.report import quantities
+from onlinebayes.criticism.results import Candidate, Criticism, Estimate
+
+VERDICTS = {
+    "data_problem": "problem in the data",
+    "insufficient_data": "too little data",
+    "bounds_exclude_truth": "a bound excludes the truth",
+    "tie": "tie",
+    "missing_effect": "missing effect",
+    "unexplained": "unexplained",
+    "adequate": "adequate",
+    None: "compared",
+}
+
+
+def plain(effect: str) -> str:
+    """``dry_friction@carriage`` -> ``dry friction at carriage``."""
+    name, _, target = effect.partition("@")
+    return f"{name.replace('_', ' ')} at {target}" if target else name.replace("_", " ")
+
+
+def listing(items: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
+
+
+def worst_signal(result: Criticism) -> str:
+    """The signal whose base error is largest in units of its noise floor."""
+    return max(result.signals, key=lambda signal: _over_floor(result, signal))
+
+
+def headline(result: Criticism) -> str:
+    """One sentence: what is wrong, or that nothing is."""
+    effects = listing([plain(effect) for effect in result.accepted])
+    if result.verdict == "missing_effect":
+        return f"The model misses {effects}."
+    if result.verdict == "tie":
+        tied = listing([plain(effect) for effect in tie_members(result)], "or")
+        return f"Something is missing, and the data cannot tell which: {tied}."
+    if result.verdict == "adequate":
+        return "Nothing is missing: the model agrees with the measurements."
+    if result.verdict == "insufficient_data":
+        return "There is too little data to name what is missing."
+    if result.verdict == "bounds_exclude_truth":
+        return "The bounds of a parameter exclude the value that the data ask for."
+    if result.verdict == "data_problem":
+        return "The data themselves explain the misfit better than any missing physics."
+    if result.verdict == "unexplained":
+        helped = f"; {effects} helps, but not enough" if result.accepted else ""
+        return f"The model is wrong, and no effect that was tried explains it{helped}."
+    return _compared(result)
+
+
+def improvement(result: Criticism) -> str:
+    """One sentence with the held-out error before and after, and the floor."""
+    signal = worst_signal(result)
+    errors, unit = result.heldout_error, result.units[signal]
+    before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
+    over = f"Held-out error over {quantities.text(errors.horizon_s[signal], 's')}"
+    noise = f"noise explains {quantities.text(floor, unit)}"
+    if result.accepted:
+        return (
+            f"{over}: {quantities.text(before, unit)} → {quantities.text(after, unit)} "
+            f"({better(before, after)}); {noise}."
+        )
+    return f"{over}: {quantities.text(before, unit)}; {noise}."
+
+
+def better(before: float, after: float) -> str:
+    """``3.3 times better``, ``12 % better`` or ``no better``."""
+    ratio = before / after if after > 0 else math.inf
+    if ratio >= 1.5:
+        return f"{quantities.significant(ratio)} times better"
+    return f"{quantities.percent(1 - after / before)} better" if ratio > 1.005 else "no better"
+
+
+def times_floor(ratio: float) -> str:
+    """``33 times the noise floor``, or ``at the noise floor``."""
+    return "at the noise floor" if ratio <= 1.05 else f"{quantities.significant(ratio)} times the noise floor"
+
+
+def remainder(result: Criticism) -> str:
+    """What is left after the accepted effects."""
+    ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
+    if result.remainder.status == "noise":
+        return f"What is left looks like noise ({quantities.significant(ratio)} times the sensors')."
+    where = f", most of it {result.remainder.where}" if result.remainder.where else ""
+    return f"What is left is not noise: {quantities.significant(ratio)} times the sensors'{where}."
+
+
+def tie_members(result: Criticism) -> tuple[str, ...]:
+    """The first accepted effect and those that it cannot be told from; in order of rank without an accepted one."""
+    first = result.accepted[0] if result.accepted else None
+    for candidate in result.candidates:
+        if candidate.indistinguishable_from and candidate.effect == (first or candidate.effect):
+            return (candidate.effect, *candidate.indistinguishable_from)
+    return result.accepted
+
+
+def ties(result: Criticism) -> list[str]:
+    """One sentence for each effect that has an equal among the others."""
+    sentences, named = [], set()
+    for candidate in result.candidates:
+        group = frozenset((candidate.effect, *candidate.indistinguishable_from))
+        if len(group) < 2 or group in named:
+            continue
+        named.add(group)
+        others = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
+        sentences.append(
+            f"{_capital(plain(candidate.effect))} explains these data no better and no worse than {others}. "
+            "Nothing measured here decides between them; what you know of the machine, or an experiment in which they "
+            "act differently, does."
+        )
+    return sentences
+
+
+def size(candidate: Candidate) -> str:
+    """The fitted parameters in one line: ``frictionloss 22.0 ± 0.9 N``; empty where it was not refitted."""
+    return ", ".join(f"{name} {estimate(value)}" for name, value in candidate.parameters.items())
+
+
+def estimate(value: Estimate) -> str:
+    """``mean ± sd unit``."""
+    return quantities.with_error(value.mean, value.sd, value.unit)
+
+
+def outcome(candidate: Candidate) -> str:
+    """Why a candidate is in the model or not, in a few words."""
+    if candidate.accepted:
+        return "accepted"
+    if candidate.confounded_with:
+        return f"the same as {listing(list(candidate.confounded_with))}, which is free already"
+    if candidate.indistinguishable_from:
+        equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
+        return f"cannot be told from {equal}"
+    return "; ".join(candidate.refused_because) or "not needed"
+
+
+def _compared(result: Criticism) -> str:
+    signal = worst_signal(result)
+    before, ratio = result.heldout_error.before[signal], _over_floor(result, signal)
+    size = quantities.text(before, result.units[signal])
+    horizon = quantities.text(result.heldout_error.horizon_s[signal], "s")
+    if ratio <= result.selection.tolerance:
+        return f"The model follows {signal} to {size} over {horizon}, as well as its noise allows."
+    return f"The model misses {signal} by {size} over {horizon}, {times_floor(ratio)}."
+
+
+def _over_floor(result: Criticism, signal: str) -> float:
+    floor = result.heldout_error.noise_floor[signal]
+    return result.heldout_error.before[signal] / floor if floor > 0 else math.inf
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
