@@ -121,7 +121,7 @@ class SimulatorEnv(EnvBase):
         return TensorDict(
             {
                 "observation": self.task.observe(self._state),
-                "theta": self._theta,
+                "theta": self._theta.clone(),
                 "done": off,
                 "terminated": off.clone(),
                 "truncated": off.clone(),
@@ -135,9 +135,12 @@ class SimulatorEnv(EnvBase):
         inputs = TensorDict({"command": self.task.command(action)}, batch_size=self.batch_size, device=self.device)
         state = self._state = self.simulator.step(inputs)
         self._steps = self._steps + 1
-        terminated = (self.task.terminated(state) | self.simulator.failed).unsqueeze(-1)
+        failed = self.simulator.failed
+        terminated = (self.task.terminated(state) | failed).unsqueeze(-1)
         truncated = (self._steps >= self.task.horizon).unsqueeze(-1)
-        reward = self.task.reward(before, action, state).to(torch.float32).unsqueeze(-1)
+        reward = self.task.reward(before, action, state).to(torch.float32)
+        # The action that made a world diverge may itself be no number.
+        reward = torch.where(failed, reward.nan_to_num(), reward).unsqueeze(-1)
         return TensorDict(
             {
                 "observation": self.task.observe(state),

@@ -35,6 +35,9 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.friction import stick
 
+DIVERGED = 1e10
+"""A coordinate or speed from here on counts as diverged, as in MuJoCo (``mjMAXVAL``) [m, rad, m/s, rad/s]."""
+
 
 @dataclass(frozen=True)
 class Joint:
@@ -91,6 +94,7 @@ class TorchSimulator(Simulator):
     _v: Tensor
     _hidden: dict[str, TensorDict]
     _failed: Tensor
+    _any_failed: bool
 
     def __init__(
         self,
@@ -151,7 +155,7 @@ class TorchSimulator(Simulator):
     @property
     def state(self) -> TensorDict:
         """A copy of the complete state of all worlds."""
-        return self._state(self._q, self._v, self._hidden).clone()
+        return self._state(self._q, self._v, self._hidden)
 
     @property
     def theta(self) -> Float[Tensor, "N P"]:
@@ -160,7 +164,7 @@ class TorchSimulator(Simulator):
 
     @property
     def failed(self) -> Bool[Tensor, " N"]:
-        """Worlds whose state ceased to be finite since their last reset."""
+        """Worlds whose state left the finite or passed :data:`DIVERGED` since their last reset."""
         return self._failed.clone()
 
     def reset(
@@ -173,13 +177,15 @@ class TorchSimulator(Simulator):
         q, v, hidden = self._load_state(state, self.worlds)
         theta = theta.to(self._theta)
         if mask is None:
-            self._theta, self._q, self._v, self._hidden = theta.clone(), q.clone(), v.clone(), hidden
-            self._failed = torch.zeros_like(self._failed)
+            self._theta, self._q, self._v, self._hidden = theta.clone(), q, v, hidden
+            self._failed, self._any_failed = torch.zeros_like(self._failed), False
         else:
             self._theta = torch.where(mask[:, None], theta, self._theta)
             self._q, self._v = torch.where(mask, q, self._q), torch.where(mask, v, self._v)
             self._hidden = {key: _select(mask, hidden[key], self._hidden[key]) for key in hidden}
-            self._failed = self._failed & ~mask
+            if self._any_failed:
+                self._failed = self._failed & ~mask
+                self._any_failed = bool(self._failed.any())
         self._values = self._columns(self._theta)
         return self._state(self._q, self._v, self._hidden)
 
@@ -189,12 +195,12 @@ class TorchSimulator(Simulator):
         q, v, hidden = self._advance(
             self._values, self._q, self._v, self._hidden, command, inputs.get("enable", None), self._substeps
         )
-        # One reduction tells whether any world diverged; the masks are worked out only then.
-        if not bool((q.sum() + v.sum()).isfinite()) or bool(self._failed.any()):
-            bad = self._failed | ~(q.isfinite() & v.isfinite()).all(0)
+        # One reduction tells whether any world may have diverged; the masks are worked out only then.
+        if self._any_failed or not bool(q.abs().sum() + v.abs().sum() < DIVERGED):
+            bad = self._failed | _diverged(q, v)
             q, v = torch.where(bad, self._q, q), torch.where(bad, self._v, v)
             hidden = {key: _select(bad, self._hidden[key], hidden[key]) for key in hidden}
-            self._failed = bad
+            self._failed, self._any_failed = bad, bool(bad.any())
         self._q, self._v, self._hidden = q, v, hidden
         return self._state(q, v, hidden)
 
@@ -216,7 +222,7 @@ class TorchSimulator(Simulator):
         for k, steps in enumerate(b - a for a, b in itertools.pairwise(marks)):
             on = None if enable is None else enable[:, k]
             new_q, new_v, new_hidden = self._advance(values, q, v, hidden, command[:, k], on, steps)
-            valid = valid & (new_q.isfinite() & new_v.isfinite()).all(0)
+            valid = valid & ~_diverged(new_q, new_v)
             q, v = torch.where(valid, new_q, q), torch.where(valid, new_v, v)
             hidden = {key: _select(valid, new_hidden[key], hidden[key]) for key in hidden}
             rows.append(self._state(q, v, hidden).set("valid", valid))
@@ -356,6 +362,7 @@ class TorchSimulator(Simulator):
         self._values = self._columns(self._theta)
         self._q, self._v, self._hidden = self._load_state(None, worlds)
         self._failed = torch.zeros(worlds, dtype=torch.bool, device=self.device)
+        self._any_failed = False  # known on the host, so that a step asks the device only once
 
     def _columns(self, theta: Tensor) -> dict[str, Tensor]:
         """Every parameter of the system and of its effects as one contiguous row (N,)."""
@@ -367,9 +374,15 @@ class TorchSimulator(Simulator):
         return {**fixed, **dict(zip(self.parameters, theta.T.contiguous().unbind(0), strict=True))}
 
     def _state(self, q: Tensor, v: Tensor, hidden: dict[str, TensorDict]) -> TensorDict:
-        state = TensorDict({"qpos": q.T, "qvel": v.T}, batch_size=(q.shape[1],), device=self.device)
+        # Copies, contiguous by world: what a caller does to a state does not reach the simulator.
+        rows = {"qpos": q.T, "qvel": v.T}
+        state = TensorDict(
+            {key: x.clone(memory_format=torch.contiguous_format) for key, x in rows.items()},
+            batch_size=(q.shape[1],),
+            device=self.device,
+        )
         for key, value in hidden.items():
-            state["effects", key] = value
+            state["effects", key] = value.clone()
         return state
 
     def _load_state(self, state: TensorDictBase | None, worlds: int) -> tuple[Tensor, Tensor, dict[str, TensorDict]]:
@@ -379,10 +392,16 @@ class TorchSimulator(Simulator):
             given = None if state is None else state.get(("effects", effect.key), None)
             given = effect.rest(worlds, self.timestep, blank[0]) if given is None else given
             if given is not None:
-                hidden[effect.key] = given
+                hidden[effect.key] = given.to(self.device).clone()
         if state is None:
             return blank, blank.clone(), hidden
-        return state.get("qpos").to(blank).T.contiguous(), state.get("qvel").to(blank).T.contiguous(), hidden
+        q, v = (state.get(key).to(blank).T.clone(memory_format=torch.contiguous_format) for key in ("qpos", "qvel"))
+        return q, v, hidden
+
+
+def _diverged(q: Tensor, v: Tensor) -> Tensor:
+    """Worlds (N,) with a value that is not a number or too large."""
+    return ~((q.abs() < DIVERGED) & (v.abs() < DIVERGED)).all(0)
 
 
 def _own(effect: Effect, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
