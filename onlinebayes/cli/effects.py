@@ -1,0 +1,136 @@
+"""The ``[effects]`` of a problem file: which to try, which are already part of the model."""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+from onlinebayes.cli.model import import_module
+from onlinebayes.cli.section import Section
+from onlinebayes.criticism.candidates import propose
+from onlinebayes.criticism.windows import make_windows
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import EFFECTS, Effect
+
+
+def import_modules(section: Section, folder: Path) -> None:
+    """Import the user's modules, which register effects of their own in ``EFFECTS``."""
+    for name in section.texts("modules", ()):
+        try:
+            import_module(name, folder)
+        except BadInput as error:
+            raise section.error("modules", str(error)) from error
+
+
+def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] | tuple[str, ...]:
+    """``"all"``, or effect names and ``name@target`` keys that all exist.
+
+    Raises:
+        BadInput: an unknown effect or target; names the nearest.
+    """
+    given = section.values.get("candidates", "all")
+    if given == "all":
+        return "all"
+    if isinstance(given, str):
+        raise section.error("candidates", f"'{given}' is no list", f'write "all" or ["{given}"]')
+    candidates = section.texts("candidates")
+    if not candidates:
+        raise section.error("candidates", "nothing to try", 'write "all", or name effects')
+    for candidate in candidates:
+        try:
+            check_effect(candidate, simulator)
+        except BadInput as error:
+            raise section.error("candidates", str(error)) from None
+    return candidates
+
+
+def check_effect(key: str, simulator: Simulator) -> None:
+    """Raise :class:`BadInput` unless ``name`` or ``name@target`` exists for this simulator."""
+    name, at, target = key.partition("@")
+    if name not in EFFECTS:
+        raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(EFFECTS)))
+    if at:
+        kind = EFFECTS[name].target_kind
+        known = targets(simulator, kind)
+        if target not in known:
+            raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
+
+
+def targets(simulator: Simulator, kind: Literal["joint", "actuator"]) -> list[str]:
+    """Names of the joints (by their position signals) or of the actuators."""
+    if kind == "actuator":
+        return list(simulator.commands)
+    return [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]
+
+
+def add_effects(
+    section: Section,
+    by_hand: Sequence[str],
+    simulator: Simulator,
+    measurement: Measurement,
+    bounds: Mapping[str, Parameter],
+    horizon: float,
+) -> tuple[Simulator, tuple[str, ...]]:
+    """The simulator with the effects of ``add`` and of the command line.
+
+    Args:
+        section: ``[effects]``.
+        by_hand: ``--add``.
+        simulator: the base model.
+        measurement: the fit runs; the sizes in play there bound an effect's parameters where nothing else does.
+        bounds: address ``name@target.parameter`` -> bounds, from ``[parameters]``.
+        horizon: seconds of a window [s].
+
+    Raises:
+        BadInput: an unknown effect, target or parameter, or an effect that is added twice.
+    """
+    added: dict[str, Effect] = {}
+    for key in section.texts("add", ()):
+        added[key] = _built(key, simulator, measurement, bounds, horizon, f"{section.file}: {section.full('add')}")
+    for key in by_hand:
+        if key in added:
+            raise BadInput(f"'{key}' is part of the model already", "leave it out", where="--add")
+        added[key] = _built(key, simulator, measurement, bounds, horizon, "--add")
+    known = [f"{key}.{name}" for key, effect in added.items() for name in effect.parameters]
+    for address in bounds:
+        if address not in known:
+            cure = _nearest(address, known) if known else "add the effect under [effects], add"
+            raise BadInput(f"no added effect has the parameter '{address}'", cure, where=f"{section.file}: parameters")
+    for effect in added.values():
+        simulator = simulator.with_effect(effect)
+    return simulator, tuple(added)
+
+
+def _built(
+    key: str,
+    simulator: Simulator,
+    measurement: Measurement,
+    bounds: Mapping[str, Parameter],
+    horizon: float,
+    where: str,
+) -> Effect:
+    try:
+        if "@" not in key:
+            raise BadInput(f"'{key}' names no target", "write effect@target, e.g. dry_friction@carriage")
+        check_effect(key, simulator)
+        windows = make_windows(simulator, measurement, horizon, 0.0, None)
+        (effect,) = propose(simulator, windows, [key])
+        given = {
+            name: dataclasses.replace(bounds[address], unit=parameter.unit)
+            for name, parameter in effect.parameters.items()
+            if (address := f"{key}.{name}") in bounds
+        }
+        return dataclasses.replace(effect, **given)  # type: ignore[type-var]
+    except BadInput as error:
+        raise BadInput(str(error), where=where) from None
+
+
+def _nearest(name: str, known: Sequence[str]) -> str:
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
+    return f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"

@@ -1,0 +1,106 @@
+"""``onlinebayes compare | diagnose | refine problem.toml --out DIR`` and ``onlinebayes show DIR``.
+
+Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (with its traceback), 130 stopped by
+Ctrl-C. What is slow to import is imported only once the arguments are known to be right.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import NoReturn
+
+EXAMPLES = """\
+examples:
+  onlinebayes compare carriage.toml --out out/compare
+      fit what is free, replay the measurements, show where the model fails
+  onlinebayes diagnose carriage.toml --out out/diagnose
+      the same, then rank the physical effects that the model may lack
+  onlinebayes refine carriage.toml --out out/refine
+      add the best effect, refit, repeat; writes refined.toml and refined.xml
+  onlinebayes compare carriage.toml --out out/by-hand --add dry_friction@carriage
+      the same with an effect that you add yourself
+  onlinebayes show out/refine
+      open the report and the recording
+
+problem files are described in docs/problem-files.md"""
+
+COMMANDS = {
+    "compare": "fit what is free, replay, show where it fails",
+    "diagnose": "the same, then rank the missing effects",
+    "refine": "add the best effect, refit, repeat until the verdict stands",
+}
+
+
+class _Parser(argparse.ArgumentParser):
+    """Bad arguments are bad input: one line, exit status 2."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print one line that also says where help is, and exit with status 2."""
+        self.exit(2, f"{self.prog}: error: {' '.join(message.split())}; see {self.prog} --help\n")
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line's grammar."""
+    top = _Parser(
+        prog="onlinebayes",
+        description="Compare a simulator with measurements, name the physical effect it lacks, add it.",
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    top.add_argument("--version", action="version", version=f"onlinebayes {version('onlinebayes')}")
+    commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, what in COMMANDS.items():
+        command = commands.add_parser(name, help=what, description=what)
+        command.add_argument("problem", help="the problem file (TOML)")
+        command.add_argument("--out", required=True, metavar="DIR", help="where report and recording are written")
+        command.add_argument(
+            "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
+        )
+    show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
+    show.add_argument("out", metavar="DIR", help="the folder that a command wrote")
+    return top
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit status."""
+    try:
+        arguments = parser().parse_args(argv)
+    except SystemExit as stop:
+        return stop.code if isinstance(stop.code, int) else 2
+    try:
+        return _run(arguments)
+    except KeyboardInterrupt:
+        print("onlinebayes: stopped; nothing was written", file=sys.stderr)
+        return 130
+    except BrokenPipeError:  # the reader of our output went away (| head)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as error:
+        from onlinebayes.runs.errors import BadInput
+
+        if isinstance(error, BadInput):
+            print(f"onlinebayes: error: {error}", file=sys.stderr)
+            return 2
+        traceback.print_exc()
+        print(f"onlinebayes: a fault of onlinebayes, not of your input: {type(error).__name__}", file=sys.stderr)
+        return 1
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    if arguments.command == "show":
+        from onlinebayes.cli.show import show
+
+        show(arguments.out)
+        return 0
+    from onlinebayes.cli.work import work
+
+    return work(arguments.command, arguments.problem, arguments.out, arguments.add)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

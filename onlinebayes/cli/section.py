@@ -1,0 +1,113 @@
+"""One table of a TOML file that knows where it stands: unknown keys and wrong types become one clear line."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from onlinebayes.runs import BadInput
+
+_KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list", dict: "a table"}
+
+
+class Section:
+    """A TOML table, read key by key.
+
+    Args:
+        values: the parsed table.
+        file: the problem file, for messages.
+        path: the table's own path in the file, e.g. ``"selection"``; empty for the top level.
+        known: its keys, or None where they are the user's own names.
+        later: keys of the format that this version does not know how to use yet.
+
+    Raises:
+        BadInput: a key that is neither known nor one of ``later``, or one of ``later`` with anything in it.
+    """
+
+    def __init__(
+        self,
+        values: Mapping[str, Any],
+        file: str,
+        path: str = "",
+        known: Sequence[str] | None = None,
+        later: Sequence[str] = (),
+    ) -> None:
+        self.values, self.file, self.path = values, file, path
+        for key, value in values.items():
+            if known is None or key in known:
+                continue
+            if key in later:
+                if value not in ({}, [], ""):
+                    raise self.error(key, "not supported by this version", "leave it out")
+                continue
+            raise self.error(key, "unknown key", self._nearest(key, [*known, *later]))
+
+    def __contains__(self, key: str) -> bool:
+        return key in self.values
+
+    def error(self, key: str, problem: str, cure: str = "") -> BadInput:
+        """The error that names this file and the key's full path."""
+        return BadInput(problem, cure, where=f"{self.file}: {self.full(key)}")
+
+    def full(self, key: str) -> str:
+        """The key's path in the file, quoted as TOML needs it."""
+        quoted = key if key.replace("_", "").replace("-", "").isalnum() else f'"{key}"'
+        return f"{self.path}.{quoted}" if self.path else quoted
+
+    def text(self, key: str, default: str | None = None) -> str:
+        """A string that is not empty; required without a default."""
+        value = self._get(key, str, default)
+        if not value and default is None:
+            raise self.error(key, "empty", "give a name")
+        return value
+
+    def number(self, key: str, default: float | None = None) -> float | None:
+        """A finite number, or the default."""
+        value = self.values.get(key, default)
+        return None if value is None else self.finite(key, value)
+
+    def finite(self, key: str, value: Any) -> float:
+        """``value`` as a float; whole numbers count, booleans and nan do not."""
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise self.error(key, f"{_show(value)} is not a number", "write a number without quotes")
+        if not math.isfinite(value):
+            raise self.error(key, f"{value} is not finite", "give a finite number")
+        return float(value)
+
+    def whole(self, key: str, default: int | None = None) -> int | None:
+        """A whole number, or the default."""
+        return self._get(key, int, default) if key in self.values else default
+
+    def texts(self, key: str, default: Sequence[str] | None = None) -> tuple[str, ...]:
+        """A list of strings, each once; required without a default."""
+        values = self._get(key, list, None if default is None else list(default))
+        for value in values:
+            if not isinstance(value, str) or not value:
+                raise self.error(key, f"{_show(value)} is no name", 'give a list of texts, e.g. ["a", "b"]')
+        if repeated := [value for value in values if values.count(value) > 1]:
+            raise self.error(key, f"'{repeated[0]}' stands twice", "name it once")
+        return tuple(values)
+
+    def section(self, key: str, known: Sequence[str] | None = None, later: Sequence[str] = ()) -> Section:
+        """The table under ``key``, empty where it is absent."""
+        value = self._get(key, dict, {})
+        return Section(value, self.file, self.full(key), known, later)
+
+    def _get(self, key: str, kind: type, default: Any) -> Any:
+        value = self.values.get(key, default)
+        if value is None:
+            raise BadInput(f"'{self.full(key)}' is missing", f"add it: {_KINDS[kind]}", where=self.file)
+        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+            raise self.error(key, f"{_show(value)} is not {_KINDS[kind]}", f"write {_KINDS[kind]}")
+        return value
+
+    def _nearest(self, key: str, known: Sequence[str]) -> str:
+        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+        return f"nearest: {near[0]}" if near else f"known: {', '.join(known)}"
+
+
+def _show(value: Any) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= 40 else shown[:37] + "..."

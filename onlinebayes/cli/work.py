@@ -1,0 +1,97 @@
+"""One of compare, diagnose, refine from a problem file: load, check, criticise, write, sum up."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from onlinebayes.cli.problem import Problem, load_problem
+from onlinebayes.cli.summary import summary
+from onlinebayes.criticism import Criticism, compare, diagnose, refine
+from onlinebayes.criticism.report import write_refined, write_report
+from onlinebayes.runs import BadInput, Interrupt
+
+
+def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
+    """Do one command and write its files; returns the exit status.
+
+    Args:
+        command: ``"compare"``, ``"diagnose"`` or ``"refine"``.
+        problem_file: path of the TOML file.
+        out: folder for report.json, report.html and run.rrd.
+        add: effects ``name@target`` added by hand.
+
+    Raises:
+        BadInput: the problem cannot be used, or the folder not be written.
+    """
+    problem = load_problem(problem_file, add, note=_log)
+    with writable(Path(out)) as folder, Interrupt() as interrupt:
+        result = criticise(command, problem, interrupt)
+        result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
+        write_report(result, folder)
+        if command == "refine":
+            write_refined(result, folder, problem.path)
+    print(summary(result, folder))
+    if result.interrupted:
+        _log("stopped by Ctrl-C; the report holds what was found until then")
+        return 130
+    return 0
+
+
+def criticise(command: str, problem: Problem, interrupt: Interrupt) -> Criticism:
+    """The command's result on a loaded problem."""
+    model, data, how = problem.simulator, problem.measurement, problem.selection
+    if command == "compare":
+        return compare(model, data, holdout=problem.holdout, selection=how, progress=_log)
+    search = {"diagnose": diagnose, "refine": refine}[command]
+    return search(
+        model,
+        data,
+        holdout=problem.holdout,
+        selection=how,
+        candidates=problem.candidates,
+        progress=_log,
+        interrupt=interrupt,
+    )
+
+
+def earlier_looks(folder: Path) -> int:
+    """How often held-out runs were opened for this folder before, from the report that lies there (0 without one)."""
+    try:
+        looks = json.loads((folder / "report.json").read_text(encoding="utf-8"))["holdout_looks"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return 0
+    return looks if isinstance(looks, int) and not isinstance(looks, bool) and looks > 0 else 0
+
+
+@contextmanager
+def writable(folder: Path) -> Iterator[Path]:
+    """The folder, made if need be and tried out before the long work; taken away again when nothing was written.
+
+    Raises:
+        BadInput: it cannot be made or written.
+    """
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        problem = "is a file, not a folder" if folder.is_file() else f"cannot be written: {error.strerror}"
+        raise BadInput(problem, "give --out a folder that you may write to", where=str(folder)) from None
+    try:
+        yield folder
+    finally:
+        for parent in made:
+            if any(parent.iterdir()):
+                break
+            parent.rmdir()
+
+
+def _log(line: str) -> None:
+    print(f"onlinebayes: {line}", file=sys.stderr, flush=True)

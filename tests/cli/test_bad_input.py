@@ -1,0 +1,226 @@
+"""Whatever is wrong with the input: status 2, one line that says what and what to do, no traceback, nothing written."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from onlinebayes.cli.main import main
+from tests.cli.conftest import PROBLEM
+
+
+def edit(name: str, old: str, new: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        text = (folder / name).read_text()
+        assert old in text
+        (folder / name).write_text(text.replace(old, new, 1))
+
+    return change
+
+
+def problem(old: str, new: str) -> Callable[[Path], None]:
+    return edit("carriage.toml", old, new)
+
+
+def table(old: str, new: str) -> Callable[[Path], None]:
+    return edit("carriage.csv", old, new)
+
+
+def more(text: str) -> Callable[[Path], None]:
+    return problem(PROBLEM, PROBLEM + text)
+
+
+def content(name: str, what: bytes) -> Callable[[Path], None]:
+    return lambda folder: (folder / name).write_bytes(what) and None
+
+
+def milliseconds(folder: Path) -> None:
+    rows = [line.split(",") for line in (folder / "carriage.csv").read_text().splitlines()]
+    rows = [rows[0]] + [[run, f"{float(t) * 1000:g}", *rest] for run, t, *rest in rows[1:]]
+    (folder / "carriage.csv").write_text("\n".join(",".join(row) for row in rows))
+
+
+def bytes_of_latin(folder: Path) -> None:
+    raw = (folder / "carriage.csv").read_bytes()
+    (folder / "carriage.csv").write_bytes(raw.replace(b"first,0.05", b"f\xefrst,0.05"))
+
+
+BAD: dict[str, tuple[Callable[[Path], object], str]] = {
+    # the problem file
+    "no problem file": (lambda f: (f / "carriage.toml").unlink(), "carriage.toml: no such file"),
+    "a folder": (lambda f: ((f / "carriage.toml").unlink(), (f / "carriage.toml").mkdir()), "is a folder"),
+    "syntax": (problem("schema = 1", "schema 1"), "is not TOML: .*line 2"),
+    "latin toml": (content("carriage.toml", b'schema = 1\nmodel = "\xe9"'), "line 2: the file is not UTF-8"),
+    "empty toml": (content("carriage.toml", b""), "'measurements' is missing"),
+    "schema": (problem("schema = 1", "schema = 2"), "schema: version 2 is unknown"),
+    "unknown key": (problem("holdout", "holdouts"), "carriage.toml: holdouts: unknown key; nearest: holdout"),
+    "unknown inner key": (more("[selection]\nhorizon = 1"), "selection.horizon: unknown key; nearest: horizon_s"),
+    "unknown parameter key": (problem("[1.0, 10.0]", "{ low = 1, hi = 2 }"), 'mass".hi: unknown key; nearest: high'),
+    "unknown signal key": (more('[signals."qpos.carriage"]\nsdd = 1'), "sdd: unknown key; nearest: sd"),
+    "no model": (problem('model = "carriage.xml"', ""), "'model' is missing"),
+    "no measurements": (problem('measurements = ["carriage.csv"]', ""), "'measurements' is missing"),
+    "measurements text": (problem('["carriage.csv"]', '"carriage.csv"'), "measurements: 'carriage.csv' is not a list"),
+    "measurements none": (problem('["carriage.csv"]', "[]"), "measurements: no table is named"),
+    "no parameters": (problem("[parameters]", "[selection]"), "selection.*unknown key"),
+    "empty parameters": (content("carriage.toml", PROBLEM.split("[param")[0].encode()), r"\[parameters\] is missing"),
+    "reversed": (problem("[1.0, 10.0]", "[10.0, 1.0]"), "mass.*reversed"),
+    "equal bounds": (problem("[1.0, 10.0]", "[1.0, 1.0]"), "mass.*reversed or empty"),
+    "infinite bound": (problem("[1.0, 10.0]", "[1.0, inf]"), "mass.*inf is not finite"),
+    "text bound": (problem("[1.0, 10.0]", '["1.0", 10.0]'), "low: '1.0' is not a number"),
+    "true bound": (problem("[1.0, 10.0]", "[true, 10.0]"), "True is not a number"),
+    "one bound": (problem("[1.0, 10.0]", "[1.0]"), "no pair of bounds"),
+    "three bounds": (problem("[1.0, 10.0]", "[1.0, 2.0, 3.0]"), "no pair of bounds"),
+    "no high": (problem("[1.0, 10.0]", "{ low = 1.0 }"), "a bound is missing"),
+    "scale": (problem("[1.0, 10.0]", "{ low = 1, high = 2, scale = 'ln' }"), "mass.*scale 'ln' is unknown"),
+    "log of zero": (problem("[1.0, 10.0]", "{ low = 0, high = 2, scale = 'log' }"), "log scale cannot start at 0"),
+    "tie": (problem("[1.0, 10.0]", "{ low = 1, high = 2, tie = true }"), "tie: .*not supported by this version"),
+    "glob": (problem("body.carriage.mass", "body.*.mass"), "not supported by this version"),
+    "per run": (problem("[1.0, 10.0]", "{ low = 1, high = 2, scope = 'per_run' }"), "scope: only 'shared'"),
+    "runs": (more('[runs."a*"]\n"x" = 1'), "runs: not supported by this version"),
+    "latency": (more('[signals."qpos.carriage"]\nlatency = 0.1'), "latency: not supported by this version"),
+    "address body": (problem("body.carriage.mass", "body.carrige.mass"), "no body 'carrige'; nearest: carriage"),
+    "address field": (problem("carriage.mass", "carriage.weight"), "no field 'weight'"),
+    "address kind": (problem("body.carriage.mass", "bodi.carriage.mass"), "starts with 'bodi'"),
+    "holdout": (problem("second", "third"), "holdout: no run is called 'third'; the tables have first, second"),
+    "holdout all": (problem('["second"]', '["*"]'), "holdout: every run is held out"),
+    "holdout none": (problem('["second"]', "[]"), "holdout: no run is named"),
+    "sd": (more('[signals."qpos.carriage"]\nsd = -1'), "sd = -1.0 is not a positive number"),
+    "signal": (more('[signals."qpos.carrige"]\nsd = 1'), "unknown key; nearest: qpos.carriage"),
+    "signal unit": (more('[signals."qpos.carriage"]\nunit = "deg"'), "unit 'deg' cannot become m; use one of m, cm"),
+    "signal column": (more('[signals."qpos.carriage"]\ncolumn = "x"'), "no column that the model has; .*'x'"),
+    "alpha": (more("[selection]\nalpha = 3"), "selection.alpha: 3.0 is out of range; .*between 0 and 1"),
+    "folds": (more("[selection]\nfolds = 1.5"), "selection.folds: 1.5 is not a whole number"),
+    "horizon": (more("[selection]\nhorizon_s = nan"), "selection.horizon_s: nan is not finite"),
+    "candidate": (more("[effects]\ncandidates = ['dry_fricton']"), "'dry_fricton' is unknown; nearest: dry_friction"),
+    "candidate target": (more("[effects]\ncandidates = ['dry_friction@motor']"), "no joint 'motor' for dry_friction"),
+    "candidates text": (more("[effects]\ncandidates = 'dry_friction'"), "effects.candidates: .*is no list"),
+    "add": (more("[effects]\nadd = ['dry_friction']"), "effects.add: 'dry_friction' names no target"),
+    "add target": (more("[effects]\nadd = ['actuator_delay@moto']"), "no actuator 'moto' .*nearest: motor"),
+    "module": (more("[effects]\nmodules = ['no_such_thing']"), "effects.modules: module 'no_such_thing' cannot be"),
+    # the model
+    "model file": (problem("carriage.xml", "wagon.xml"), "model: no such file: .*wagon.xml"),
+    "model broken": (edit("carriage.xml", "<body", "<bod"), "does not compile"),
+    "model not XML": (content("carriage.xml", b"\x89PNG\r\n"), "does not compile"),
+    "model empty": (content("carriage.xml", b""), "does not compile"),
+    "factory module": (problem("carriage.xml", "no_such_rig:build"), "module 'no_such_rig' cannot be imported"),
+    # the table
+    "no table": (lambda f: (f / "carriage.csv").unlink(), "carriage.csv: no such file"),
+    "table empty": (content("carriage.csv", b""), "carriage.csv: the file is empty"),
+    "header only": (content("carriage.csv", b"run,time,ctrl.motor,qpos.carriage\n"), "a header and no rows"),
+    "one row": (content("carriage.csv", b"time,ctrl.motor,qpos.carriage\n0,0,0\n"), "row 2: a run of 1 row"),
+    "latin": (bytes_of_latin, "row 7, byte 0xef: the file is not UTF-8"),
+    "binary": (content("carriage.csv", bytes(range(256))), "not UTF-8"),
+    "joint": (table("qpos.carriage", "qpos.carrige"), "column 'qpos.carrige': .*nearest: qpos.carriage"),
+    "wrong column": (table("time", "t"), "row 1: no column 'time'"),
+    "duplicate column": (table("ctrl.motor,qpos.carriage", "ctrl.motor,ctrl.motor"), "two columns are called"),
+    "ragged": (table("first,0.03,", "first,0.03,0,"), "row 5: 5 cells where the header has 4"),
+    "time goes back": (table("first,0.05,", "first,0.01,"), "row 7, column 'time': time goes from 0.04 to 0.01"),
+    "duplicate time": (table("first,0.05,", "first,0.04,"), "row 7, column 'time': time goes from 0.04 to 0.04"),
+    "inf": (table("first,0.05,", "first,inf,"), "row 7, column 'time': inf"),
+    "nan command": (table("first,0.00,0.000000", "first,0.00,nan"), "row 2, column 'ctrl.motor': a command cannot be"),
+    "no command": (table("ctrl.motor", "meta.motor"), "row 1: no column 'ctrl.motor'"),
+    "run twice": (table("first,0.50,", "other,0.50,"), "row 53, column 'run': run 'first' begins again"),
+    "table twice": (
+        problem('["carriage.csv"]', '["carriage.csv", "./carriage.csv"]'),
+        "carriage.csv: run 'first' is given twice",
+    ),
+    "milliseconds": (milliseconds, "has a row every 10 s, .*'time' is in seconds: convert it"),
+    "parquet": (problem("carriage.csv", "carriage.toml"), "carriage.toml"),
+}
+
+
+def one_line(captured: str, folder: Path) -> str:
+    lines = captured.splitlines()
+    errors = [line for line in lines if line.startswith("onlinebayes: error: ")]
+    assert len(errors) == 1, captured
+    assert lines[-1] == errors[0]
+    assert all(line.startswith("onlinebayes: ") for line in lines), captured
+    assert not (folder / "out").exists()
+    return errors[0]
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_input_is_one_line_and_status_2(folder, capsys, name):
+    change, message = BAD[name]
+    change(folder)
+    before = sorted(folder.rglob("*"))
+    assert main(["refine", str(folder / "carriage.toml"), "--out", str(folder / "out" / "deep")]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert re.search(message, one_line(captured.err, folder)), captured.err
+    assert [p for p in sorted(folder.rglob("*")) if "__pycache__" not in p.parts] == before
+
+
+def test_an_out_folder_that_is_a_file(folder, capsys):
+    (folder / "taken").write_text("mine")
+    for out in ("taken", "taken/deeper"):
+        assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / out)]) == 2
+        assert "taken" in one_line(capsys.readouterr().err, folder)
+    assert (folder / "taken").read_text() == "mine"
+
+
+def test_an_out_folder_that_may_not_be_written(folder, capsys):
+    locked = folder / "locked"
+    locked.mkdir(mode=0o500)
+    if os.access(locked, os.W_OK):
+        locked = Path("/proc/onlinebayes")  # whoever may write everywhere still cannot write there
+        if not Path("/proc").is_dir():
+            pytest.skip("this user may write everywhere")
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(locked)]) == 2
+    assert "cannot be written" in one_line(capsys.readouterr().err, folder)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "the following arguments are required: COMMAND"),
+        (["refine"], "required: problem, --out"),
+        (["refine", "x.toml"], "required: --out"),
+        (["refin", "x.toml", "--out", "o"], "invalid choice: 'refin'"),
+        (["compare", "x.toml", "--out", "o", "--seed", "1"], "unrecognized arguments"),
+        (["compare", "x.toml", "--out", "o", "--add"], "--add"),
+    ],
+)
+def test_bad_arguments(capsys, arguments, message):
+    assert main(arguments) == 2
+    captured = capsys.readouterr()
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("add", "message"),
+    [
+        ("dry_friction", "--add: 'dry_friction' names no target"),
+        ("dry_friction@wheel", "--add: the model has no joint 'wheel'"),
+        ("glue@carriage", "--add: effect 'glue' is unknown"),
+        ("@", "--add: effect '' is unknown"),
+    ],
+)
+def test_effects_added_by_hand_are_checked(folder, capsys, add, message):
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out"), "--add", add]) == 2
+    assert message in one_line(capsys.readouterr().err, folder)
+
+
+def test_show_of_a_folder_without_a_report(folder, capsys):
+    assert main(["show", str(folder)]) == 2
+    assert "holds no report.html" in one_line(capsys.readouterr().err, folder)
+    assert main(["show", str(folder / "nowhere")]) == 2
+    assert "no such folder" in one_line(capsys.readouterr().err, folder)
+
+
+@pytest.mark.parametrize("arguments", [["compare", "none.toml", "--out", "out"], ["compare", "carriage.toml"]])
+def test_the_installed_command(folder, arguments):
+    """The console script itself, in the folder of the problem, as a user calls it."""
+    script = Path(sys.executable).with_name("onlinebayes")
+    done = subprocess.run([script, *arguments], cwd=folder, capture_output=True, text=True, timeout=120)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert done.stderr.count("\n") == 1, done.stderr
+    assert done.stderr.startswith("onlinebayes")

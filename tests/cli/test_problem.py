@@ -1,0 +1,162 @@
+"""A problem file becomes built objects, with everything in it where it belongs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from onlinebayes.cli.problem import load_problem
+from onlinebayes.criticism import Selection
+from onlinebayes.measurements import Signal
+from onlinebayes.parameters import Parameter
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.cli.conftest import PROBLEM
+
+
+def write(folder: Path, text: str) -> Path:
+    (folder / "carriage.toml").write_text(text)
+    return folder / "carriage.toml"
+
+
+def test_a_small_problem(folder):
+    problem = load_problem(folder / "carriage.toml")
+    assert isinstance(problem.simulator, MujocoSimulator)
+    assert dict(problem.simulator.parameters) == {
+        "body.carriage.mass": Parameter(1.0, 10.0, "kg"),
+        "joint.carriage.damping": Parameter(0.0, 20.0, "N s/m"),
+    }
+    assert problem.simulator.nominal.tolist() == [3.0, 2.0]
+    assert problem.measurement.runs == ("first", "second")
+    assert problem.measurement.signals == (Signal("qpos.carriage", "m"),)
+    assert problem.measurement.commands == ("motor",)
+    assert problem.holdout == ("second",)
+    assert problem.candidates == "all"
+    assert problem.selection == Selection()
+    assert problem.added == ()
+
+
+def test_everything_optional(folder):
+    text = PROBLEM.replace("schema = 1", "ignore = ['qpos.wheel']").replace('["second"]', '["sec*"]')
+    text = text.replace("[1.0, 10.0]", '{ low = 1, high = 10, scale = "log", tie = false, scope = "shared" }')
+    text += """
+        [signals."qpos.carriage"]
+        column = "position"
+        unit = "mm"
+        sign = -1
+        scale = 2.0
+        offset = 0.25
+        sd = 1e-5
+        resolution = 1e-6
+        [selection]
+        folds = 8
+        horizon_s = 0.5
+        alpha = 0.01
+        tolerance = 1.5
+        [effects]
+        candidates = ["dry_friction", "actuator_delay@motor"]
+        add = ["constant_load@carriage"]
+    """
+    table = (folder / "carriage.csv").read_text().replace("qpos.carriage", "position")
+    (folder / "carriage.csv").write_text(table)
+    problem = load_problem(write(folder, text), add=["dry_friction@carriage"])
+    assert problem.simulator.parameters["body.carriage.mass"] == Parameter(1.0, 10.0, "kg", "log")
+    assert problem.measurement.signals == (Signal("qpos.carriage", "m", 1e-5, 1e-6),)
+    raw = float(table.splitlines()[100].split(",")[3])
+    assert float(problem.measurement.data["signal"][0, 99, 0]) == pytest.approx(-2e-3 * raw + 0.25)
+    assert problem.selection == Selection(8, 0.5, 0.01, 1.5)
+    assert problem.candidates == ("dry_friction", "actuator_delay@motor")
+    assert problem.added == ("constant_load@carriage", "dry_friction@carriage")
+    assert [effect.key for effect in problem.simulator.effects] == list(problem.added)
+    assert problem.simulator.parameters.names[-1] == "dry_friction@carriage.frictionloss"
+
+
+def test_bounds_of_an_added_effect_may_be_given(folder):
+    text = PROBLEM + '"dry_friction@carriage.frictionloss" = [0.0, 7.0]\n'
+    problem = load_problem(write(folder, text), add=["dry_friction@carriage"])
+    assert problem.simulator.parameters["dry_friction@carriage.frictionloss"] == Parameter(0.0, 7.0, "N")
+    with pytest.raises(BadInput, match="no added effect has the parameter"):
+        load_problem(folder / "carriage.toml")
+
+
+def test_without_holdout_the_default_is_left_to_criticism(folder):
+    assert load_problem(write(folder, PROBLEM.replace('holdout = ["second"]', ""))).holdout is None
+
+
+FACTORY = """
+import dataclasses
+from pathlib import Path
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.mujoco import MujocoSimulator
+
+MODEL = Path(__file__).with_name("carriage.xml")
+
+def build(parameters):
+    return MujocoSimulator(MODEL, parameters)
+
+def fixed():
+    return MujocoSimulator(MODEL, ParameterSpace({"body.carriage.mass": Parameter(1.0, 10.0)}))
+
+def broken(parameters):
+    return 1 / 0
+
+def nothing(parameters):
+    return None
+
+constant = 3
+"""
+
+
+@pytest.mark.parametrize(
+    ("factory", "message"),
+    [
+        ("build", None),
+        ("fixed", "has the parameters body.carriage.mass; name exactly these"),
+        ("broken", "raised ZeroDivisionError"),
+        ("nothing", "returned a NoneType"),
+        ("constant", "has no factory 'constant'"),
+        ("absent", "has no factory 'absent'"),
+    ],
+)
+def test_a_factory_beside_the_problem_file(folder, monkeypatch, factory, message):
+    name = f"rig_{factory}"
+    (folder / f"{name}.py").write_text(FACTORY)
+    path = write(folder, PROBLEM.replace("carriage.xml", f"{name}:{factory}"))
+    if message is None:
+        assert load_problem(path).simulator.parameters.names == ("body.carriage.mass", "joint.carriage.damping")
+    else:
+        with pytest.raises(BadInput, match=message):
+            load_problem(path)
+
+
+def test_a_module_registers_an_effect_of_ones_own(folder):
+    from onlinebayes.simulators.effects import EFFECTS
+
+    (folder / "own_effects.py").write_text(
+        "from onlinebayes.simulators.effects import EFFECTS, DryFriction\n"
+        "class Grease(DryFriction):\n    name = 'grease'\n"
+        "EFFECTS['grease'] = Grease\n"
+    )
+    text = PROBLEM + "[effects]\nmodules = ['own_effects']\ncandidates = ['grease@carriage']\n"
+    try:
+        assert load_problem(write(folder, text)).candidates == ("grease@carriage",)
+    finally:
+        EFFECTS.pop("grease", None)
+
+
+def test_bom_and_crlf_are_welcome(folder):
+    (folder / "carriage.toml").write_bytes(b"\xef\xbb\xbf" + PROBLEM.replace("\n", "\r\n").encode())
+    assert load_problem(folder / "carriage.toml").holdout == ("second",)
+
+
+def test_the_loaded_runs_replay(folder):
+    """What is loaded is what the simulator takes: the true parameters reproduce the first run's positions."""
+    problem = load_problem(folder / "carriage.toml")
+    data = problem.measurement.data[:1]
+    state = problem.simulator.state[:1]
+    state["qpos"], state["qvel"] = torch.zeros_like(state["qpos"]), torch.zeros_like(state["qvel"])
+    inputs = data.select("command", "enable")[:, :-1]
+    replay = problem.simulator.rollout(problem.simulator.nominal[None], state, inputs, data["time"][0, 1:])
+    assert float((replay["qpos"] - data["signal"][:, 1:]).abs().max()) < 2e-2
