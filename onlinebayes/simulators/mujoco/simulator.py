@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Literal, Self
 
 import mujoco
 import numpy as np
@@ -87,6 +87,18 @@ class MujocoSimulator(Simulator):
         for key, hidden in self._hidden.items():
             state["effects", key] = hidden.clone()
         return state
+
+    @property
+    def joint_kinds(self) -> dict[str, Literal["slide", "hinge"]]:
+        """Name -> kind of every slide and hinge joint, which decides the units of what acts on it."""
+        kinds: dict[str, Literal["slide", "hinge"]] = {}
+        for i in range(self.model.njnt):
+            joint = self.model.joint(i)
+            if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE:
+                kinds[joint.name] = "slide"
+            elif joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
+                kinds[joint.name] = "hinge"
+        return kinds
 
     @property
     def theta(self) -> Float[Tensor, "N P"]:
