@@ -1,0 +1,108 @@
+"""May this effect be added? All of the five rules, and one on times; each failed one is said in words.
+
+1. p of the maximum test below alpha.
+2. The cross-validated RMS at H falls by at least 5 %.
+3. score_gain >= 2 standard errors at H, and the cross-validated RMS at H_s falls too.
+4. The leave-one-block-out jackknife interval (95 %, Student's t with B - 1 degrees) excludes the neutral value.
+5. Homogeneous: one law, not a patch.
+6. A dead time whose 95 % upper bound is below the integration step is the integrator's own shift, not an effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from onlinebayes.criticism.blocks import Blocks, jackknife, leave_one_out, t_quantile
+from onlinebayes.criticism.fit import Fit
+from onlinebayes.criticism.homogeneity import homogeneous
+from onlinebayes.criticism.score import CrossValidated, Gain, cross_validate, score_gain
+from onlinebayes.criticism.windows import Windows
+from onlinebayes.simulators.effects import Effect
+
+LEAST_FALL = 0.05
+STANDARD_ERRORS = 2.0
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One effect added to the current model, refitted and judged.
+
+    Args:
+        effect: the effect.
+        p_value: of the maximum test.
+        fitted: the grown model's fit.
+        scores: its cross-validation.
+        gain: over the current model.
+        falls: of the cross-validated RMS at the long and the short horizon, as shares.
+        homogeneous: rule 5.
+        failed: the rules that it fails, in words; empty when it may be added.
+    """
+
+    effect: Effect
+    p_value: float
+    fitted: Fit
+    scores: CrossValidated
+    gain: Gain
+    falls: tuple[float, float]
+    homogeneous: bool
+    failed: tuple[str, ...]
+
+    @property
+    def admissible(self) -> bool:
+        """Whether it may be added."""
+        return not self.failed
+
+
+def judge(
+    effect: Effect,
+    p_value: float,
+    fitted: Fit,
+    current: CrossValidated,
+    windows: Windows,
+    blocks: Blocks,
+    alpha: float,
+) -> Judged:
+    """Apply the rules to a model that was fitted with ``effect`` added."""
+    scores = cross_validate(fitted, windows, blocks)
+    gain = score_gain(scores, current, windows.bin_step)
+    falls = (1 - scores.rms_long / current.rms_long, 1 - scores.rms_short / current.rms_short)
+    same = homogeneous(fitted, windows, blocks, effect, scores.tau)
+    low, high = interval(fitted, blocks, effect)
+    neutral = effect.neutral[effect.parameters.names[0]]
+    failed = []
+    if not p_value < alpha:
+        failed.append(f"p = {p_value:.3g} is not below {alpha:g}")
+    if falls[0] < LEAST_FALL:
+        failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
+    if gain.gain < STANDARD_ERRORS * gain.se:
+        failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each)")
+    if falls[1] <= 0:
+        failed.append("the error over short windows does not fall")
+    if low <= neutral <= high:
+        failed.append(f"its size, in [{low:.3g}, {high:.3g}], may be nothing")
+    if not same:
+        failed.append("its size differs between parts of the data: a patch, not a law")
+    if effect.parameters[effect.parameters.names[0]].unit == "s" and high < fitted.simulator.timestep:
+        failed.append(f"it is shorter than the integration step {fitted.simulator.timestep:g} s")
+    return Judged(effect, p_value, fitted, scores, gain, falls, same, tuple(failed))
+
+
+def interval(fitted: Fit, blocks: Blocks, effect: Effect) -> tuple[float, float]:
+    """95 % jackknife interval of the effect's first parameter [SI]."""
+    column = fitted.simulator.parameters.index(f"{effect.key}.{effect.parameters.names[0]}")
+    covariance = jackknife(fitted.theta, leave_one_out(fitted, blocks, whole=True))
+    reach = t_quantile(0.975, blocks.count) * float(covariance[column, column].sqrt())
+    mode = float(fitted.theta[column])
+    return mode - reach, mode + reach
+
+
+def choose(admissible: list[Judged], bin_step: float) -> Judged:
+    """The best by score; within two paired standard errors of it, the one with the fewest parameters."""
+    best = max(admissible, key=lambda judged: judged.gain.gain)
+
+    def close(other: Judged) -> bool:
+        difference = score_gain(best.scores, other.scores, bin_step)
+        return difference.gain <= STANDARD_ERRORS * difference.se
+
+    rivals = [judged for judged in admissible if close(judged)]
+    return min(rivals, key=lambda judged: (len(judged.effect.parameters), -judged.gain.gain))

@@ -1,0 +1,169 @@
+"""Theta fitted to convergence: Gauss-Newton with Levenberg's damping, bounds as the prior, starts projected out.
+
+    min over theta in bounds of |r~(theta)|^2,     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high
+
+with D^2 = diag(C~' C~) (Marquardt 1963). Each step is tried by linearising at the new point, so that an accepted one
+costs a single rollout; a world that diverges rejects it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from scipy.optimize import lsq_linear
+from torch import Tensor
+
+from onlinebayes.criticism.projection import Projected, project, signal_rms, start_shift
+from onlinebayes.criticism.replay import replay
+from onlinebayes.criticism.sensitivities import Linearisation, linearise
+from onlinebayes.criticism.windows import Windows
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+
+STEPS = 40
+TOLERANCE = 1e-5
+DAMPINGS = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e4)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A simulator fitted to windows.
+
+    Args:
+        simulator: with the effects it was fitted with.
+        lin: the linearisation at the mode, whose ``theta`` it is.
+        projected: the same with starts projected out, at the long horizon.
+        converged: whether the last step promised less than a hundred-thousandth of the objective.
+    """
+
+    simulator: Simulator
+    lin: Linearisation
+    projected: Projected
+    converged: bool
+
+    @property
+    def theta(self) -> Float[Tensor, " P"]:
+        """The mode [SI]."""
+        return self.lin.theta
+
+
+def fit(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    weight: Float[Tensor, " S"] | None = None,
+    starts: Float[Tensor, "W J2"] | None = None,
+) -> Fit:
+    """Fit theta from a starting value.
+
+    Args:
+        simulator: what is fitted; its parameters' bounds are the prior.
+        windows: the fit windows.
+        theta: where to begin [SI].
+        weight: of each signal relative to its noise.
+        starts: where the windows' starts begin; the smoothed ones when None.
+
+    Raises:
+        BadInput: the replay diverges at the starting value.
+    """
+    lin = linearise(simulator, windows, simulator.parameters.clamp(theta), windows.start if starts is None else starts)
+    if not lin.valid:
+        raise BadInput(
+            "the simulation diverges over the measured windows",
+            "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
+        )
+    current = project(windows, lin, weight)
+    level = 0
+    for _ in range(STEPS):
+        step, promised = bounded_step(simulator, current, lin.theta, DAMPINGS[level])
+        total = current.objective
+        moved = linearise_at(simulator, windows, lin, current, step)
+        trial = project(windows, moved, weight)
+        if moved.valid and trial.objective <= total:
+            gained = total - trial.objective
+            lin, current, level = moved, trial, max(0, level - 2)
+            if max(promised, gained) <= TOLERANCE * total:
+                return Fit(simulator, lin, current, True)
+        elif promised <= TOLERANCE * total or level == len(DAMPINGS) - 1:
+            return Fit(simulator, lin, current, promised <= TOLERANCE * total)
+        else:
+            level += 1
+    return Fit(simulator, lin, current, False)
+
+
+def linearise_at(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected, step: Float[Tensor, " P"]
+) -> Linearisation:
+    """The linearisation one step away, the starts moved along."""
+    shift = start_shift(windows, lin, projected, step)
+    return linearise(simulator, windows, simulator.parameters.clamp(lin.theta + step), lin.starts + shift)
+
+
+def bounded_step(
+    simulator: Simulator, projected: Projected, theta: Float[Tensor, " P"], damping: float
+) -> tuple[Float[Tensor, " P"], float]:
+    """The damped step within the bounds, and by how much it promises to lower the objective."""
+    C, r = projected.columns.flatten(0, 1), projected.residual.flatten()
+    space = simulator.parameters
+    step = bounded_least_squares(C.T @ C, C.T @ r, space.low.to(theta) - theta, space.high.to(theta) - theta, damping)
+    promised = float(r.square().sum() - (r - C @ step).square().sum())
+    return step, promised
+
+
+def bounded_least_squares(
+    normal: Float[Tensor, "P P"],
+    gradient: Float[Tensor, " P"],
+    low: Float[Tensor, " P"],
+    high: Float[Tensor, " P"],
+    damping: float = 0.0,
+) -> Float[Tensor, " P"]:
+    """argmin d' N d - 2 g' d within low <= d <= high; directions without information stay where they are.
+
+    Args:
+        normal: N = C' C.
+        gradient: g = C' r.
+        low, high: bounds of d, low <= 0 <= high.
+        damping: lambda, relative to N's diagonal.
+    """
+    scale = (high - low).clamp_min(1e-300)
+    N = normal * scale[:, None] * scale
+    # A billionth of the largest entry keeps a flat direction at zero without moving the others.
+    diagonal = N.diagonal()
+    N = N + torch.diag(damping * diagonal + 1e-9 * diagonal.max().clamp_min(1e-300) + 1e-300)
+    g = gradient * scale
+    root = torch.linalg.cholesky(N)
+    free = torch.cholesky_solve(g[:, None], root)[:, 0]
+    lower, upper = low / scale, high / scale
+    if bool(((free >= lower) & (free <= upper)).all()):
+        return free * scale
+    target = torch.linalg.solve_triangular(root, g[:, None], upper=False)[:, 0]
+    edge = 1e-12
+    found = lsq_linear(
+        root.T.cpu().numpy(),
+        target.cpu().numpy(),
+        (lower.cpu().numpy() - edge, upper.cpu().numpy() + edge),
+        method="bvls",
+    )
+    return torch.as_tensor(np.asarray(found.x)).to(scale).clamp(lower, upper) * scale
+
+
+def starting_theta(simulator: Simulator, windows: Windows, draws: int = 12) -> Float[Tensor, " P"]:
+    """The best of the nominal theta and a few points of the box, by the replay from the smoothed starts."""
+    space = simulator.parameters
+    nominal = space.clamp(simulator.nominal.to(windows.start))
+    if not len(space):
+        return nominal
+    sobol = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(draws).to(nominal)
+    tried = torch.cat([nominal[None], space.from_unit(sobol)])
+    signals, valid = replay(simulator, windows, tried, windows.start.expand(len(tried), *windows.start.shape))
+    wrong = torch.where(windows.seen, windows.bin(windows.value - signals) / windows.bin_noise, 0.0)
+    error = torch.where(valid.all(-1), wrong.square().sum((1, 2, 3)), float("inf"))
+    return tried[int(error.argmin())]
+
+
+def refreshed_weight(windows: Windows, fitted: Fit) -> Float[Tensor, " S"]:
+    """Each signal's weight for the next fit: noise / max(RMS of the current residual, noise)."""
+    return 1 / signal_rms(project(windows, fitted.lin)).clamp_min(1.0)

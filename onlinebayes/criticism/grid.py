@@ -1,0 +1,118 @@
+"""Runs on an even clock: what the replay is driven by and compared with, at rows g = 0 .. G of spacing h.
+
+    u_g = 1/h int_{t_g}^{t_{g+1}} u(t) dt,      y_g = y_i + dy/dt_i (t_g - t_i),   i the nearest measured row
+
+u(t) is the logged command, held between rows. A clock that is even already is left as it is; a jittering one is
+corrected to first order, and a grid row without a measurement within h / 2 has none.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
+
+
+@dataclass(frozen=True)
+class RunGrid:
+    """One run on its even clock of G + 1 rows.
+
+    Args:
+        name: the run's.
+        start: instant of row 0 [s].
+        step: spacing h [s].
+        command: average over the interval that begins at each row [command units].
+        enable: 1 while the actuator is on.
+        value: signals at the rows [SI], 0 where not observed.
+        observed: whether they were measured there.
+    """
+
+    name: str
+    start: float
+    step: float
+    command: Float[Tensor, "G1 U"]
+    enable: Float[Tensor, "G1 U"]
+    value: Float[Tensor, "G1 S"]
+    observed: Bool[Tensor, "G1 S"]
+
+    @property
+    def rows(self) -> int:
+        """Number of intervals G."""
+        return self.value.shape[0] - 1
+
+
+def even_step(measurement: Measurement, timestep: float) -> float:
+    """Spacing h [s]: the median time between rows, as a whole number of integration steps (at least one)."""
+    time, mask = measurement.data["time"], measurement.data["mask"]
+    gaps = (time[:, 1:] - time[:, :-1])[mask[:, 1:]]
+    if gaps.numel() == 0:
+        raise BadInput("every run has a single row", "record runs of many rows")
+    return max(1, round(float(gaps.median()) / timestep)) * timestep
+
+
+def run_grids(measurement: Measurement, step: float) -> tuple[RunGrid, ...]:
+    """Every run of the measurement on an even clock of spacing ``step`` [s] that starts at its first row."""
+    return tuple(_run_grid(measurement, r, step) for r in range(len(measurement.runs)))
+
+
+def _run_grid(measurement: Measurement, r: int, step: float) -> RunGrid:
+    rows = int(measurement.lengths[r])
+    data = measurement.data[r, :rows]
+    time = data["time"] - data["time"][0]
+    # A millionth of a step forgives rounding in the logged times.
+    count = int(torch.floor(time[-1] / step + 1e-6))
+    grid = torch.arange(count + 1, dtype=time.dtype, device=time.device) * step
+    value, observed = _nearest(time, data["signal"], data["measured"], grid, step)
+    midpoint = torch.searchsorted(time, grid + 0.5 * step).clamp(1, rows) - 1
+    return RunGrid(
+        measurement.runs[r],
+        float(data["time"][0]),
+        step,
+        _average(time, data["command"], grid, step),
+        data["enable"][midpoint],
+        value,
+        observed,
+    )
+
+
+def _average(
+    time: Float[Tensor, " T"], command: Float[Tensor, "T U"], grid: Float[Tensor, " G1"], step: float
+) -> Float[Tensor, "G1 U"]:
+    """Mean of the held command over [t_g, t_g + h]."""
+    end = torch.cat([time[1:], time[-1:] + max(step, 1.0)])
+    integral = torch.cat([torch.zeros_like(command[:1]), ((end - time)[:, None] * command).cumsum(0)])
+    edges = torch.cat([grid, grid[-1:] + step])
+    row = torch.searchsorted(time, edges, right=True).clamp(1, len(time)) - 1
+    at_edges = integral[row] + (edges - time[row])[:, None] * command[row]
+    return (at_edges[1:] - at_edges[:-1]) / step
+
+
+def _nearest(
+    time: Float[Tensor, " T"],
+    signal: Float[Tensor, "T S"],
+    measured: Bool[Tensor, "T S"],
+    grid: Float[Tensor, " G1"],
+    step: float,
+) -> tuple[Float[Tensor, "G1 S"], Bool[Tensor, "G1 S"]]:
+    """Each grid row's nearest measured value, moved to the grid's instant along the local slope."""
+    value, observed = [], []
+    for s in range(signal.shape[1]):
+        t, y = time[measured[:, s]], signal[measured[:, s], s]
+        if len(t) < 3:
+            value.append(torch.zeros_like(grid))
+            observed.append(torch.zeros_like(grid, dtype=torch.bool))
+            continue
+        slope = torch.gradient(y, spacing=(t,))[0]
+        right = torch.searchsorted(t, grid).clamp(1, len(t) - 1)
+        nearest = torch.where(grid - t[right - 1] < t[right] - grid, right - 1, right)
+        offset = grid - t[nearest]
+        observed.append(offset.abs() <= 0.5001 * step)
+        value.append(torch.where(observed[-1], y[nearest] + slope[nearest] * offset, torch.zeros_like(grid)))
+    if not value:
+        return signal.new_zeros(len(grid), 0), measured.new_zeros(len(grid), 0)
+    return torch.stack(value, -1), torch.stack(observed, -1)

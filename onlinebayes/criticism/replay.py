@@ -1,0 +1,80 @@
+"""Measured windows played through the simulator, for many thetas and starts in one batched rollout.
+
+    (theta_m, start_mw, commands_w) -> simulated signals (M, W, K, S),   M x W worlds at once
+
+Hidden states of effects (delay buffers) come from a forced replay: each world first runs through the commands of the
+seconds before its window, then its positions and velocities are set to the window's start and the hidden states kept.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Bool, Float
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.criticism.windows import Windows
+from onlinebayes.simulators.base import Simulator
+
+CHUNK = 6_000_000  # recorded numbers a rollout may hold
+
+
+def replay(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+) -> tuple[Float[Tensor, "M W K S"], Bool[Tensor, "M W"]]:
+    """Simulated signals at the windows' rows, and whether each world stayed finite over its observed rows.
+
+    A world that diverged holds its last finite values: they are numbers, but its flag is False.
+    """
+    trajectory_width = windows.rows * windows.count * (starts.shape[-1] + len(windows.columns))
+    size = max(1, CHUNK // max(trajectory_width, 1))
+    signals, valid = [], []
+    for k in range(0, theta.shape[0], size):
+        trajectory = rollout(simulator, windows, theta[k : k + size], starts[k : k + size])
+        signals.append(simulator.read(trajectory)[..., list(windows.columns)])
+        needed = windows.observed.any(-1)
+        valid.append((trajectory["valid"] | ~needed).all(-1))
+    return torch.cat(signals), torch.cat(valid) & torch.isfinite(torch.cat(signals)).all(-1).all(-1)
+
+
+def rollout(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+) -> TensorDict:
+    """The trajectories themselves, batch size (M, W, K)."""
+    M, W, K = theta.shape[0], windows.count, windows.rows
+    worlds = theta[:, None].expand(M, W, theta.shape[1]).reshape(M * W, -1)
+    qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
+    state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))
+    if windows.history.shape[1]:
+        past = _drive(simulator, worlds, state, windows.history, windows.history_enable, windows.step, M)
+        if "effects" in past.keys():  # noqa: SIM118  (a TensorDict iterates over its batch)
+            state["effects"] = past["effects"][:, -1]
+    during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
+    return during.reshape(M, W, K)
+
+
+def _drive(
+    simulator: Simulator,
+    theta: Float[Tensor, "N P"],
+    state: TensorDict,
+    command: Float[Tensor, "W K U"],
+    enable: Float[Tensor, "W K U"],
+    step: float,
+    copies: int,
+) -> TensorDict:
+    W, K, U = command.shape
+    inputs = TensorDict({"command": _repeat(command, copies)}, batch_size=(copies * W, K))
+    if not bool((enable == 1).all()):
+        inputs["enable"] = _repeat(enable, copies)
+    times = torch.arange(1, K + 1, dtype=theta.dtype, device=theta.device) * step
+    return simulator.rollout(theta, state, inputs, times)
+
+
+def _repeat(rows: Float[Tensor, "W K U"], copies: int) -> Float[Tensor, "N K U"]:
+    return rows.expand(copies, *rows.shape).flatten(0, 1)

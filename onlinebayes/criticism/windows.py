@@ -1,0 +1,269 @@
+"""The fit runs cut into windows of one horizon, each with its smoothed start: everything a replay is compared with.
+
+    window w: rows g_w+1 .. g_w+K of a run, driven by the commands of intervals g_w .. g_w+K-1, from (q0, v0) at row g_w
+
+Rows are averaged into n bins of at most H / 100. Starts are nuisances, not measurements: they carry the prior
+N(smoothed start, (20 sd)^2), sd propagated from the smoother. A joint that moves less than 8 sensor sd in a window
+starts at the window's median, at rest, is not freed, and its signals are not scored there.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.noise import floors
+from onlinebayes.criticism.smoother import half_window, local_cubic
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+
+START_LOOSENESS = 20.0
+STILL = 8.0
+BINS = 100
+
+
+@dataclass(frozen=True)
+class Windows:
+    """W windows of K rows; U commands, S signals, J joints, n = K / bin_rows bins.
+
+    Args:
+        step: row spacing h [s].
+        bin_rows: rows averaged into one bin.
+        run, first: number of the run and the grid row at which each window starts.
+        command, enable: during the window.
+        history, history_enable: during the Q rows before it (the command of the run's first row where it began later).
+        value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
+        start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
+        free: which joints move in the window.
+        noise: floor of each signal [SI].
+        columns: the S signals' places among the simulator's signals.
+        runs: names of the runs.
+    """
+
+    step: float
+    bin_rows: int
+    run: Int[Tensor, " W"]
+    first: Int[Tensor, " W"]
+    command: Float[Tensor, "W K U"]
+    enable: Float[Tensor, "W K U"]
+    history: Float[Tensor, "W Q U"]
+    history_enable: Float[Tensor, "W Q U"]
+    value: Float[Tensor, "W K S"]
+    observed: Bool[Tensor, "W K S"]
+    start: Float[Tensor, "W J2"]
+    start_sd: Float[Tensor, "W J2"]
+    free: Bool[Tensor, "W J"]
+    noise: Float[Tensor, " S"]
+    columns: tuple[int, ...]
+    runs: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Number of windows W."""
+        return self.value.shape[0]
+
+    @property
+    def rows(self) -> int:
+        """Rows of a window K."""
+        return self.value.shape[1]
+
+    @property
+    def bins(self) -> int:
+        """Bins of a window n."""
+        return self.rows // self.bin_rows
+
+    @property
+    def bin_step(self) -> float:
+        """Length of a bin Delta [s]."""
+        return self.step * self.bin_rows
+
+    @property
+    def horizon(self) -> float:
+        """Length of a window H [s]."""
+        return self.step * self.rows
+
+    @property
+    def seen(self) -> Bool[Tensor, "W n S"]:
+        """Which bins hold an observation."""
+        return self.observed.unflatten(1, (self.bins, self.bin_rows)).any(2)
+
+    @property
+    def bin_noise(self) -> Float[Tensor, "W n S"]:
+        """Sensor noise of each bin's average [SI]; of one row where nothing was observed."""
+        count = self.observed.unflatten(1, (self.bins, self.bin_rows)).sum(2).clamp_min(1)
+        return self.noise / count.sqrt()
+
+    def bin(self, rows: Float[Tensor, "*batch W K S"]) -> Float[Tensor, "*batch W n S"]:
+        """Average of the observed rows of each bin, 0 where there is none."""
+        weight = self.observed.to(rows.dtype).unflatten(1, (self.bins, self.bin_rows))
+        grouped = rows.unflatten(-2, (self.bins, self.bin_rows))
+        return (grouped * weight).sum(-2) / weight.sum(-2).clamp_min(1.0)
+
+    def select(self, index: Int[Tensor, " V"]) -> Windows:
+        """Some of the windows."""
+        names = (
+            *("run", "first", "command", "enable", "history", "history_enable"),
+            *("value", "observed", "start", "start_sd", "free"),
+        )
+        return replace(self, **{name: getattr(self, name)[index] for name in names})
+
+
+def joint_names(simulator: Simulator) -> tuple[str, ...]:
+    """The simulator's joints, each of which must have one position and one velocity.
+
+    Raises:
+        BadInput: a free or ball joint, which criticism cannot start yet.
+    """
+    positions = [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]
+    for name in positions:
+        if f"qvel.{name}" not in simulator.signals:
+            raise BadInput(
+                f"joint '{name}' is a free or ball joint", "criticism replays slide and hinge joints; weld it"
+            )
+    return tuple(positions)
+
+
+def make_windows(
+    simulator: Simulator, measurement: Measurement, horizon: float, memory: float, noise: Float[Tensor, " S"] | None
+) -> Windows:
+    """Tile every run with windows of ``horizon`` seconds.
+
+    Args:
+        simulator: what will replay them; gives the integration step, the joints and the order of commands.
+        measurement: the runs.
+        horizon: H [s]; shortened to the longest run.
+        memory: seconds of commands that a hidden state remembers.
+        noise: floor of each signal [SI], or None to take it from these runs.
+
+    Raises:
+        BadInput: a joint without positions, an unknown signal, a command that is missing.
+    """
+    measurement = _in_order(simulator, measurement)
+    step = even_step(measurement, simulator.timestep)
+    grids = run_grids(measurement, step)
+    names = tuple(signal.name for signal in measurement.signals)
+    if noise is None:
+        noise = floors(measurement.signals, grids).to(measurement.data["signal"])
+    longest = max(grid.rows for grid in grids)
+    rows = min(max(4, round(horizon / step)), max(longest, 1))
+    bin_rows = max(1, rows // BINS)
+    rows -= rows % bin_rows
+    places = [(r, g) for r, grid in enumerate(grids) for g in _starts(grid.rows, rows)]
+    start, start_sd, free = _window_starts(grids, places, rows, names, joint_names(simulator), noise)
+    history_rows = max(0, round(memory / step))
+    cut = [_cut(grids[r], g, rows, history_rows) for r, g in places]
+    command, enable, history, history_enable, value, observed = (torch.stack(part) for part in zip(*cut, strict=True))
+    for j, joint in enumerate(joint_names(simulator)):
+        for s, name in enumerate(names):
+            if name in (f"qpos.{joint}", f"qvel.{joint}"):
+                observed[:, :, s] &= free[:, j : j + 1]
+    index = torch.tensor(places, device=value.device)
+    return Windows(
+        step=step,
+        bin_rows=bin_rows,
+        run=index[:, 0],
+        first=index[:, 1],
+        command=command,
+        enable=enable,
+        history=history,
+        history_enable=history_enable,
+        value=value,
+        observed=observed,
+        start=start,
+        start_sd=start_sd,
+        free=free,
+        noise=noise,
+        columns=tuple(simulator.signals.index(name) for name in names),
+        runs=measurement.runs,
+    )
+
+
+def _in_order(simulator: Simulator, measurement: Measurement) -> Measurement:
+    """The measurement with the simulator's commands in the simulator's order, its signals checked."""
+    for signal in measurement.signals:
+        if signal.name not in simulator.signals:
+            near = difflib.get_close_matches(signal.name, simulator.signals, n=3, cutoff=0.3)
+            raise BadInput(
+                f"the simulator has no signal '{signal.name}'", f"nearest: {', '.join(near or simulator.signals)}"
+            )
+    known = {signal.name for signal in measurement.signals}
+    for joint in joint_names(simulator):
+        if f"qpos.{joint}" not in known:
+            raise BadInput(
+                f"joint '{joint}' has no measured position", f"add the column qpos.{joint}, or weld the joint"
+            )
+    for name in simulator.commands:
+        if name not in measurement.commands:
+            raise BadInput(f"no command for actuator '{name}'", f"add the column ctrl.{name}")
+    order = [measurement.commands.index(name) for name in simulator.commands]
+    data = measurement.data.clone(recurse=False)
+    data["command"], data["enable"] = data["command"][..., order], data["enable"][..., order]
+    return replace(measurement, data=data, commands=tuple(simulator.commands))
+
+
+def _starts(available: int, rows: int) -> list[int]:
+    """Starting rows of the windows of one run; a last one that is at least half full counts."""
+    full = list(range(0, available - rows + 1, rows))
+    rest = available - len(full) * rows
+    return full + ([len(full) * rows] if rest >= max(2, rows / 2) else [])
+
+
+def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ...]:
+    during = torch.arange(first, first + rows, device=grid.value.device)
+    held = during.clamp_max(grid.rows)
+    before = torch.arange(first - history, first, device=grid.value.device).clamp_min(0)
+    after = during + 1
+    inside = (after <= grid.rows)[:, None]
+    after = after.clamp_max(grid.rows)
+    return (
+        grid.command[held],
+        grid.enable[held],
+        grid.command[before],
+        grid.enable[before],
+        grid.value[after],
+        grid.observed[after] & inside,
+    )
+
+
+def _window_starts(
+    grids: Sequence[RunGrid],
+    places: Sequence[tuple[int, int]],
+    rows: int,
+    names: Sequence[str],
+    joints: Sequence[str],
+    noise: Float[Tensor, " S"],
+) -> tuple[Float[Tensor, "W J2"], Float[Tensor, "W J2"], Bool[Tensor, "W J"]]:
+    """Smoothed starts, their sd, and which joints move, for all windows and joints."""
+    position, velocity, position_sd, velocity_sd, free = [], [], [], [], []
+    for joint in joints:
+        s = names.index(f"qpos.{joint}")
+        m = half_window(grids, s)
+        state = torch.zeros(len(places), 2, dtype=noise.dtype, device=noise.device)
+        sd = torch.zeros_like(state)
+        moves = torch.zeros(len(places), dtype=torch.bool, device=noise.device)
+        for r, grid in enumerate(grids):
+            mine = [w for w, place in enumerate(places) if place[0] == r]
+            centres = torch.tensor([places[w][1] for w in mine], dtype=torch.long, device=noise.device)
+            local, spread, _, _ = local_cubic(grid.value[:, s], grid.observed[:, s], centres, m, grid.step)
+            for k, w in enumerate(mine):
+                first = places[w][1]
+                y = grid.value[first : first + rows + 1, s][grid.observed[first : first + rows + 1, s]]
+                if len(y) and float(y.max() - y.min()) >= STILL * float(noise[s]):
+                    state[w], sd[w], moves[w] = local[k], spread[k] * noise[s], torch.isfinite(spread[k]).all()
+                elif len(y):
+                    state[w, 0], sd[w] = y.median(), noise[s]
+        position.append(state[:, 0])
+        velocity.append(state[:, 1])
+        position_sd.append(sd[:, 0])
+        velocity_sd.append(sd[:, 1])
+        free.append(moves)
+    start = torch.stack(position + velocity, -1)
+    start_sd = torch.stack(position_sd + velocity_sd, -1)
+    return start, start_sd, torch.stack(free, -1)
