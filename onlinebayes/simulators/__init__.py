@@ -2,6 +2,7 @@
 
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.env import SimulatorEnv, Task
-from onlinebayes.simulators.torch import Actuator, Joint, TorchSimulator
+from onlinebayes.simulators.stepping import Actuator, Joint
+from onlinebayes.simulators.torch import TorchSimulator
 
 __all__ = ["Actuator", "Joint", "Simulator", "SimulatorEnv", "Task", "TorchSimulator"]

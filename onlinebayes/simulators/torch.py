@@ -1,16 +1,8 @@
-r"""Mechanical systems written as batched equations in torch: give the acceleration, get a simulator.
+"""Mechanical systems written as batched equations in torch: give the acceleration, get a simulator.
 
     a = M(q)^{-1} (f(q, v) + tau),    tau = gears u + effects
 
-    semi-implicit   v+ = v + h a,   q+ = q + h v+        (MuJoCo's Euler; Gymnasium's Pendulum)
-    explicit        v+ = v + h a,   q+ = q + h v         (Gymnasium's CartPole)
-
-| term                              | code                                     |
-|-----------------------------------|------------------------------------------|
-| a(q, v, tau)                      | ``acceleration``, written by the system  |
-| gears u, input stages of effects  | ``_drive``                               |
-| forces of effects                 | ``_load``                                |
-| dry friction that sticks          | ``_rub``, :func:`friction.stick`         |
+A subclass writes ``acceleration``; how a step follows from it stands in ``stepping``.
 """
 
 from __future__ import annotations
@@ -21,8 +13,7 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import ClassVar, Literal, Self
+from typing import ClassVar, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -33,32 +24,10 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.friction import stick
+from onlinebayes.simulators.stepping import Actuator, Hidden, Joint, Stepper
 
 DIVERGED = 1e10
 """A coordinate or speed from here on counts as diverged, as in MuJoCo (``mjMAXVAL``) [m, rad, m/s, rad/s]."""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One coordinate: its name, its kind, and the speed it is cut off at [m/s, rad/s]."""
-
-    name: str
-    kind: Literal["slide", "hinge"]
-    max_speed: float = math.inf
-
-
-@dataclass(frozen=True)
-class Actuator:
-    """One command column: a force ``gear * u`` on ``joint``, u cut off at ``limit`` [command units].
-
-    ``gear`` is a number [N or N m per command unit] or the name of a parameter of the system.
-    """
-
-    name: str
-    joint: str
-    gear: float | str = 1.0
-    limit: float = math.inf
 
 
 class TorchSimulator(Simulator):
@@ -92,7 +61,7 @@ class TorchSimulator(Simulator):
     _values: dict[str, Tensor]
     _q: Tensor
     _v: Tensor
-    _hidden: dict[str, TensorDict]
+    _hidden: Hidden
     _failed: Tensor
     _any_failed: bool
 
@@ -118,7 +87,6 @@ class TorchSimulator(Simulator):
         self.commands = tuple(a.name for a in self.actuators)
         self.signals = tuple(f"{kind}.{j.name}" for kind in ("qpos", "qvel") for j in self.joints)
         self.effects: tuple[Effect, ...] = ()
-        self._row = {joint.name: i for i, joint in enumerate(self.joints)}
         self._populate(worlds)
 
     # --- the system ---------------------------------------------------------------------------------------------
@@ -192,7 +160,7 @@ class TorchSimulator(Simulator):
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance every world that has not failed by ``dt``."""
         command = inputs.get("command").to(dtype=self.dtype, device=self.device)
-        q, v, hidden = self._advance(
+        q, v, hidden = self._stepper.advance(
             self._values, self._q, self._v, self._hidden, command, inputs.get("enable", None), self._substeps
         )
         # One reduction tells whether any world may have diverged; the masks are worked out only then.
@@ -221,7 +189,7 @@ class TorchSimulator(Simulator):
         rows = []
         for k, steps in enumerate(b - a for a, b in itertools.pairwise(marks)):
             on = None if enable is None else enable[:, k]
-            new_q, new_v, new_hidden = self._advance(values, q, v, hidden, command[:, k], on, steps)
+            new_q, new_v, new_hidden = self._stepper.advance(values, q, v, hidden, command[:, k], on, steps)
             valid = valid & ~_diverged(new_q, new_v)
             q, v = torch.where(valid, new_q, q), torch.where(valid, new_v, v)
             hidden = {key: _select(valid, new_hidden[key], hidden[key]) for key in hidden}
@@ -234,7 +202,7 @@ class TorchSimulator(Simulator):
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        known = self._row if effect.target_kind == "joint" else self.commands
+        known = [joint.name for joint in self.joints] if effect.target_kind == "joint" else self.commands
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
             raise BadInput(
@@ -259,98 +227,6 @@ class TorchSimulator(Simulator):
         other._populate(worlds)
         return other
 
-    # --- one step -----------------------------------------------------------------------------------------------
-
-    def _advance(
-        self,
-        values: Mapping[str, Tensor],
-        q: Tensor,
-        v: Tensor,
-        hidden: dict[str, TensorDict],
-        command: Tensor,
-        enable: Tensor | None,
-        steps: int,
-    ) -> tuple[Tensor, Tensor, dict[str, TensorDict]]:
-        """``steps`` timesteps under one held command; returns new tensors and leaves the given ones alone."""
-        if not steps:
-            return q, v, hidden
-        drive, hidden = self._drive(values, hidden, command, enable, steps)
-        h = self.timestep
-        for k in range(steps):
-            tau = self._load(values, q, v, drive[..., k])
-            new = torch.add(v, self.acceleration(values, q, v, tau), alpha=h)
-            new = self._rub(values, q, v, tau, new)
-            for i, joint in enumerate(self.joints):
-                if joint.max_speed < math.inf:
-                    new[i].clamp_(-joint.max_speed, joint.max_speed)
-            q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
-        return q, v, hidden
-
-    def _drive(
-        self,
-        values: Mapping[str, Tensor],
-        hidden: dict[str, TensorDict],
-        command: Tensor,
-        enable: Tensor | None,
-        steps: int,
-    ) -> tuple[Tensor, dict[str, TensorDict]]:
-        """Generalised forces of the actuators on each of ``steps`` timesteps (J, N, steps)."""
-        stages = [e for e in self.effects if e.has_command]
-        hidden = dict(hidden)
-        force: list[Tensor | None] = [None] * len(self.joints)
-        for column, actuator in enumerate(self.actuators):
-            u = command[:, column]
-            if actuator.limit < math.inf:
-                u = u.clamp(-actuator.limit, actuator.limit)
-            u = u[:, None].expand(-1, steps)
-            for effect in stages:
-                if effect.target == actuator.name:
-                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, self.timestep)
-                    if after is not None:
-                        hidden[effect.key] = after
-            gear = values[actuator.gear][:, None] if isinstance(actuator.gear, str) else actuator.gear
-            u = u * gear
-            if enable is not None:
-                u = u * enable[:, column, None].to(u)
-            row = self._row[actuator.joint]
-            before = force[row]
-            force[row] = u if before is None else before + u
-        blank = command.new_zeros(()).expand(len(command), steps)
-        return torch.stack([blank if f is None else f for f in force]), hidden
-
-    def _load(self, values: Mapping[str, Tensor], q: Tensor, v: Tensor, tau: Tensor) -> Tensor:
-        """The actuators' forces and those of the effects (J, N)."""
-        if not self.effects:
-            return tau
-        tau = tau.clone()
-        for effect in self.effects:
-            if effect.target_kind == "joint":
-                i = self._row[effect.target]
-                force = effect.force(_own(effect, values), q[i], v[i])
-                if force is not None:
-                    tau[i] = tau[i] + force
-        return tau
-
-    def _rub(self, values: Mapping[str, Tensor], q: Tensor, v: Tensor, tau: Tensor, free: Tensor) -> Tensor:
-        """Velocities after the step ``free`` once dry friction has acted (J, N)."""
-        bounds: dict[int, Tensor] = {}
-        for effect in self.effects:
-            bound = effect.friction_bound(_own(effect, values)) if effect.target_kind == "joint" else None
-            if bound is not None:
-                i = self._row[effect.target]
-                bounds[i] = bounds[i] + bound if i in bounds else bound
-        if not bounds:
-            return free
-        base = self.acceleration(values, q, v, tau)
-        columns = []
-        for i in bounds:
-            # The acceleration is affine in tau, so a unit force at joint i shows column i of the inverse mass.
-            unit = torch.zeros_like(tau)
-            unit[i] = 1.0
-            columns.append(self.acceleration(values, q, v, tau + unit) - base)
-        impulse = torch.stack([bound * self.timestep for bound in bounds.values()])
-        return stick(free, torch.stack(columns, dim=1), impulse, list(bounds))
-
     # --- state --------------------------------------------------------------------------------------------------
 
     def _populate(self, worlds: int) -> None:
@@ -358,6 +234,9 @@ class TorchSimulator(Simulator):
         if worlds < 1:
             raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
         self.worlds = worlds
+        self._stepper = Stepper(
+            self.acceleration, self.joints, self.actuators, self.effects, self.timestep, self.semi_implicit
+        )
         self._theta = self.nominal.expand(worlds, -1).clone()
         self._values = self._columns(self._theta)
         self._q, self._v, self._hidden = self._load_state(None, worlds)
@@ -373,7 +252,7 @@ class TorchSimulator(Simulator):
         }
         return {**fixed, **dict(zip(self.parameters, theta.T.contiguous().unbind(0), strict=True))}
 
-    def _state(self, q: Tensor, v: Tensor, hidden: dict[str, TensorDict]) -> TensorDict:
+    def _state(self, q: Tensor, v: Tensor, hidden: Hidden) -> TensorDict:
         # Copies, contiguous by world: what a caller does to a state does not reach the simulator.
         rows = {"qpos": q.T, "qvel": v.T}
         state = TensorDict(
@@ -385,7 +264,7 @@ class TorchSimulator(Simulator):
             state["effects", key] = value.clone()
         return state
 
-    def _load_state(self, state: TensorDictBase | None, worlds: int) -> tuple[Tensor, Tensor, dict[str, TensorDict]]:
+    def _load_state(self, state: TensorDictBase | None, worlds: int) -> tuple[Tensor, Tensor, Hidden]:
         blank = torch.zeros(len(self.joints), worlds, dtype=self.dtype, device=self.device)
         hidden = {}
         for effect in self.effects:
@@ -402,11 +281,6 @@ class TorchSimulator(Simulator):
 def _diverged(q: Tensor, v: Tensor) -> Tensor:
     """Worlds (N,) with a value that is not a number or too large."""
     return ~((q.abs() < DIVERGED) & (v.abs() < DIVERGED)).all(0)
-
-
-def _own(effect: Effect, values: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """An effect's own parameters by their short names."""
-    return {name: values[f"{effect.key}.{name}"] for name in effect.parameters}
 
 
 def _select(mask: Tensor, yes: TensorDict, no: TensorDict) -> TensorDict:

@@ -1,0 +1,162 @@
+r"""One step of a mechanical system whose acceleration is given: actuators, effects, friction, integration.
+
+    tau = gears u' + effects(q, v),   v' = v + h a(q, v, tau),   v+ = v' with dry friction
+
+    semi-implicit   q+ = q + h v+        (MuJoCo's Euler; Gymnasium's Pendulum)
+    explicit        q+ = q + h v         (Gymnasium's CartPole)
+
+| term                               | code                              |
+|------------------------------------|-----------------------------------|
+| u' = input stages of effects of u  | :meth:`Stepper._drive`            |
+| forces of effects                  | :meth:`Stepper._load`             |
+| dry friction that sticks           | :meth:`Stepper._rub`, ``friction.stick`` |
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.friction import stick
+
+Values = Mapping[str, Float[Tensor, " N"]]
+"""Name -> value in each world, of every parameter of the system and of its effects [SI]."""
+Hidden = dict[str, TensorDict]
+"""Effect's key -> its hidden state."""
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One coordinate: its name, its kind, and the speed it is cut off at [m/s, rad/s]."""
+
+    name: str
+    kind: Literal["slide", "hinge"]
+    max_speed: float = math.inf
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One command column: a force ``gear * u`` on ``joint``, u cut off at ``limit`` [command units].
+
+    ``gear`` is a number [N or N m per command unit] or the name of a parameter of the system.
+    """
+
+    name: str
+    joint: str
+    gear: float | str = 1.0
+    limit: float = math.inf
+
+
+@dataclass(frozen=True)
+class Stepper:
+    """Advances states of any number of worlds; holds none itself.
+
+    Args:
+        acceleration: a(values, q, v, tau) (J, N), affine in tau; see ``TorchSimulator.acceleration``.
+        joints, actuators: of the system, in the order of coordinates and commands.
+        effects: added so far.
+        timestep: h [s].
+        semi_implicit: whether positions move by the new velocity.
+    """
+
+    acceleration: Callable[[Values, Tensor, Tensor, Tensor], Tensor]
+    joints: tuple[Joint, ...]
+    actuators: tuple[Actuator, ...]
+    effects: tuple[Effect, ...]
+    timestep: float
+    semi_implicit: bool
+
+    def advance(
+        self,
+        values: Values,
+        q: Float[Tensor, "J N"],
+        v: Float[Tensor, "J N"],
+        hidden: Hidden,
+        command: Float[Tensor, "N U"],
+        enable: Tensor | None,
+        steps: int,
+    ) -> tuple[Float[Tensor, "J N"], Float[Tensor, "J N"], Hidden]:
+        """``steps`` timesteps under one held command; gives new tensors and leaves the given ones alone."""
+        if not steps:
+            return q, v, hidden
+        drive, hidden = self._drive(values, hidden, command, enable, steps)
+        h = self.timestep
+        for k in range(steps):
+            tau = self._load(values, q, v, drive[..., k])
+            new = torch.add(v, self.acceleration(values, q, v, tau), alpha=h)
+            new = self._rub(values, q, v, tau, new)
+            for i, joint in enumerate(self.joints):
+                if joint.max_speed < math.inf:
+                    new[i].clamp_(-joint.max_speed, joint.max_speed)
+            q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
+        return q, v, hidden
+
+    def _drive(
+        self, values: Values, hidden: Hidden, command: Tensor, enable: Tensor | None, steps: int
+    ) -> tuple[Tensor, Hidden]:
+        """Generalised forces of the actuators on each of ``steps`` timesteps (J, N, steps)."""
+        hidden = dict(hidden)
+        total: dict[str, Tensor] = {}
+        for column, actuator in enumerate(self.actuators):
+            u = command[:, column]
+            if actuator.limit < math.inf:
+                u = u.clamp(-actuator.limit, actuator.limit)
+            u = u[:, None].expand(-1, steps)
+            for effect in self.effects:
+                if effect.has_command and effect.target == actuator.name:
+                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, self.timestep)
+                    if after is not None:
+                        hidden[effect.key] = after
+            u = u * (values[actuator.gear][:, None] if isinstance(actuator.gear, str) else actuator.gear)
+            if enable is not None:
+                u = u * enable[:, column, None].to(u)
+            total[actuator.joint] = total[actuator.joint] + u if actuator.joint in total else u
+        none = command.new_zeros(()).expand(len(command), steps)
+        return torch.stack([total.get(joint.name, none) for joint in self.joints]), hidden
+
+    def _load(self, values: Values, q: Tensor, v: Tensor, drive: Tensor) -> Tensor:
+        """The actuators' forces and those of the effects (J, N)."""
+        if not self.effects:
+            return drive
+        tau = list(drive.unbind(0))
+        for effect, i in self._on_joints():
+            force = effect.force(_own(effect, values), q[i], v[i])
+            if force is not None:
+                tau[i] = tau[i] + force
+        return torch.stack(tau)
+
+    def _rub(self, values: Values, q: Tensor, v: Tensor, tau: Tensor, free: Tensor) -> Tensor:
+        """Velocities after the step (J, N), from those without dry friction."""
+        bounds: dict[int, Tensor] = {}
+        for effect, i in self._on_joints():
+            bound = effect.friction_bound(_own(effect, values))
+            if bound is not None:
+                bounds[i] = bounds[i] + bound if i in bounds else bound
+        if not bounds:
+            return free
+        base = self.acceleration(values, q, v, tau)
+        columns = []
+        for i in bounds:
+            # The acceleration is affine in tau, so a unit force at joint i shows column i of the inverse mass.
+            unit = torch.zeros_like(tau)
+            unit[i] = 1.0
+            columns.append(self.acceleration(values, q, v, tau + unit) - base)
+        impulse = torch.stack([bound * self.timestep for bound in bounds.values()])
+        return stick(free, torch.stack(columns, dim=1), impulse, list(bounds))
+
+    def _on_joints(self) -> list[tuple[Effect, int]]:
+        rows = {joint.name: i for i, joint in enumerate(self.joints)}
+        return [(effect, rows[effect.target]) for effect in self.effects if effect.target_kind == "joint"]
+
+
+def _own(effect: Effect, values: Values) -> dict[str, Tensor]:
+    """An effect's own parameters by their short names."""
+    return {name: values[f"{effect.key}.{name}"] for name in effect.parameters}
