@@ -26,6 +26,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput
 
 if TYPE_CHECKING:
     from onlinebayes.simulators.effects import Effect
@@ -135,3 +136,14 @@ class Simulator(ABC):
     @abstractmethod
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds."""
+
+    def with_timestep(self, timestep: float) -> Self:
+        """A new simulator that integrates with this step [s] and whose ``dt`` is one of them; all worlds nominal.
+
+        Raises:
+            BadInput: this simulator's step cannot be changed.
+        """
+        raise BadInput(
+            f"{type(self).__name__} integrates with a step of {self.timestep:g} s only",
+            "override with_timestep to let numerics be checked",
+        )

@@ -227,6 +227,13 @@ class TorchSimulator(Simulator):
         other._populate(worlds)
         return other
 
+    def with_timestep(self, timestep: float) -> Self:
+        """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
+        other = copy.copy(self)
+        other.timestep, other.dt, other._substeps = timestep, timestep, 1
+        other._populate(self.worlds)
+        return other
+
     # --- state --------------------------------------------------------------------------------------------------
 
     def _populate(self, worlds: int) -> None:

@@ -168,6 +168,13 @@ class MujocoSimulator(Simulator):
         """A new simulator with another number of worlds, all nominal and at the default state."""
         return self._remade(worlds, self.effects)
 
+    def with_timestep(self, timestep: float) -> Self:
+        """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
+        system = self._system
+        spec = system.source.copy()
+        spec.option.timestep = timestep
+        return type(self)(spec, system.base_parameters, self.worlds, None, self._threads, self.effects)
+
     def export(self, theta: Float[Tensor, " P"]) -> mujoco.MjSpec:
         """One world as a spec with every parameter and native effect written in; see :mod:`.export`."""
         return export(self._system, _finite(theta[None]).numpy())
