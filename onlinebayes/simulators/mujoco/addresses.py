@@ -31,7 +31,7 @@ _COUNTS = {"body": "nbody", "joint": "njnt", "geom": "ngeom", "actuator": "nu", 
     "sensor": "nsensor",
     "site": "nsite",
 }
-_SLIDE, _HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
+SLIDE, HINGE = int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE)
 _PATTERN = re.compile(r"^(?P<field>[a-z_]+)(\[(?P<index>\d+)\])?$")
 
 
@@ -124,7 +124,7 @@ def unit(model: mujoco.MjModel, kind: str, element: str, field: str) -> str:
     units = UNITS.get((kind, field), "")
     if isinstance(units, str):
         return units
-    slide = model.jnt_type[element_id(model, "joint", element)] == _SLIDE
+    slide = model.jnt_type[element_id(model, "joint", element)] == SLIDE
     return units[0 if slide else 1]
 
 
@@ -191,7 +191,7 @@ def scalar_joint(model: mujoco.MjModel, name: str) -> tuple[int, int, int]:
         BadInput: there is no such joint, or it is a free or ball joint.
     """
     i = element_id(model, "joint", name)
-    if model.jnt_type[i] not in (_SLIDE, _HINGE):
+    if model.jnt_type[i] not in (SLIDE, HINGE):
         raise BadInput(f"joint '{name}' is a free or ball joint", "only a slide or hinge joint can carry this")
     return int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i]), i
 

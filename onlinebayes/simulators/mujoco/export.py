@@ -14,38 +14,48 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import torch
 
-from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import ActuatorDelay
-from onlinebayes.simulators.mujoco.addresses import model_array, names
+from onlinebayes.simulators.effects import ActuatorDelay, Effect
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array, names
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
-_HINGE = int(mujoco.mjtJoint.mjJNT_HINGE)
-_SINGLE = (int(mujoco.mjtJoint.mjJNT_SLIDE), _HINGE)
-
 
 def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
-    """The spec of the world with parameters theta (1, P).
-
-    Raises:
-        BadInput: an effect has no native form, or a value has no place in MJCF.
-    """
+    """The spec of the world with parameters theta (1, P), without the effects that :func:`foreign` names."""
     spec = system.spec.copy()
     compile_spec(spec)
+    left_out = foreign(system, theta)
     for array, values in system.write(theta).items():
         base = model_array(system.model, array)
-        if not np.array_equal(values[0], base):
+        if array in SPEC and not np.array_equal(values[0], base):
             _write(spec, system.model, array, values[0], base)
     for effect in system.stages:
-        if not isinstance(effect, ActuatorDelay):
-            raise BadInput(f"{effect.key} has no native form in MuJoCo", "leave it out before exporting")
-        delay = float(system.own(effect, torch.from_numpy(theta))["delay"][0])
-        _write_delay(spec, effect, delay, system.model.opt.timestep)
+        if effect.key not in left_out:
+            _write_delay(spec, effect.target, _delay(system, effect, theta), system.model.opt.timestep)
     compile_spec(spec)
     return spec
+
+
+def foreign(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
+    """Keys of the effects that have no place in MJCF at these parameters, so that plain MuJoCo lacks them.
+
+    Input stages have none but a delay of zero, or of at least one timestep: MuJoCo reads its buffer before the present
+    command enters it, which makes a shorter delay a whole timestep.
+    """
+    keys = [e.key for e in system.effects if e.fields and not set(e.fields) <= set(SPEC)]
+    for effect in system.stages:
+        target = system.model.actuator(effect.target).id
+        native = isinstance(effect, ActuatorDelay) and not system.model.actuator_delay[target]
+        delay = _delay(system, effect, theta) if native else 0.0
+        if not native or 0 < delay < system.model.opt.timestep:
+            keys.append(effect.key)
+    return tuple(keys)
+
+
+def _delay(system: MujocoSystem, effect: Effect, theta: np.ndarray) -> float:
+    return float(system.own(effect, theta)["delay"][0])
 
 
 def to_xml(spec: mujoco.MjSpec) -> str:
@@ -76,7 +86,7 @@ def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, name: str) ->
     if array.startswith("dof_"):
         return int(element.dofadr[0])
     if array == "qpos_spring":
-        return int(element.qposadr[0]) if model.jnt_type[element.id] in _SINGLE else None
+        return int(element.qposadr[0]) if model.jnt_type[element.id] in (SLIDE, HINGE) else None
     return int(element.id)
 
 
@@ -95,7 +105,7 @@ def _in_file_units(
     spec: mujoco.MjSpec, model: mujoco.MjModel, place: SpecAttribute, name: str, value: np.ndarray
 ) -> np.ndarray:
     angle = place.kind == "joint" and place.attribute in ("springref", "range")
-    if angle and spec.compiler.degree and model.joint(name).type[0] == _HINGE:
+    if angle and spec.compiler.degree and model.joint(name).type[0] == HINGE:
         return np.rad2deg(value)
     return value
 
@@ -112,14 +122,11 @@ def _own_inertial(spec: mujoco.MjSpec, body: mujoco.MjsBody, model: mujoco.MjMod
     body.ipos, body.iquat = compiled.ipos.copy(), compiled.iquat.copy()
 
 
-def _write_delay(spec: mujoco.MjSpec, effect: ActuatorDelay, delay: float, timestep: float) -> None:
-    if delay == 0:
-        return
-    actuator = spec.actuator(effect.target)
-    if actuator.delay:
-        raise BadInput(f"{effect.key}: the actuator has a delay of its own", "export cannot hold two")
-    actuator.delay, actuator.interp = delay, 1
-    actuator.nsample = math.ceil(delay / timestep) + 2
+def _write_delay(spec: mujoco.MjSpec, target: str, delay: float, timestep: float) -> None:
+    if delay > 0:
+        actuator = spec.actuator(target)
+        actuator.delay, actuator.interp = delay, 1
+        actuator.nsample = math.ceil(delay / timestep) + 2
 
 
 @contextmanager

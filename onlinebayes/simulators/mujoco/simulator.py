@@ -18,7 +18,8 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.mujoco.export import export
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
+from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -92,12 +93,9 @@ class MujocoSimulator(Simulator):
     def joint_kinds(self) -> dict[str, Literal["slide", "hinge"]]:
         """Name -> kind of every slide and hinge joint, which decides the units of what acts on it."""
         kinds: dict[str, Literal["slide", "hinge"]] = {}
-        for i in range(self.model.njnt):
-            joint = self.model.joint(i)
-            if joint.type[0] == mujoco.mjtJoint.mjJNT_SLIDE:
-                kinds[joint.name] = "slide"
-            elif joint.type[0] == mujoco.mjtJoint.mjJNT_HINGE:
-                kinds[joint.name] = "hinge"
+        for name, kind in zip(names(self.model, "joint"), self.model.jnt_type, strict=True):
+            if kind in (SLIDE, HINGE):
+                kinds[name] = "slide" if kind == SLIDE else "hinge"
         return kinds
 
     @property
@@ -178,6 +176,14 @@ class MujocoSimulator(Simulator):
     def export(self, theta: Float[Tensor, " P"]) -> mujoco.MjSpec:
         """One world as a spec with every parameter and native effect written in; see :mod:`.export`."""
         return export(self._system, _finite(theta[None]).numpy())
+
+    def export_xml(self, theta: Float[Tensor, " P"]) -> str:
+        """:meth:`export` as MJCF text with all 17 digits, which plain MuJoCo loads and replays alike."""
+        return to_xml(self.export(theta))
+
+    def foreign(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
+        """Keys of the effects that :meth:`export` has to leave out at these parameters."""
+        return foreign(self._system, _finite(theta[None]).numpy())
 
     def _remade(self, worlds: int, effects: Sequence[Effect]) -> Self:
         system = self._system

@@ -66,13 +66,11 @@ class Record:
 
 @dataclass(frozen=True)
 class Command:
-    """One command column: its name, its actuator's id, its place in ``ctrl`` and its limits [command units]."""
+    """One command column: its name, its actuator's id and its place in ``ctrl``."""
 
     name: str
     actuator: int
     ctrl: int
-    low: float
-    high: float
 
 
 class MujocoSystem:
@@ -167,9 +165,6 @@ class MujocoSystem:
         for column, place in enumerate(self.commands):
             u = command[..., column]
             staged = [e for e in self.stages if self.model.actuator(e.target).id == place.actuator]
-            if staged:
-                # An actuator cuts its command off before it delays it.
-                u = u.clamp(place.low, place.high)
             for effect in staged:
                 fed[effect.key] = u
                 u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, self.model.opt.timestep)
@@ -232,9 +227,7 @@ def _commands(model: mujoco.MjModel, visible: Sequence[str]) -> tuple[Command, .
         i = model.actuator(name).id
         first, count = int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
         for k in range(count):
-            limited = bool(model.actuator_ctrllimited[i])
-            low, high = model.actuator_ctrlrange[i] if limited else (-np.inf, np.inf)
-            columns.append(Command(name if count == 1 else f"{name}.{k}", i, first + k, float(low), float(high)))
+            columns.append(Command(name if count == 1 else f"{name}.{k}", i, first + k))
     return tuple(columns)
 
 

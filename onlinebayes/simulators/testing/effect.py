@@ -1,0 +1,82 @@
+"""What every effect must do, on each simulator that carries it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import torch
+
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect, Scales
+from onlinebayes.simulators.testing.simulator import check_simulator
+from onlinebayes.simulators.testing.trials import Trial, require, require_same
+
+
+def check_effect(
+    simulator: Simulator, effect: Effect, *, steps: int = 8, scale: float = 1.0, atol: float = 0.0, seed: int = 0
+) -> None:
+    """Raise AssertionError unless the effect keeps the contract of :class:`Effect` on this simulator.
+
+    Checked: its parameters join the space under its key; at its neutral value it changes not a bit; elsewhere it acts;
+    with it the simulator passes :func:`check_simulator`, hidden states included; starting values and the bounds for
+    screening are admissible; an unknown target and a second copy are refused.
+
+    Args:
+        simulator: without the effect; it is not touched.
+        effect: any of a target that the simulator has.
+        steps: length of the trajectories.
+        scale: standard deviation of the random commands [command units].
+        atol: as for :func:`check_simulator`.
+        seed: of parameters and commands.
+    """
+    _check_declared(effect)
+    grown = simulator.with_effect(effect)
+    names = tuple(f"{effect.key}.{name}" for name in effect.parameters)
+    require(grown.parameters.names == (*simulator.parameters.names, *names), f"the space is {grown.parameters.names}")
+    require(grown.effects == (*simulator.effects, effect), "effects does not end with the new one")
+    require(grown.commands == simulator.commands, f"the effect changed the commands to {grown.commands}")
+    require(grown.signals == simulator.signals, f"the effect changed the signals to {grown.signals}")
+    neutral = torch.tensor([effect.neutral[n] for n in effect.parameters], dtype=grown.dtype, device=grown.device)
+    require(torch.equal(grown.nominal[len(simulator.parameters) :], neutral), "nominal is not neutral")
+    _check_neutral(simulator, grown, steps, scale, seed)
+    check_simulator(grown, steps=steps, scale=scale, atol=atol, seed=seed)
+    _check_refusals(grown, simulator, effect)
+
+
+def _check_declared(effect: Effect) -> None:
+    space = effect.parameters
+    require(set(effect.neutral) == set(space), f"neutral names {set(effect.neutral)}, parameters are {set(space)}")
+    scaled = type(effect).scaled(effect.target, Scales(force=3.0, speed=2.0, travel=1.5, time=0.05, centre=4.0))
+    require(scaled.target == effect.target and scaled.key == effect.key, "scaled() changes the target")
+    require(tuple(scaled.parameters) == tuple(space), "scaled() has other parameters")
+    for each in (effect, scaled):
+        require(
+            bool(each.parameters.contains(each.parameters.vector(each.neutral))), f"neutral is out of bounds: {each}"
+        )
+        for start in each.starts:
+            require(bool(each.parameters.contains(each.parameters.vector(start))), f"start {start} is out of bounds")
+            require(start != dict(each.neutral), "a start is the neutral value")
+
+
+def _check_neutral(simulator: Simulator, grown: Simulator, steps: int, scale: float, seed: int) -> None:
+    base = simulator.with_worlds(3)
+    trial = Trial.draw(base, steps, scale, seed)
+    theta = torch.cat([trial.theta, grown.nominal[len(base.parameters) :].expand(3, -1)], dim=1)
+    plain = base.rollout(trial.theta, trial.start, trial.inputs, trial.times)
+    with_effect = grown.rollout(theta, trial.start, trial.inputs, trial.times)
+    hidden = set(plain.keys(True, True)) ^ set(with_effect.keys(True, True))
+    require_same(with_effect.exclude(*hidden), plain, 0.0, "the effect at its neutral value against none")
+
+
+def _check_refusals(grown: Simulator, simulator: Simulator, effect: Effect) -> None:
+    stranger = dataclasses.replace(effect, target="no such target")  # type: ignore[type-var]
+    for what, act in (
+        ("a second copy", lambda: grown.with_effect(effect)),
+        ("an unknown target", lambda: simulator.with_effect(stranger)),
+    ):
+        try:
+            act()
+        except BadInput:
+            continue
+        raise AssertionError(f"{what} of {effect.key} was not refused with BadInput")
