@@ -13,8 +13,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import mujoco
-
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism
@@ -74,12 +72,11 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
 def refined_xml(result: Criticism) -> str:
     """MJCF of the final model with its fitted values; effects without a native term are named in a comment."""
     simulator: Any = result.final.simulator
-    spec: mujoco.MjSpec = simulator.export(result.final.theta)
-    spec.compile()
-    missing = [effect.key for effect in simulator.effects if not effect.fields]
+    missing = simulator.foreign(result.final.theta)
     note = f"not in this file, MuJoCo has no term for it: {', '.join(missing)}" if missing else "complete"
     # "--" would end an XML comment.
-    return f"<!-- refined by onlinebayes; {note.replace('--', '- -')} -->\n{spec.to_xml()}"
+    note = note.replace("--", "- -")
+    return f"<!-- refined by onlinebayes; {note} -->\n{simulator.export_xml(result.final.theta)}"
 
 
 def _bounds(result: Criticism) -> dict[str, Any]:
