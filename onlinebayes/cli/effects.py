@@ -22,10 +22,8 @@ from onlinebayes.simulators.effects import EFFECTS, Effect
 def import_modules(section: Section, folder: Path) -> None:
     """Import the user's modules, which register effects of their own in ``EFFECTS``."""
     for name in section.texts("modules", ()):
-        try:
+        with section.at("modules"):
             import_module(name, folder)
-        except BadInput as error:
-            raise section.error("modules", str(error)) from error
 
 
 def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] | tuple[str, ...]:
@@ -43,10 +41,8 @@ def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] |
     if not candidates:
         raise section.error("candidates", "nothing to try", 'write "all", or name effects')
     for candidate in candidates:
-        try:
+        with section.at("candidates"):
             check_effect(candidate, simulator)
-        except BadInput as error:
-            raise section.error("candidates", str(error)) from None
     return candidates
 
 

@@ -13,6 +13,7 @@ from types import ModuleType
 
 import mujoco
 
+from onlinebayes.cli.section import Section
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -21,23 +22,38 @@ from onlinebayes.simulators.mujoco.addresses import resolve
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 
 
-def build_simulator(model: str, folder: Path, parameters: ParameterSpace) -> Simulator:
+def build_simulator(top: Section, folder: Path, parameters: ParameterSpace) -> Simulator:
     """The simulator whose free parameters are ``parameters``.
 
     Args:
-        model: path of an MJCF file relative to ``folder``, or ``"package.module:factory"``; the factory is called
-            with the :class:`ParameterSpace` (without an argument where it takes none) and returns a Simulator.
+        top: the problem file; its ``model`` is the path of an MJCF file relative to ``folder``, or
+            ``"package.module:factory"``. The factory is called with the :class:`ParameterSpace` (without an argument
+            where it takes none) and returns a Simulator.
         folder: where the problem file lies; modules beside it can be named.
         parameters: addresses and bounds.
 
     Raises:
         BadInput: no such model or factory, one that does not compile or run, or unknown addresses.
     """
-    module, colon, factory = model.rpartition(":")
-    if not colon or model.endswith(".xml"):
+    model = top.text("model")
+    if ":" in model and not model.endswith(".xml"):
+        with top.at("model"):
+            return _from_factory(model, folder, parameters)
+    with top.at("model"):
         if not (folder / model).is_file():
             raise BadInput(f"no such file: {folder / model}", "give an MJCF file, or 'package.module:factory'")
-        return _mujoco(folder / model, parameters)
+        spec = load_spec(folder / model)
+        compiled = compile_spec(spec.copy())
+    units = {}
+    for name in parameters:
+        with top.section("parameters").at(name):
+            units[name] = resolve(compiled, name).unit
+    named = {name: dataclasses.replace(parameter, unit=units[name]) for name, parameter in parameters.items()}
+    return MujocoSimulator(spec, ParameterSpace(named))
+
+
+def _from_factory(model: str, folder: Path, parameters: ParameterSpace) -> Simulator:
+    module, _, factory = model.rpartition(":")
     make = getattr(import_module(module, folder), factory, None)
     if not callable(make):
         raise BadInput(f"module '{module}' has no factory '{factory}'", "name a function that returns a Simulator")
@@ -53,16 +69,6 @@ def build_simulator(model: str, folder: Path, parameters: ParameterSpace) -> Sim
         have = ", ".join(simulator.parameters.names) or "none"
         raise BadInput(f"'{model}' has the parameters {have}", "name exactly these under [parameters]")
     return simulator
-
-
-def _mujoco(path: Path, parameters: ParameterSpace) -> MujocoSimulator:
-    """An MJCF file, its parameters given the units of their addresses."""
-    spec = load_spec(path)
-    model = compile_spec(spec.copy())
-    named = {
-        name: dataclasses.replace(parameter, unit=resolve(model, name).unit) for name, parameter in parameters.items()
-    }
-    return MujocoSimulator(spec, ParameterSpace(named))
 
 
 def import_module(name: str, folder: Path) -> ModuleType:

@@ -8,8 +8,7 @@ Everything is checked here, before any long work; each error names the file, the
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -19,6 +18,7 @@ from onlinebayes.cli.effects import add_effects, check_candidates, import_module
 from onlinebayes.cli.model import build_simulator, known_addresses, signal_units
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism import Selection
+from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.units import to_si
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -73,13 +73,12 @@ def load_problem(
     tables = top.texts("measurements")
     model, effect_bounds = _parameters(top)
     import_modules(effects, path.parent)
-    with _at(top, "model"):
-        simulator = build_simulator(top.text("model"), path.parent, model)
+    simulator = build_simulator(top, path.parent, model)
     measurement = _read_tables(top, tables, simulator, note)
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
     _check_clock(measurement, selection, path)
-    fit = measurement.select([run for run in measurement.runs if run not in (holdout or ())])
+    fit, _ = split(measurement, holdout)
     simulator, added = add_effects(effects, add, simulator, fit, effect_bounds, selection.horizon_s)
     return Problem(path, simulator, measurement, holdout, candidates, selection, added)
 
@@ -99,17 +98,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise BadInput("the file is not UTF-8", "save it as UTF-8", where=f"{path}, line {line}") from None
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:  # RecursionError: arrays nested a thousand deep
         raise BadInput(f"is not TOML: {error}", "mend that line", where=str(path)) from None
-
-
-@contextmanager
-def _at(section: Section, key: str) -> Iterator[None]:
-    """Errors from within name the key they come from."""
-    try:
-        yield
-    except BadInput as error:
-        raise section.error(key, str(error)) from None
 
 
 def _selection(section: Section) -> Selection:
@@ -149,7 +139,7 @@ def _parameter(section: Section, key: str, value: Any) -> Parameter:
     low, high = (table.number(name) for name in ("low", "high"))
     if low is None or high is None:
         raise section.error(key, "a bound is missing", "write [low, high] or { low = .., high = .. } in SI units")
-    with _at(section, key):
+    with section.at(key):
         return Parameter(low, high, scale=table.text("scale", "linear"))
 
 
@@ -180,12 +170,12 @@ def _signals(section: Section, simulator: Simulator, units: dict[str, str]) -> l
             raise table.error("sign", f"{sign} is no sign", "write 1 or -1")
         factor = 1.0
         if "unit" in table:
-            with _at(table, "unit"):
+            with table.at("unit"):
                 factor = to_si(table.text("unit"), units.get(name, ""))
         scale = table.number("scale", 1.0) or 0.0
         if scale == 0.0:
             raise table.error("scale", "0 would erase the signal", "give what multiplies the column")
-        with _at(section, name):
+        with section.at(name):
             signal = Signal(name, units.get(name, ""), table.number("sd"), table.number("resolution"))
         mapped.append(
             SignalColumn(signal, table.text("column", ""), sign * scale * factor, table.number("offset", 0.0) or 0.0)

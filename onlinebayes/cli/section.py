@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from onlinebayes.runs import BadInput
@@ -56,6 +57,14 @@ class Section:
         quoted = key if key.replace("_", "").replace("-", "").isalnum() else f'"{key}"'
         return f"{self.path}.{quoted}" if self.path else quoted
 
+    @contextmanager
+    def at(self, key: str) -> Iterator[None]:
+        """Errors from within name this file and the key's full path."""
+        try:
+            yield
+        except BadInput as error:
+            raise self.error(key, str(error)) from error
+
     def text(self, key: str, default: str | None = None) -> str:
         """A string that is not empty; required without a default."""
         value = self._get(key, str, default)
@@ -72,9 +81,13 @@ class Section:
         """``value`` as a float; whole numbers count, booleans and nan do not."""
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self.error(key, f"{_show(value)} is not a number", "write a number without quotes")
-        if not math.isfinite(value):
-            raise self.error(key, f"{value} is not finite", "give a finite number")
-        return float(value)
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            raise self.error(key, f"{number} is not finite", "give a finite number")
+        return number
 
     def whole(self, key: str, default: int | None = None) -> int | None:
         """A whole number, or the default."""

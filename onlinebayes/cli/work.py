@@ -30,8 +30,8 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         BadInput: the problem cannot be used, or the folder not be written.
     """
     problem = load_problem(problem_file, add, note=_log)
-    with writable(Path(out)) as folder, Interrupt() as interrupt:
-        result = criticise(command, problem, interrupt)
+    with writable(Path(out)) as folder:
+        result = criticise(command, problem)
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
         write_report(result, folder)
         if command == "refine":
@@ -43,21 +43,22 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     return 0
 
 
-def criticise(command: str, problem: Problem, interrupt: Interrupt) -> Criticism:
-    """The command's result on a loaded problem."""
+def criticise(command: str, problem: Problem) -> Criticism:
+    """The command's result on a loaded problem; a search that Ctrl-C stops gives what it has found until then."""
     model, data, how = problem.simulator, problem.measurement, problem.selection
     if command == "compare":
         return compare(model, data, holdout=problem.holdout, selection=how, progress=_log)
     search = {"diagnose": diagnose, "refine": refine}[command]
-    return search(
-        model,
-        data,
-        holdout=problem.holdout,
-        selection=how,
-        candidates=problem.candidates,
-        progress=_log,
-        interrupt=interrupt,
-    )
+    with Interrupt("onlinebayes: stopping after this stage; Ctrl-C again stops at once") as interrupt:
+        return search(
+            model,
+            data,
+            holdout=problem.holdout,
+            selection=how,
+            candidates=problem.candidates,
+            progress=_log,
+            interrupt=interrupt,
+        )
 
 
 def earlier_looks(folder: Path) -> int:

@@ -9,6 +9,9 @@ from jaxtyping import Int
 
 from onlinebayes.runs import BadInput
 
+LARGEST = 1e12
+"""Beyond this no quantity in SI units was measured: a wrong unit, or a sensor's code for "no value"."""
+
 
 def check_columns(columns: Mapping[str, np.ndarray], where: str, rows: Int[np.ndarray, " T"] | None = None) -> None:
     """Raise :class:`BadInput` unless the columns are one run: a time that increases, equal lengths, finite or nan.
@@ -48,6 +51,12 @@ def _check_values(name: str, values: np.ndarray, where: str, rows: np.ndarray) -
         raise BadInput(
             f"{values[wrong[0]]} is no measured value",
             "leave the cell empty (or nan) where nothing was measured",
+            where=f"{where}, row {rows[wrong[0]]}, column '{name}'",
+        )
+    if (wrong := np.flatnonzero(np.abs(values) > LARGEST)).size:
+        raise BadInput(
+            f"{values[wrong[0]]:g} is too large for a measured value",
+            "use SI units, and leave the cell empty (or nan) where nothing was measured",
             where=f"{where}, row {rows[wrong[0]]}, column '{name}'",
         )
     needed = name == "time" or name.startswith(("ctrl.", "enable."))

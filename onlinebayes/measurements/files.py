@@ -92,11 +92,13 @@ class Columns(dict[str, np.ndarray]):
 
 def is_parquet(path: Path) -> bool:
     """Whether the file is Parquet, by its first bytes; raises :class:`BadInput` when it cannot be read."""
+    if not path.exists():
+        raise BadInput("no such file", "check 'measurements' in the problem file", where=str(path))
+    if not path.is_file():
+        raise BadInput("is not a file", "name a CSV or Parquet file", where=str(path))
     try:
         with path.open("rb") as file:
             start = file.read(4)
-    except FileNotFoundError:
-        raise BadInput("no such file", "check 'measurements' in the problem file", where=str(path)) from None
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", "name a CSV or Parquet file", where=str(path)) from None
     if start == b"PAR1":

@@ -153,9 +153,9 @@ class TableReader:
                 same = [s.name for s in self.signals if s.name.startswith(f"{kind}.")]
                 self._unknown(name, name, same, "joint signal", path)
             elif kind == "qfrc":
-                joints = dict.fromkeys(s.name.split(".")[1] for s in self.signals if s.name.startswith(STATE))
-                if target.split(".")[0] not in joints:
-                    self._unknown(name, target, list(joints), "joint", path)
+                joints = [s.name.partition(".")[2] for s in self.signals if s.name.startswith("qvel.")]
+                if target not in joints:
+                    self._unknown(name, target, joints, "joint", path)
                 later.append(name)
             elif kind == "xfrc" or (kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known)):
                 later.append(name)

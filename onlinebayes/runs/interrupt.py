@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import sys
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -12,10 +13,13 @@ class Interrupt:
 
     A loop looks at ``requested`` between its steps, keeps what it has and returns. A second Ctrl-C raises
     ``KeyboardInterrupt`` as usual. Outside the main thread, where handlers cannot be set, the context does nothing.
+
+    Args:
+        message: what the first Ctrl-C prints on standard error; nothing when empty.
     """
 
-    def __init__(self) -> None:
-        self.requested = False
+    def __init__(self, message: str = "") -> None:
+        self.requested, self.message = False, message
         self._previous: Any = None
         self._installed = False
 
@@ -37,3 +41,5 @@ class Interrupt:
         if self.requested:
             raise KeyboardInterrupt
         self.requested = True
+        if self.message:
+            print(self.message, file=sys.stderr, flush=True)

@@ -173,7 +173,7 @@ def test_a_column_that_the_problem_ignores_is_no_error(tmp_path):
 def test_a_missing_file_and_a_folder(tmp_path):
     with pytest.raises(BadInput, match=r"none\.csv: no such file"):
         reader().read([tmp_path / "none.csv"])
-    with pytest.raises(BadInput, match="cannot be read: Is a directory"):
+    with pytest.raises(BadInput, match="is not a file"):
         reader().read([tmp_path])
 
 
