@@ -68,7 +68,8 @@ def quiet() -> Iterator[None]:
 @contextlib.contextmanager
 def _reported(what: str) -> Iterator[None]:
     try:
-        yield
+        with quiet():
+            yield
     except ValueError as error:
         message = " ".join(str(error).split()).rstrip(".")
         raise BadInput(f"{what} does not compile: {message}", "mend the MJCF until plain MuJoCo loads it") from None

@@ -63,6 +63,8 @@ class MujocoSimulator(Simulator):
         self.signals = self._system.signals
         self.worlds, self.device, self.dtype = worlds, torch.device("cpu"), torch.float64
         self.timestep = float(self.model.opt.timestep)
+        if not self.timestep > 0:
+            raise BadInput(f"the model's timestep is {self.timestep:g} s", "give <option timestep> a positive time")
         self.dt = self.timestep if dt is None else dt
         self._steps = round(self.dt / self.timestep)
         if self._steps < 1 or not math.isclose(self._steps * self.timestep, self.dt, rel_tol=1e-6):
