@@ -78,6 +78,9 @@ def load_problem(
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
     _check_clock(measurement, selection, path)
+    if 10 * simulator.timestep > selection.horizon_s:
+        problem = f"a timestep of {simulator.timestep:g} s is too long for windows of {selection.horizon_s:g} s"
+        raise top.error("model", problem, "give the model a timestep of a tenth of that or less")
     fit, _ = split(measurement, holdout)
     simulator, added = add_effects(effects, add, simulator, fit, effect_bounds, selection.horizon_s)
     return Problem(path, simulator, measurement, holdout, candidates, selection, added)
