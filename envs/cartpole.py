@@ -90,7 +90,8 @@ class CartPoleTask(Task):
 
     def observe(self, state: TensorDictBase) -> Float[Tensor, "N 4"]:
         """(x, dx/dt, phi, d phi/dt) [m, m/s, rad, rad/s]."""
-        return torch.stack((state.get("qpos"), state.get("qvel")), dim=-1).flatten(-2).to(torch.float32)
+        (x, angle), (speed, rate) = state.get("qpos").unbind(-1), state.get("qvel").unbind(-1)
+        return torch.stack((x, speed, angle, rate), dim=0).to(torch.float32).movedim(0, -1)
 
     def command(self, action: Tensor) -> Float[Tensor, "N 1"]:
         """+1 for right, -1 for left."""

@@ -115,7 +115,7 @@ class SimulatorEnv(EnvBase):
                 lambda x: x.new_zeros(len(mask), *x.shape[1:]).index_copy_(0, rows, x), batch_size=(len(mask),)
             )
             self._state = self.simulator.reset(theta, start, mask)
-            self._theta = torch.where(mask[:, None], theta, self._theta)
+            self._theta = self._theta.index_copy(0, rows, theta[rows])
             self._steps = self._steps.masked_fill(mask, 0)
         off = torch.zeros(len(self._steps), 1, dtype=torch.bool, device=self.device)
         return TensorDict(

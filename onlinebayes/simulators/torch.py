@@ -128,7 +128,7 @@ class TorchSimulator(Simulator):
     @property
     def theta(self) -> Float[Tensor, "N P"]:
         """A copy of every world's parameters."""
-        return self._theta.clone()
+        return self._theta.T.clone(memory_format=torch.contiguous_format)
 
     @property
     def failed(self) -> Bool[Tensor, " N"]:
@@ -142,19 +142,21 @@ class TorchSimulator(Simulator):
         mask: Bool[Tensor, " N"] | None = None,
     ) -> TensorDict:
         """New parameters and states for the worlds under ``mask``; see :meth:`Simulator.reset`."""
-        q, v, hidden = self._load_state(state, self.worlds)
-        theta = theta.to(self._theta)
         if mask is None:
-            self._theta, self._q, self._v, self._hidden = theta.clone(), q, v, hidden
+            self._theta = self._rows(theta)
+            self._q, self._v, self._hidden = self._load_state(state, self.worlds)
             self._failed, self._any_failed = torch.zeros_like(self._failed), False
         else:
-            self._theta = torch.where(mask[:, None], theta, self._theta)
-            self._q, self._v = torch.where(mask, q, self._q), torch.where(mask, v, self._v)
-            self._hidden = {key: _select(mask, hidden[key], self._hidden[key]) for key in hidden}
+            # Only the rows that reset are moved: with thousands of worlds a few end in every step.
+            rows = mask.nonzero().squeeze(-1)
+            q, v, hidden = self._load_state(None if state is None else state[rows], len(rows))
+            self._theta = self._theta.index_copy(1, rows, self._rows(theta[rows]))
+            self._q, self._v = self._q.index_copy(1, rows, q), self._v.index_copy(1, rows, v)
+            self._hidden = {key: _put(self._hidden[key], rows, hidden[key]) for key in hidden}
             if self._any_failed:
                 self._failed = self._failed & ~mask
                 self._any_failed = bool(self._failed.any())
-        self._values = self._columns(self._theta)
+        self._values = self._name(self._theta)
         return self._state(self._q, self._v, self._hidden)
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
@@ -180,7 +182,7 @@ class TorchSimulator(Simulator):
         times: Float[Tensor, " T"],
     ) -> TensorDict:
         """Trajectories of M worlds; see :meth:`Simulator.rollout`."""
-        values = self._columns(theta.to(dtype=self.dtype, device=self.device))
+        values = self._name(self._rows(theta))
         q, v, hidden = self._load_state(state, len(theta))
         command = inputs.get("command").to(dtype=self.dtype, device=self.device)
         enable = inputs.get("enable", None)
@@ -244,29 +246,28 @@ class TorchSimulator(Simulator):
         self._stepper = Stepper(
             self.acceleration, self.joints, self.actuators, self.effects, self.timestep, self.semi_implicit
         )
-        self._theta = self.nominal.expand(worlds, -1).clone()
-        self._values = self._columns(self._theta)
+        self._theta = self.nominal[:, None].repeat(1, worlds)
+        self._values = self._name(self._theta)
         self._q, self._v, self._hidden = self._load_state(None, worlds)
         self._failed = torch.zeros(worlds, dtype=torch.bool, device=self.device)
         self._any_failed = False  # known on the host, so that a step asks the device only once
 
-    def _columns(self, theta: Tensor) -> dict[str, Tensor]:
-        """Every parameter of the system and of its effects as one contiguous row (N,)."""
-        fixed = {
-            name: torch.full((len(theta),), value, dtype=self.dtype, device=self.device)
-            for name, value in self.defaults.items()
-            if name not in self.parameters
-        }
-        return {**fixed, **dict(zip(self.parameters, theta.T.contiguous().unbind(0), strict=True))}
+    def _name(self, rows: Float[Tensor, "P N"]) -> dict[str, Float[Tensor, " N"]]:
+        """Every parameter of the system and of its effects, those that are not free at their defaults."""
+        values = dict(zip(self.parameters, rows.unbind(0), strict=True))
+        for name, value in self.defaults.items():
+            if name not in values:
+                values[name] = torch.full((rows.shape[1],), value, dtype=self.dtype, device=self.device)
+        return values
+
+    def _rows(self, columns: Float[Tensor, "N K"]) -> Float[Tensor, "K N"]:
+        """A copy with one contiguous row a quantity, the layout in which worlds are kept."""
+        columns = columns.to(dtype=self.dtype, device=self.device)
+        return columns.T.clone(memory_format=torch.contiguous_format)
 
     def _state(self, q: Tensor, v: Tensor, hidden: Hidden) -> TensorDict:
-        # Copies, contiguous by world: what a caller does to a state does not reach the simulator.
-        rows = {"qpos": q.T, "qvel": v.T}
-        state = TensorDict(
-            {key: x.clone(memory_format=torch.contiguous_format) for key, x in rows.items()},
-            batch_size=(q.shape[1],),
-            device=self.device,
-        )
+        # Copies: what a caller does to a state does not reach the simulator.
+        state = TensorDict({"qpos": q.clone().T, "qvel": v.clone().T}, batch_size=(q.shape[1],), device=self.device)
         for key, value in hidden.items():
             state["effects", key] = value.clone()
         return state
@@ -281,13 +282,17 @@ class TorchSimulator(Simulator):
                 hidden[effect.key] = given.to(self.device).clone()
         if state is None:
             return blank, blank.clone(), hidden
-        q, v = (state.get(key).to(blank).T.clone(memory_format=torch.contiguous_format) for key in ("qpos", "qvel"))
-        return q, v, hidden
+        return self._rows(state.get("qpos")), self._rows(state.get("qvel")), hidden
 
 
 def _diverged(q: Tensor, v: Tensor) -> Tensor:
     """Worlds (N,) with a value that is not a number or too large."""
     return ~((q.abs() < DIVERGED) & (v.abs() < DIVERGED)).all(0)
+
+
+def _put(into: TensorDict, rows: Tensor, values: TensorDict) -> TensorDict:
+    """A copy of ``into`` with ``values`` in some rows."""
+    return into.apply(lambda a, b: a.index_copy(0, rows, b), values, batch_size=into.batch_size)
 
 
 def _select(mask: Tensor, yes: TensorDict, no: TensorDict) -> TensorDict:
