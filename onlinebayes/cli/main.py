@@ -7,6 +7,7 @@ Ctrl-C. What is slow to import is imported only once the arguments are known to 
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import sys
 import traceback
@@ -72,6 +73,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         arguments = parser().parse_args(argv)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 2
+    for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a sign shows its code instead
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
     try:
         return _run(arguments)
     except KeyboardInterrupt:

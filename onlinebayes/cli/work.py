@@ -14,6 +14,7 @@ from onlinebayes.cli.problem import Problem, load_problem
 from onlinebayes.cli.summary import summary
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import write_refined, write_report
+from onlinebayes.criticism.report.refined import refined_files
 from onlinebayes.runs import BadInput, Interrupt
 
 
@@ -33,10 +34,10 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     with writable(Path(out)) as folder:
         result = criticise(command, problem)
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
-        write_report(result, folder)
         if command == "refine":
             write_refined(result, folder, problem.path)
-    print(summary(result, folder))
+        write_report(result, folder, title=problem.path.stem)
+    print(summary(result, folder, refined_files(result)))
     if result.interrupted:
         _log("stopped by Ctrl-C; the report holds what was found until then")
         return 130
