@@ -25,8 +25,14 @@ def read(path: Path) -> dict[str, list[pa.RecordBatch]]:
 
 
 def column(batches: list[pa.RecordBatch], name: str) -> list:
-    (full,) = {n for n in batches[0].schema.names if n == name or n.endswith(f":{name}")}
-    return [value for batch in batches for value in batch.column(full).to_pylist()]
+    """The values of one component or time line over all chunks that have it."""
+    found = []
+    for batch in batches:
+        for full in batch.schema.names:
+            if full == name or full.endswith(f":{name}"):
+                found += batch.column(full).to_pylist()
+    assert found, f"no {name}"
+    return found
 
 
 def test_scalars_stand_at_their_steps(tmp_path: Path) -> None:

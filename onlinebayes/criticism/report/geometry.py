@@ -154,7 +154,8 @@ def _mesh(model: mujoco.MjModel, geom: int, colour: Any) -> Any:
     mesh = int(model.geom_dataid[geom])
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     face, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-    vertices = _rotated(model.geom_quat[geom], model.mesh_vert[first : first + count]) + model.geom_pos[geom]
+    own = np.asarray(model.mesh_vert[first : first + count], dtype=np.float64)
+    vertices = _rotated(model.geom_quat[geom], own) + model.geom_pos[geom]
     return rr.Mesh3D(
         vertex_positions=vertices, triangle_indices=model.mesh_face[face : face + faces], albedo_factor=colour
     )
@@ -168,4 +169,4 @@ def _rotated(quaternion: Array, vectors: Array) -> Array:
 
 def _rgba(model: mujoco.MjModel, geom: int) -> Array:
     material = int(model.geom_matid[geom])
-    return model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
+    return np.asarray(model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom], dtype=np.float64)

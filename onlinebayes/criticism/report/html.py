@@ -31,23 +31,27 @@ _PAGE: Final = """<!doctype html>
 """
 
 
-def to_html(result: Criticism, *, title: str = "", refined: tuple[str, ...] = ()) -> str:
+def to_html(
+    result: Criticism, *, title: str = "", refined: tuple[str, ...] = (), left_out: tuple[str, ...] = ()
+) -> str:
     """The whole page.
 
     Args:
         result: what to report.
         title: what was criticised, e.g. the name of the problem file.
         refined: names of the refined model's files that stand beside the report.
+        left_out: keys of the effects that refined.xml cannot hold.
     """
     style = files("onlinebayes.criticism.report").joinpath("style.css").read_text(encoding="utf-8")
     parts = [
         tag("p", f"onlinebayes {result.command}", f" · {title}" if title else "", kind="source"),
         summary.render(result),
         summary.heldout(result),
+        usage.advice(result, refined, left_out),
         ranking.render(result),
         parameters.render(result),
         errors.render(result),
-        usage.render(result, refined),
+        usage.provenance(result),
     ]
     head = text(f"{title or 'onlinebayes'}: {words.headline(result)}")
     return _PAGE.format(title=head, style=style, body=Html("\n".join(part for part in parts if part)))

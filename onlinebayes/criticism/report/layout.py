@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from onlinebayes.criticism.report import replays, words
+from onlinebayes.criticism.report import quantities, replays, words
 from onlinebayes.criticism.results import Criticism
 
 if TYPE_CHECKING:
@@ -21,6 +21,11 @@ def shown_runs(result: Criticism) -> tuple[str, ...]:
     names = [trace.run for trace in traces]
     first = [worst.run] if worst else []
     return tuple(dict.fromkeys([*first, *names]))[:RUNS_SHOWN]
+
+
+def error_scale(result: Criticism, signal: str) -> quantities.Scale:
+    """The unit in which the errors of a signal are drawn."""
+    return quantities.scale_for(result.heldout_error.before[signal], result.units[signal])
 
 
 def blueprint(result: Criticism, runs: tuple[str, ...], *, scene: bool) -> Blueprint:
@@ -52,8 +57,9 @@ def _run(result: Criticism, run: str, name: str, scene: bool) -> Vertical:
         views.append(rrb.Spatial3DView(origin=f"{root}/scene", name="measured solid, models as wireframes"))
     for signal in signals:
         part, unit = rr.escape_entity_path_part(signal), result.units[signal]
+        small = error_scale(result, signal).unit
         views.append(rrb.TimeSeriesView(origin=f"{root}/signals/{part}", name=f"{signal} [{unit}]"))
-        views.append(rrb.TimeSeriesView(origin=f"{root}/errors/{part}", name=f"error of {signal} [{unit}]"))
+        views.append(rrb.TimeSeriesView(origin=f"{root}/errors/{part}", name=f"error of {signal} [{small}]"))
     if result.commands:
         views.append(rrb.TimeSeriesView(origin=f"{root}/commands", name="commands"))
     return rrb.Vertical(*views, name=name)

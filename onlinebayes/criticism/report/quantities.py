@@ -55,6 +55,12 @@ def text(value: float | None, unit: str, digits: int = 2) -> str:
     return scale_for(value, unit).text(value, digits)
 
 
+def exact(value: float, unit: str) -> str:
+    """``value`` as it was chosen by somebody: ``1 s``, ``300 ms``, without digits that mean nothing."""
+    scale = scale_for(value, unit)
+    return f"{value / scale.size:.6g} {scale.unit}".strip()
+
+
 def with_error(mean: float, sd: float, unit: str) -> str:
     """``mean ± sd unit``, both to the last digit that the sd decides (two digits of it where they start with 1)."""
     if not (math.isfinite(mean) and math.isfinite(sd)):
@@ -87,7 +93,7 @@ def percent(share: float) -> str:
     """A share in 0..1 as whole percent, "<1 %" where that would read as nothing."""
     if not math.isfinite(share):
         return _MISSING
-    return "<1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %"
+    return "<1 %" if 0 < share < 0.005 else f"{100 * share:.0f} %".replace("-", "−")
 
 
 def _fixed(mean: float, sd: float) -> str:

@@ -4,7 +4,7 @@
 |---------------------------------------------|----------------------------------------------------------------|
 | ``report``, ``ranking``                     | Markdown: the headline and its figures; the candidate effects  |
 | ``runs/RUN/signals/SIGNAL/measured|before|after`` | the signal as measured, by the base and by the final model |
-| ``runs/RUN/errors/SIGNAL/before|after``     | simulated minus measured                                       |
+| ``runs/RUN/errors/SIGNAL/before|after``     | simulated minus measured, in the unit that the layout names     |
 | ``runs/RUN/commands/COMMAND``               | what was commanded                                             |
 | ``runs/RUN/scene/measured|before|after``    | the model's geometry, for MuJoCo models                        |
 
@@ -25,6 +25,7 @@ from onlinebayes.criticism.report import documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS
 from onlinebayes.criticism.results import Criticism, ReplayedRun
 from onlinebayes.runs import atomic_path
+from onlinebayes.simulators.mujoco import MujocoSimulator
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
@@ -44,14 +45,14 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         stream = rr.RecordingStream("onlinebayes", send_properties=False)
         stream.save(temporary)
         runs = layout.shown_runs(result)
-        model = getattr(result.final.simulator, "model", None)
-        scene = isinstance(model, mujoco.MjModel)
-        stream.send_blueprint(layout.blueprint(result, runs, scene=scene))
+        simulator = result.final.simulator
+        model = simulator.model if isinstance(simulator, MujocoSimulator) else None
+        stream.send_blueprint(layout.blueprint(result, runs, scene=model is not None))
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):
             stream.log(name, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         for before, after in zip(result.base.replays, result.final.replays, strict=True):
             _send_curves(stream, result, before, after)
-            if scene and before.run in runs:
+            if model is not None and before.run in runs:
                 _send_scene(stream, result, model, before, after)
         stream.flush()
         stream.disconnect()
@@ -81,8 +82,9 @@ def _send_curves(stream: RecordingStream, result: Criticism, before: ReplayedRun
         _curve(stream, (run, "signals", signal, "measured"), time[keep], measured[:, s], "measured")
         for kind in variants(result):
             values = simulated[kind][:, s]
+            error = (values - measured[:, s]) / layout.error_scale(result, signal).size
             _curve(stream, (run, "signals", signal, kind), time[keep], values, kind)
-            _curve(stream, (run, "errors", signal, kind), time[keep], values - measured[:, s], kind)
+            _curve(stream, (run, "errors", signal, kind), time[keep], error, kind)
     for u, command in enumerate(result.commands):
         _curve(stream, (run, "commands", command), time[keep], before.command.cpu().numpy()[keep, u], "command")
 

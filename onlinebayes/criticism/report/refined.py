@@ -17,14 +17,22 @@ from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs import write_atomic
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco.export import to_xml
 
 
 def refined_files(result: Criticism) -> tuple[str, ...]:
     """Names of the files that :func:`write_refined` writes for this result."""
     if result.command != "refine":
         return ()
-    return ("refined.toml", "refined.xml") if _exports(result.final.simulator) else ("refined.toml",)
+    mujoco = isinstance(result.final.simulator, MujocoSimulator)
+    return ("refined.toml", "refined.xml") if mujoco else ("refined.toml",)
+
+
+def left_out(result: Criticism) -> tuple[str, ...]:
+    """Keys of the effects that refined.xml cannot hold, because plain MuJoCo has no term for them."""
+    simulator = result.final.simulator
+    return simulator.foreign(result.final.theta) if isinstance(simulator, MujocoSimulator) else ()
 
 
 def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path) -> None:
@@ -41,8 +49,9 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path) -
     folder, problem = Path(out_dir), Path(problem)
     content = tomllib.loads(problem.read_text(encoding="utf-8-sig"))
     write_atomic(folder / "refined.toml", refined_toml(content, problem.parent, folder, result))
-    if _exports(result.final.simulator):
-        write_atomic(folder / "refined.xml", refined_xml(result))
+    simulator = result.final.simulator
+    if isinstance(simulator, MujocoSimulator):
+        write_atomic(folder / "refined.xml", refined_xml(result, simulator, folder))
 
 
 def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result: Criticism) -> str:
@@ -69,14 +78,24 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
     return to_toml(content, head=head, comments=comments)
 
 
-def refined_xml(result: Criticism) -> str:
-    """MJCF of the final model with its fitted values; effects without a native term are named in a comment."""
-    simulator: Any = result.final.simulator
-    missing = simulator.foreign(result.final.theta)
-    note = f"not in this file, MuJoCo has no term for it: {', '.join(missing)}" if missing else "complete"
+def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> str:
+    """MJCF of the final model with its fitted values; a comment names the effects that it cannot hold.
+
+    Args:
+        result: what ``refine`` returned.
+        simulator: its final simulator.
+        target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
+    """
+    spec = simulator.export(result.final.theta)
+    if spec.modelfiledir:
+        for name in ("meshdir", "texturedir"):
+            folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
+            setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
+        spec.modelfiledir = str(target)
+    missing = left_out(result)
+    note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
     # "--" would end an XML comment.
-    note = note.replace("--", "- -")
-    return f"<!-- refined by onlinebayes; {note} -->\n{simulator.export_xml(result.final.theta)}"
+    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}"
 
 
 def _bounds(result: Criticism) -> dict[str, Any]:
@@ -91,10 +110,6 @@ def _bounds(result: Criticism) -> dict[str, Any]:
             if parameter.scale != "linear":
                 found[address] = {"low": parameter.low, "high": parameter.high, "scale": parameter.scale}
     return found
-
-
-def _exports(simulator: Simulator) -> bool:
-    return callable(getattr(simulator, "export", None))
 
 
 def _moved(path: str, source: Path, target: Path) -> str:

@@ -68,8 +68,10 @@ def nice_ticks(low: float, high: float, count: int = 5) -> list[float]:
         return []
     raw = (high - low) / count
     power = 10.0 ** math.floor(math.log10(raw))
-    step = min((m * power for m in (1, 2, 5, 10)), key=lambda s: abs(math.log(s / raw)))
-    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    for step in sorted((m * power for m in (0.5, 1, 2, 5, 10)), key=lambda s: abs(math.log(s / raw))):
+        first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+        if last - first >= min(count, 3) - 1:
+            break
     return [k * step for k in range(first, last + 1)]
 
 
@@ -154,7 +156,7 @@ def _panel(panel: Panel, frame: _Frame, x_label: str | None) -> str:
 
 def _grid(frame: _Frame, x_label: str | None, height: int) -> str:
     parts = []
-    y_ticks = nice_ticks(*frame.y, count=max(2, height // 45))
+    y_ticks = nice_ticks(*frame.y, count=max(3, height // 42))
     for value, text in zip(y_ticks, _tick_texts(y_ticks), strict=True):
         y = frame.py(value)
         kind = "zero" if value == 0 else "grid"

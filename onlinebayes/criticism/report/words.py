@@ -7,10 +7,12 @@ the same. The signal that a sentence speaks of is the one whose base error stand
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 
 from onlinebayes.criticism.report import quantities
 from onlinebayes.criticism.results import Candidate, Criticism, Estimate
+from onlinebayes.simulators.effects import EFFECTS
 
 VERDICTS = {
     "data_problem": "problem in the data",
@@ -30,6 +32,23 @@ def plain(effect: str) -> str:
     return f"{name.replace('_', ' ')} at {target}" if target else name.replace("_", " ")
 
 
+def together(effects: Sequence[str], last: str = "and") -> str:
+    """``dry friction and constant load at carriage, actuator delay at motor``: effects of one target share it."""
+    by_target: dict[str, list[str]] = {}
+    for effect in effects:
+        name, _, target = effect.partition("@")
+        by_target.setdefault(target, []).append(name.replace("_", " "))
+    groups = [f"{listing(names, last)}{f' at {target}' if target else ''}" for target, names in by_target.items()]
+    return f", {last} ".join(groups)
+
+
+def meaning(effect: str) -> str:
+    """What an effect of the vocabulary is, in one phrase from its own documentation; empty for others."""
+    kind = EFFECTS.get(effect.partition("@")[0])
+    first = (kind.__doc__ or "").strip().splitlines()[0] if kind else ""
+    return re.split(r"[;.](?:\s|$)", first)[0]
+
+
 def listing(items: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
@@ -37,17 +56,23 @@ def listing(items: Sequence[str], last: str = "and") -> str:
 
 def worst_signal(result: Criticism) -> str:
     """The signal whose base error is largest in units of its noise floor."""
-    return max(result.signals, key=lambda signal: _over_floor(result, signal))
+    scored = [signal for signal in result.signals if signal in result.heldout_error.before]
+    return max(scored, key=lambda signal: over_floor(result, signal))
+
+
+def over_floor(result: Criticism, signal: str) -> float:
+    """The base model's held-out error over its noise floor."""
+    floor = result.heldout_error.noise_floor[signal]
+    return result.heldout_error.before[signal] / floor if floor > 0 else math.inf
 
 
 def headline(result: Criticism) -> str:
     """One sentence: what is wrong, or that nothing is."""
-    effects = listing([plain(effect) for effect in result.accepted])
+    effects = together(result.accepted)
     if result.verdict == "missing_effect":
         return f"The model misses {effects}."
     if result.verdict == "tie":
-        tied = listing([plain(effect) for effect in tie_members(result)], "or")
-        return f"Something is missing, and the data cannot tell which: {tied}."
+        return f"Something is missing, and the data cannot tell which: {together(tie_members(result), 'or')}."
     if result.verdict == "adequate":
         return "Nothing is missing: the model agrees with the measurements."
     if result.verdict == "insufficient_data":
@@ -67,14 +92,12 @@ def improvement(result: Criticism) -> str:
     signal = worst_signal(result)
     errors, unit = result.heldout_error, result.units[signal]
     before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
-    over = f"Held-out error over {quantities.text(errors.horizon_s[signal], 's')}"
-    noise = f"noise explains {quantities.text(floor, unit)}"
+    scale = quantities.scale_for(before, unit)
+    over = f"Held-out error over {quantities.exact(errors.horizon_s[signal], 's')}"
+    noise = f"noise explains {scale.text(floor)}"
     if result.accepted:
-        return (
-            f"{over}: {quantities.text(before, unit)} → {quantities.text(after, unit)} "
-            f"({better(before, after)}); {noise}."
-        )
-    return f"{over}: {quantities.text(before, unit)}; {noise}."
+        return f"{over}: {scale.text(before)} → {scale.text(after)} ({better(before, after)}); {noise}."
+    return f"{over}: {scale.text(before)}; {noise}."
 
 
 def better(before: float, after: float) -> str:
@@ -87,6 +110,8 @@ def better(before: float, after: float) -> str:
 
 def times_floor(ratio: float) -> str:
     """``33 times the noise floor``, or ``at the noise floor``."""
+    if not math.isfinite(ratio):
+        return "no noise floor is known"
     return "at the noise floor" if ratio <= 1.05 else f"{quantities.significant(ratio)} times the noise floor"
 
 
@@ -94,9 +119,9 @@ def remainder(result: Criticism) -> str:
     """What is left after the accepted effects."""
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
     if result.remainder.status == "noise":
-        return f"What is left looks like noise ({quantities.significant(ratio)} times the sensors')."
+        return f"What is left looks like noise ({quantities.significant(ratio)} times the sensor floor)."
     where = f", most of it {result.remainder.where}" if result.remainder.where else ""
-    return f"What is left is not noise: {quantities.significant(ratio)} times the sensors'{where}."
+    return f"What is left is not noise, {quantities.significant(ratio)} times the sensor floor{where}."
 
 
 def tie_members(result: Criticism) -> tuple[str, ...]:
@@ -149,17 +174,12 @@ def outcome(candidate: Candidate) -> str:
 
 def _compared(result: Criticism) -> str:
     signal = worst_signal(result)
-    before, ratio = result.heldout_error.before[signal], _over_floor(result, signal)
+    before, ratio = result.heldout_error.before[signal], over_floor(result, signal)
     size = quantities.text(before, result.units[signal])
-    horizon = quantities.text(result.heldout_error.horizon_s[signal], "s")
+    horizon = quantities.exact(result.heldout_error.horizon_s[signal], "s")
     if ratio <= result.selection.tolerance:
         return f"The model follows {signal} to {size} over {horizon}, as well as its noise allows."
     return f"The model misses {signal} by {size} over {horizon}, {times_floor(ratio)}."
-
-
-def _over_floor(result: Criticism, signal: str) -> float:
-    floor = result.heldout_error.noise_floor[signal]
-    return result.heldout_error.before[signal] / floor if floor > 0 else math.inf
 
 
 def _capital(text: str) -> str:

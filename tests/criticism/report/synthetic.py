@@ -28,7 +28,22 @@ from onlinebayes.criticism.results import (
 )
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import ConstantLoad, DryFriction
+from onlinebayes.simulators.mujoco import MujocoSimulator
 
+DRIVE = """
+<mujoco model="drive">
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <geom name="rail" type="box" size="0.5 0.02 0.01" rgba="0.5 0.55 0.6 1"/>
+    <body name="carriage" pos="0 0 0.05">
+      <joint name="carriage" type="slide" axis="1 0 0" damping="100"/>
+      <geom name="table" type="box" size="0.08 0.06 0.03" mass="80" rgba="0.75 0.78 0.8 1"/>
+    </body>
+  </worldbody>
+  <actuator><motor name="motor" joint="carriage"/></actuator>
+</mujoco>
+"""
 SIGNAL, VELOCITY = "qpos.carriage", "qvel.carriage"
 SPACE = ParameterSpace(
     {"body.carriage.mass": Parameter(50, 150, "kg"), "joint.carriage.damping": Parameter(0, 1000, "N s/m")}
@@ -70,6 +85,15 @@ class Unmoved(Simulator):
 
     def with_worlds(self, worlds: int) -> Unmoved:
         raise AssertionError("a report does not simulate")
+
+
+def drive() -> MujocoSimulator:
+    """The drive as a MuJoCo model with the two effects that :func:`criticism` accepts."""
+    effects = (
+        DryFriction("carriage", Parameter(0.0, 100.0, "N")),
+        ConstantLoad("carriage", Parameter(-50.0, 50.0, "N")),
+    )
+    return MujocoSimulator(DRIVE, SPACE, threads=1, effects=effects)
 
 
 def _drive(force: NDArray[np.float64], dt: float, friction: float, load: float, q: float, v: float) -> np.ndarray:
@@ -159,7 +183,9 @@ def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Simulator | 
         "joint.carriage.damping": _estimate(203.0, 6.2, "N s/m", identifiable=False),
     }
     effects = {f"{c.effect}.{name}": e for c in candidates()[:2] for name, e in c.parameters.items()}
-    theta, covariance = simulator.nominal, torch.eye(len(simulator.parameters), dtype=torch.float64)
+    means = {name: estimate.mean for name, estimate in (parameters | effects).items()}
+    theta = torch.tensor([means[name] for name in simulator.parameters], dtype=torch.float64)
+    covariance = torch.eye(len(theta), dtype=torch.float64)
     base = FittedModel(
         simulator, theta, covariance, {**parameters, "body.carriage.mass": _estimate(104.0, 4.0, "kg")}, (),
         tuple(pair[0] for pair in replays.values()),

@@ -64,7 +64,7 @@ def _along(result: Criticism) -> Html:
     if not charts:
         return Html("")
     left = f" {len(found) - RUNS_SHOWN} more runs are in the recording." if len(found) > RUNS_SHOWN else ""
-    horizon = quantities.text(result.heldout_error.horizon_s[signal], "s")
+    horizon = quantities.exact(result.heldout_error.horizon_s[signal], "s")
     note = f"Simulated minus measured {signal}; every {horizon} the model starts again from the measured state.{left}"
     return section(
         "The error along the runs", legend(bool(result.accepted), ("before", "after", "floor")), *charts, note=note

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from onlinebayes.criticism.report import quantities, words
 from onlinebayes.criticism.report.markup import Html, bar, join, section, table, tag
 from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.simulators.effects import EFFECTS, Scales
 
 SHOWN = 12
 
@@ -45,14 +48,18 @@ def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
         else Html("–")
     )
     fall = " / ".join(quantities.percent(share) for share in candidate.rms_fall) if candidate.rms_fall else "–"
+    sizes = [
+        tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
+        for name, value in candidate.parameters.items()
+    ]
     return (
         str(candidate.rank or ""),
         join(words.plain(candidate.effect), tag("small", tag("code", candidate.effect))),
         evidence,
-        fall,
+        tag("span", fall, kind="number"),
         quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
         {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
-        words.size(candidate) or "–",
+        join(*sizes) or "–",
         words.outcome(candidate),
     )
 
@@ -67,13 +74,16 @@ def _steps(result: Criticism) -> Html:
     """The cross-validated error of the worst signal after each acceptance, as bars."""
     if not result.steps:
         return Html("")
+    scored = result.steps[0].error_before
     signal = words.worst_signal(result)
+    signal = signal if signal in scored else next(iter(scored))
     unit, first = result.units[signal], result.steps[0].error_before[signal]
     scale = quantities.scale_for(first, unit)
-    rows = [("the base model, refitted", bar(1.0, "before", scale.text(first)))]
+    rows: list[tuple[str, ...]] = [("the base model, refitted", bar(1.0, "before", scale.text(first)))]
     for step in result.steps:
         error = step.error_after[signal]
-        rows.append((f"+ {words.plain(step.added)}", bar(error / first, "after", scale.text(error))))
+        name = join(f"+ {words.plain(step.added)}", tag("small", words.meaning(step.added)))
+        rows.append((name, bar(error / first, "after", scale.text(error))))
     note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."
     return section("Step by step", table(("model", "cross-validated error"), rows), note=note)
 
@@ -84,8 +94,20 @@ def _limits(result: Criticism) -> Html:
         return Html("")
     rows = []
     for candidate in limited:
-        name, first = next(iter(candidate.parameters.items()), ("", None))
-        size = quantities.text(candidate.exclusion_limit, first.unit if first else "")
+        name, unit = _first_parameter(result, candidate)
+        size = quantities.text(candidate.exclusion_limit, unit)
         rows.append((words.plain(candidate.effect), f"{name} above {size}".strip()))
     note = "Had one of these effects been larger than this, these data would have shown it."
     return section("What is excluded", table(("effect", "excluded"), rows), note=note)
+
+
+def _first_parameter(result: Criticism, candidate: Candidate) -> tuple[str, str]:
+    """Name and unit of the parameter that an exclusion limit is about; empty where the vocabulary lacks the effect."""
+    for name, estimate in candidate.parameters.items():
+        return name, estimate.unit
+    kind, _, target = candidate.effect.partition("@")
+    if kind not in EFFECTS:
+        return "", ""
+    joint: Literal["slide", "hinge"] = "slide" if result.units.get(f"qpos.{target}") == "m" else "hinge"
+    effect = EFFECTS[kind].scaled(target, Scales(1.0, 1.0, 1.0, 1.0, joint))
+    return next(((name, parameter.unit) for name, parameter in effect.parameters.items()), ("", ""))

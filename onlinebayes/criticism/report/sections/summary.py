@@ -61,13 +61,13 @@ def legend(changed: bool, kinds: tuple[str, ...] = ("measured", "before", "after
 
 def heldout(result: Criticism) -> Html:
     """Error before and after for every signal, where there is more than one."""
-    if len(result.signals) < 2:
-        return Html("")
     errors, rows = result.heldout_error, []
-    for signal in result.signals:
+    if len(errors.before) < 2:
+        return Html("")
+    for signal in errors.before:
         before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
         scale = quantities.scale_for(before, result.units[signal])
-        horizon = quantities.text(errors.horizon_s[signal], "s")
+        horizon = quantities.exact(errors.horizon_s[signal], "s")
         values = (scale.text(before), scale.text(after), scale.text(floor), words.better(before, after), horizon)
         rows.append((tag("code", signal), *values))
     head = ("signal", "before", "after", "noise floor", "", "window")
@@ -88,13 +88,13 @@ def _tile(question: str, answer: str, detail: str) -> Html:
 
 def _wrong(result: Criticism) -> Html:
     signal = words.worst_signal(result)
-    errors, unit = result.heldout_error, result.units[signal]
-    floor = errors.noise_floor[signal]
+    errors = result.heldout_error
+    floor, scale = errors.noise_floor[signal], quantities.scale_for(errors.before[signal], result.units[signal])
     return _tile(
         "How wrong is the model?",
-        quantities.text(errors.before[signal], unit),
-        f"{signal}, RMS over {quantities.text(errors.horizon_s[signal], 's')} of held-out data: "
-        f"{words.times_floor(errors.before[signal] / floor)} ({quantities.text(floor, unit)})",
+        scale.text(errors.before[signal]),
+        f"{signal}, RMS over {quantities.exact(errors.horizon_s[signal], 's')} of held-out data: "
+        f"{words.times_floor(words.over_floor(result, signal))} ({scale.text(floor)})",
     )
 
 
@@ -111,15 +111,14 @@ def _missing(result: Criticism) -> Html:
     if result.command == "compare":
         return _tile(question, "not asked", "onlinebayes diagnose ranks the effects that could be missing")
     if result.verdict == "tie":
-        members = [words.plain(effect) for effect in words.tie_members(result)]
-        return _tile(question, words.listing(members, "or"), "the data cannot tell these apart")
+        members = words.together(words.tie_members(result), "or")
+        return _tile(question, members, "the data cannot tell these apart")
     if not result.accepted:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
     by_effect = {candidate.effect: candidate for candidate in result.candidates}
     sizes = [words.size(by_effect[effect]) for effect in result.accepted if effect in by_effect]
-    answer = words.listing([words.plain(effect) for effect in result.accepted])
-    return _tile(question, answer, "; ".join(size for size in sizes if size))
+    return _tile(question, words.together(result.accepted), "; ".join(size for size in sizes if size))
 
 
 def _better(result: Criticism) -> Html:
@@ -131,10 +130,10 @@ def _better(result: Criticism) -> Html:
         return _tile(
             "How much better now?", "unchanged", f"nothing was added; the residual is {words.times_floor(ratio)}"
         )
-    largest = max(before, after, floor)
+    largest, scale = max(before, after, floor), quantities.scale_for(before, unit)
     bars = join(
         *(
-            bar(value / largest, kind, f"{kind} {quantities.text(value, unit)}")
+            bar(value / largest, kind, f"{kind} {scale.text(value)}")
             for kind, value in (("before", before), ("after", after), ("floor", floor))
         )
     )

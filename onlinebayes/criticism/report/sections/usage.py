@@ -21,12 +21,19 @@ NEXT = {
 }
 
 
-def render(result: Criticism, files: tuple[str, ...]) -> Html:
-    """Next step, snippet, provenance; ``files`` are the names of the refined files that stand beside the report."""
-    return join(_next(result), _snippet(result, files), _how(result))
+def advice(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...]) -> Html:
+    """The next step, and the refined model in use.
+
+    Args:
+        result: what to report.
+        files: names of the refined files that stand beside the report.
+        left_out: keys of the effects that refined.xml cannot hold.
+    """
+    return join(_next(result), _snippet(result, files, left_out))
 
 
 def _next(result: Criticism) -> Html:
+    """What to do with this verdict."""
     record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
     return section("What to do next", tag("p", NEXT[result.verdict]), record, *_notes(result))
 
@@ -35,29 +42,35 @@ def _notes(result: Criticism) -> list[Html]:
     return [tag("p", note, kind="note") for note in result.notes]
 
 
-def _snippet(result: Criticism, files: tuple[str, ...]) -> Html:
+def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...]) -> Html:
     parts = []
     if "refined.xml" in files:
-        code = 'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml")  # the effects are in the model\n'
+        held = [effect for effect in result.final.effects if effect not in left_out]
+        inside = f"  # {words.together(held)} included" if held else ""
+        code = f'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml"){inside}\n'
         parts += [tag("p", "In plain MuJoCo:"), tag("pre", tag("code", code))]
+    if left_out:
+        lacks = f"Plain MuJoCo has no term for {words.together(left_out)}: refined.xml does not hold it."
+        parts.append(tag("p", lacks, kind="warning"))
     if "refined.toml" in files:
-        command = "onlinebayes compare refined.toml --out again      # the same model against new measurements\n"
-        parts += [tag("p", "On the command line:"), tag("pre", tag("code", command))]
+        command = "onlinebayes compare refined.toml --out again\n"
+        parts += [tag("p", "On the command line, against these or new measurements:"), tag("pre", tag("code", command))]
     return section("Use the refined model", *parts) if parts else Html("")
 
 
-def _how(result: Criticism) -> Html:
+def provenance(result: Criticism) -> Html:
+    """Settings, checks and versions."""
     numerics, selection = result.numerics, result.selection
     moved = f"{quantities.significant(numerics.error_at_quarter_step)} noise floors"
     enough = "fine enough" if numerics.sufficient else "too coarse: no effect is named from these data"
     blocks = result.candidates[0].n_blocks if result.candidates else selection.folds
     looks = {1: "once"}.get(result.holdout_looks, f"{result.holdout_looks} times")
     noise = [f"{name} {quantities.text(sd, result.units.get(name, ''))}" for name, sd in result.sensor_sd.items()]
-    horizons = [quantities.text(share * selection.horizon_s, "s") for share in (1.0, 0.3)]
+    horizons = [quantities.exact(share * selection.horizon_s, "s") for share in (1.0, 0.3)]
     rows = [
         (
             "time step",
-            f"{quantities.text(numerics.timestep, 's')}; a quarter of it moves the replay by {moved}: {enough}",
+            f"{quantities.exact(numerics.timestep, 's')}; a quarter of it moves the replay by {moved}: {enough}",
         ),
         ("held-out runs", words.listing(list(result.held_out_runs)) or "none"),
         ("held-out runs opened", f"{looks}, for the reported error only"),

@@ -1,0 +1,170 @@
+"""The page: self-contained, well-formed, escaped, and right about each verdict."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from html.parser import HTMLParser
+
+import pytest
+import torch
+
+from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report.html import to_html
+from onlinebayes.criticism.results import Criticism, HeldOutError, Remainder
+from tests.criticism.report.synthetic import SIGNAL, criticism
+
+VOID = {"meta", "br", "hr", "img", "link"}
+
+
+class Balanced(HTMLParser):
+    """Fails on a tag that closes another than the last one opened; collects what would reach out of the page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.outside: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag in ("script", "link", "iframe", "img", "object"):
+            self.outside.append(tag)
+        self.outside += [f"{name}={value}" for name, value in attrs if name in ("src", "href", "onload", "onclick")]
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        if tag not in VOID:
+            self.open.pop()
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open, f"</{tag}> closes nothing"
+        assert self.open.pop() == tag
+
+
+def check(page: str) -> str:
+    """The visible text of a page that is balanced, reaches nothing outside, and holds no raw nan."""
+    parser = Balanced()
+    parser.feed(page)
+    assert parser.open == []
+    assert parser.outside == []
+    assert not re.search(r"url\(|@import|https?://", page)
+    text = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL)
+    assert not re.search(r"\bnan\b|\binf\b", text)
+    return re.sub(r"<[^>]+>", " ", text)
+
+
+def bare(result: Criticism, **changes: object) -> Criticism:
+    """The same with nothing accepted."""
+    return dataclasses.replace(
+        result, accepted=(), steps=(), final=result.base,
+        candidates=tuple(dataclasses.replace(c, accepted=False) for c in result.candidates), **changes,
+    )  # fmt: skip
+
+
+def test_the_first_screen_answers_the_four_questions() -> None:
+    page = to_html(criticism(), title="drive.toml", refined=("refined.toml", "refined.xml"))
+    text = check(page).partition("What to do next")[0]
+    assert "The model misses dry friction and constant load at carriage." in text
+    assert "Held-out error over 1 s: 6.6 mm → 2.0 mm (3.3 times better); noise explains 0.20 mm." in text
+    for question in ("How wrong is the model?", "Where?", "What is missing?", "How much better now?"):
+        assert question in text
+    assert "frictionloss 22.0 ± 0.9 N" in text
+    assert "60 % of the squared error" in text
+    assert page.index("<svg") < page.index("What to do next")
+
+
+def test_the_rest_is_there() -> None:
+    text = check(to_html(criticism(), refined=("refined.toml", "refined.xml")))
+    for part in (
+        "Ranking of 23 candidate effects", "cannot be told from constant load at carriage", "stiffness above 11 N/m",
+        "delay above 1.2 ms", "only the ratio of mass and gear is known", "not determined alone", "from_xml_path",
+        "the same as joint.carriage.damping", "Step by step", "fine enough",
+    ):  # fmt: skip
+        assert part in text, part
+
+
+@pytest.mark.parametrize("verdict", list(words.VERDICTS))
+@pytest.mark.parametrize("accepted", [True, False])
+def test_every_verdict_gives_a_page(verdict: str | None, accepted: bool) -> None:
+    result = dataclasses.replace(criticism(), verdict=verdict, what_to_record="at least 7 runs of 3 s")
+    text = check(to_html(result if accepted else bare(result)))
+    assert words.headline(result if accepted else bare(result)) in text.replace("&#x27;", "'")
+    assert "at least 7 runs of 3 s" in text
+
+
+def test_adequate_claims_nothing() -> None:
+    result = bare(criticism(), verdict="adequate", remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
+    text = check(to_html(result))
+    assert "Nothing is missing" in text
+    assert "times better" not in text
+    assert "model after" not in text
+
+
+def test_compare_says_how_wrong_and_names_nothing() -> None:
+    result = bare(criticism(), verdict=None, command="compare", candidates_tried=0)
+    text = check(to_html(result))
+    assert "The model misses qpos.carriage by 6.6 mm over 1 s, 33 times the noise floor." in text
+    assert "Ranking" not in text
+
+
+def test_a_tie_names_both() -> None:
+    result = dataclasses.replace(
+        criticism(), verdict="tie", accepted=("constant_load@carriage",), candidates=criticism().candidates[1:]
+    )
+    assert "the data cannot tell which: constant load or asymmetric friction at carriage." in check(to_html(result))
+
+
+def test_names_from_the_user_are_escaped() -> None:
+    evil = "<script>alert(1)</script>"
+    result = criticism()
+    replays = tuple(dataclasses.replace(replay, run=evil) for replay in result.base.replays)
+    base, final = (dataclasses.replace(model, replays=replays) for model in (result.base, result.final))
+    text = to_html(dataclasses.replace(result, base=base, final=final, notes=(evil,)), title=evil)
+    check(text)
+    assert evil not in text
+
+
+def test_several_signals_have_a_table() -> None:
+    result, other = criticism(), "qvel.carriage"
+    wide = {
+        "measured": lambda r: torch.cat([r.measured, torch.full_like(r.measured, torch.nan)], 1),
+        "simulated": lambda r: torch.cat([r.simulated, r.simulated], 1),
+    }
+
+    def widened(model: object) -> object:
+        replays = [dataclasses.replace(r, **{k: f(r) for k, f in wide.items()}) for r in model.replays]  # type: ignore[attr-defined]
+        return dataclasses.replace(model, replays=tuple(replays))  # type: ignore[type-var]
+
+    errors = HeldOutError(
+        *({SIGNAL: a, other: b} for a, b in ((0.00656, 0.2), (0.00199, 0.1), (0.0002, 1e-3), (1.0, 0.5)))
+    )
+    text = check(
+        to_html(
+            dataclasses.replace(
+                result, signals=(SIGNAL, other), units={SIGNAL: "m", other: "m/s"}, heldout_error=errors,
+                sensor_sd={SIGNAL: 1e-5, other: 1e-3}, base=widened(result.base), final=widened(result.final),
+            )
+        )
+    )  # fmt: skip
+    assert "Held-out error, signal by signal" in text
+    assert "500 ms" in text
+    # The signal that is furthest above its floor leads, even where it was hardly measured.
+    assert "200 mm/s → 100 mm/s" in text
+
+
+def test_no_replays_no_noise_no_failures() -> None:
+    result = criticism()
+    empty = tuple(dataclasses.replace(model, replays=()) for model in (result.base, result.final))
+    errors = dataclasses.replace(result.heldout_error, noise_floor={SIGNAL: 0.0})
+    check(
+        to_html(
+            dataclasses.replace(
+                result, base=empty[0], final=empty[1], heldout_error=errors, failures=(), candidates=(), parameters={}
+            )
+        )
+    )
+
+
+def test_a_long_log_stays_small() -> None:
+    assert len(to_html(criticism(rate=500.0, seconds=12.0))) < 400_000

@@ -1,0 +1,133 @@
+"""refined.toml keeps the problem and adds the effects; refined.xml replays in plain MuJoCo as the simulator does."""
+
+from __future__ import annotations
+
+import dataclasses
+import tomllib
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.criticism.report.refined import left_out, refined_files, write_refined
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import ActuatorDelay
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.report.synthetic import DRIVE, criticism, drive
+
+PROBLEM = """
+schema = 1
+model = "models/drive.xml"
+measurements = ["log.csv", "/elsewhere/more.csv"]
+holdout = ["pulses"]
+[parameters]
+"body.carriage.mass" = [50.0, 150.0]
+"joint.carriage.damping" = { low = 0.0, high = 1000.0 }
+[signals."qpos.carriage"]
+sd = 1e-5
+[effects]
+candidates = "all"
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "drive.xml").write_text(DRIVE)
+    (tmp_path / "log.csv").write_text("time,ctrl.motor,qpos.carriage\n")
+    (tmp_path / "drive.toml").write_text(PROBLEM)
+    return tmp_path
+
+
+def test_the_problem_is_kept_and_the_effects_are_added(folder: Path) -> None:
+    out = folder / "out" / "deep"
+    write_refined(criticism(simulator=drive()), out, folder / "drive.toml")
+    text = (out / "refined.toml").read_text()
+    old, new = tomllib.loads(PROBLEM), tomllib.loads(text)
+    assert new["effects"] == {"candidates": "all", "add": ["dry_friction@carriage", "constant_load@carriage"]}
+    assert new["parameters"] == old["parameters"] | {
+        "dry_friction@carriage.frictionloss": [0.0, 100.0], "constant_load@carriage.load": [-50.0, 50.0],
+    }  # fmt: skip
+    assert (new["schema"], new["holdout"], new["signals"]) == (1, ["pulses"], old["signals"])
+    assert (out / new["model"]).resolve() == (folder / "models" / "drive.xml").resolve()
+    assert (out / new["measurements"][0]).resolve() == (folder / "log.csv").resolve()
+    assert new["measurements"][1] == "/elsewhere/more.csv"
+    assert "# fitted: 95.1 ± 1.5 kg" in text
+
+
+def test_a_factory_stays_a_factory(folder: Path) -> None:
+    (folder / "drive.toml").write_text(PROBLEM.replace("models/drive.xml", "my.package:build"))
+    write_refined(criticism(simulator=drive()), folder / "out", folder / "drive.toml")
+    assert tomllib.loads((folder / "out" / "refined.toml").read_text())["model"] == "my.package:build"
+
+
+def test_refining_a_refined_problem_keeps_its_effects(folder: Path) -> None:
+    result = criticism(simulator=drive())
+    write_refined(result, folder / "one", folder / "drive.toml")
+    write_refined(result, folder / "two", folder / "one" / "refined.toml")
+    one, two = (tomllib.loads((folder / name / "refined.toml").read_text()) for name in ("one", "two"))
+    assert two["effects"] == one["effects"]
+    assert (folder / "two" / two["model"]).resolve() == (folder / "models" / "drive.xml").resolve()
+
+
+def test_plain_mujoco_replays_the_refined_model_alike(folder: Path) -> None:
+    result = criticism(simulator=drive())
+    write_refined(result, folder / "out", folder / "drive.toml")
+    model = mujoco.MjModel.from_xml_path(str(folder / "out" / "refined.xml"))
+    command = 60 * np.sin(np.arange(2000) * 4e-3)
+    data, plain = mujoco.MjData(model), np.empty(2000)
+    for k, u in enumerate(command):
+        data.ctrl[0] = u
+        mujoco.mj_step(model, data)
+        plain[k] = data.qpos[0]
+    times = torch.arange(1, 2001, dtype=torch.float64) * 1e-3
+    inputs = TensorDict({"command": torch.as_tensor(command)[None, :, None]}, batch_size=[1, 2000])
+    state = TensorDict({"qpos": torch.zeros(1, 1), "qvel": torch.zeros(1, 1)}, batch_size=[1]).double()
+    ours = result.final.simulator.rollout(result.final.theta[None], state, inputs, times)["qpos"][0, :, 0]
+    assert np.abs(plain).max() > 0.01
+    assert plain == pytest.approx(ours.numpy(), rel=0, abs=1e-12)
+
+
+def test_meshes_are_found_from_the_new_folder(folder: Path) -> None:
+    corners = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    (folder / "models" / "parts").mkdir()
+    (folder / "models" / "parts" / "tetra.obj").write_text(corners)
+    text = DRIVE.replace("<worldbody>", '<compiler meshdir="parts"/><asset><mesh file="tetra.obj"/></asset><worldbody>')
+    text = text.replace('<geom name="rail"', '<geom type="mesh" mesh="tetra"/><geom name="rail"')
+    (folder / "models" / "drive.xml").write_text(text)
+    known = drive()
+    simulator = MujocoSimulator(
+        folder / "models" / "drive.xml", known.parameters.subspace(known.parameters.names[:2]), effects=known.effects
+    )
+    write_refined(criticism(simulator=simulator), folder / "out" / "deep", folder / "drive.toml")
+    assert mujoco.MjModel.from_xml_path(str(folder / "out" / "deep" / "refined.xml")).nmesh == 1
+
+
+def test_what_mujoco_lacks_is_named(folder: Path) -> None:
+    delay = ActuatorDelay("motor", Parameter(0.0, 0.02, "s"))
+    result = criticism(simulator=drive())
+    simulator = drive().with_effect(delay)
+    theta = torch.cat([result.final.theta, torch.tensor([2e-4], dtype=torch.float64)])
+    final = dataclasses.replace(
+        result.final,
+        simulator=simulator,
+        theta=theta,
+        covariance=torch.eye(5).double(),
+        effects=(*result.final.effects, delay.key),
+    )
+    result = dataclasses.replace(result, final=final, accepted=final.effects)
+    assert left_out(result) == ("actuator_delay@motor",)
+    write_refined(result, folder / "out", folder / "drive.toml")
+    text = (folder / "out" / "refined.xml").read_text()
+    assert "without actuator_delay@motor" in text.splitlines()[0]
+    assert mujoco.MjModel.from_xml_string(text).dof_frictionloss[0] == pytest.approx(22.04)
+
+
+def test_only_refine_writes_them() -> None:
+    result = criticism(simulator=drive())
+    assert refined_files(result) == ("refined.toml", "refined.xml")
+    assert refined_files(dataclasses.replace(result, command="diagnose")) == ()
+    assert refined_files(criticism()) == ("refined.toml",)

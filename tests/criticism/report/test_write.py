@@ -1,0 +1,40 @@
+"""A report folder: three files, replaced whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from onlinebayes.criticism.report import recording as recording_module
+from onlinebayes.criticism.report import write_report
+from onlinebayes.runs import BadInput
+from tests.criticism.report.synthetic import criticism
+
+
+def test_three_files_and_nothing_else(tmp_path: Path) -> None:
+    write_report(criticism(), tmp_path / "new" / "folder", title="drive.toml")
+    assert sorted(p.name for p in (tmp_path / "new" / "folder").iterdir()) == ["report.html", "report.json", "run.rrd"]
+    assert json.loads((tmp_path / "new" / "folder" / "report.json").read_text())["schema"] == 1
+
+
+def test_a_failure_leaves_the_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_report(criticism(), tmp_path)
+    before = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+
+    def fail(*_: object) -> str:
+        raise RuntimeError("disk on fire")
+
+    monkeypatch.setattr(recording_module.documents, "ranking", fail)
+    with pytest.raises(RuntimeError, match="disk on fire"):
+        write_report(criticism(), tmp_path)
+    after = {p.name: p.read_bytes() for p in tmp_path.iterdir()}
+    assert after.keys() == before.keys()
+    assert after["run.rrd"] == before["run.rrd"]
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(BadInput, match="cannot write here"):
+        write_report(criticism(), tmp_path / "file" / "out")
