@@ -27,6 +27,8 @@ def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
     spec = system.spec.copy()
     compile_spec(spec)
     left_out = foreign(system, theta)
+    if "qpos_spring" in system.fields:
+        _keep_rest_lengths(spec, system.model)
     for array, values in system.write(theta).items():
         base = model_array(system.model, array)
         if array in SPEC and not np.array_equal(values[0], base):
@@ -70,14 +72,14 @@ def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, values: np.nd
         current = getattr(spec.option, place.attribute)
         setattr(spec.option, place.attribute, values.copy() if np.ndim(current) else float(values[0]))
         return
-    for name in names(model, place.kind):
+    for name in filter(None, names(model, place.kind)):
         rows = _rows(model, array, place, name)
         if rows is None or np.array_equal(values[rows], base[rows]):
             continue
         element = getattr(spec, place.kind)(name)
         if place.kind == "body" and place.attribute in ("mass", "inertia", "ipos"):
             _own_inertial(spec, element, model, name)
-        _assign(element, place, _in_file_units(spec, model, place, name, values[rows]))
+        _assign(element, place, _in_file_units(spec, model, place, name, np.atleast_1d(values[rows])))
 
 
 def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, name: str) -> int | slice | None:
@@ -93,10 +95,9 @@ def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, name: str) ->
 def _assign(element: object, place: SpecAttribute, value: np.ndarray) -> None:
     current = getattr(element, place.attribute)
     if np.ndim(current) == 0:
-        setattr(element, place.attribute, float(np.ravel(value)[0]))
+        setattr(element, place.attribute, float(value[0]))
         return
     whole = np.array(current, dtype=float)
-    value = np.atleast_1d(value)
     whole[place.offset : place.offset + len(value)] = value[: len(whole) - place.offset]
     setattr(element, place.attribute, whole)
 
@@ -120,6 +121,13 @@ def _own_inertial(spec: mujoco.MjSpec, body: mujoco.MjsBody, model: mujoco.MjMod
     body.fullinertia = np.full(6, math.nan)
     body.mass, body.inertia = float(compiled.mass[0]), compiled.inertia.copy()
     body.ipos, body.iquat = compiled.ipos.copy(), compiled.iquat.copy()
+
+
+def _keep_rest_lengths(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
+    """A tendon that took its rest length from the joints' springref keeps it when the springref moves."""
+    for tendon in spec.tendons:
+        if tendon.springlength[0] == tendon.springlength[1] == -1:
+            tendon.springlength = model.tendon_lengthspring[tendon.id].copy()
 
 
 def _write_delay(spec: mujoco.MjSpec, target: str, delay: float, timestep: float) -> None:

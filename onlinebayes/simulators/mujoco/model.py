@@ -67,6 +67,7 @@ def quiet() -> Iterator[None]:
 
 @contextlib.contextmanager
 def _reported(what: str) -> Iterator[None]:
+    """Turn a refusal of MuJoCo's into a BadInput of one line."""
     try:
         with quiet():
             yield

@@ -143,10 +143,6 @@ class MujocoSystem:
             return rest
         return {key: state.get(("effects", key), default) for key, default in rest.items()}
 
-    def force_range(self, fields: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Limits of the actuators' forces (1 or N, nu, 2) [N, N m], whether or not they are in force."""
-        return fields.get("actuator_forcerange", self.model.actuator_forcerange[None])
-
     def drive(
         self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor
     ) -> tuple[np.ndarray, dict[str, TensorDict], dict[str, Tensor]]:

@@ -38,6 +38,8 @@ class Worlds:
         self._parts = {key: self.batch.bind(key).reshape(worlds, -1) for key in system.parts}
         self._rest = self.batch.state[0].copy()
         self._ctrl = self.batch.bind("ctrl")
+        # Limits of the actuators' forces while they are on.
+        self._range = np.repeat(system.model.actuator_forcerange[None], worlds, axis=0)
         self._on = np.ones((worlds, len(system.commands)), dtype=bool)
 
     # --- writing ------------------------------------------------------------------------------------------------
@@ -47,6 +49,8 @@ class Worlds:
         rows = slice(None) if ids is None else ids
         for name, values in self.system.write(theta).items():
             self._fields[name][rows] = values.reshape(len(theta), *self._fields[name].shape[1:])
+            if name == "actuator_forcerange":
+                self._range[rows] = values
         if self.system.needs_const:
             self._run(self.batch.set_const, ids)
         if not self._on.all():
@@ -76,11 +80,10 @@ class Worlds:
         """An actuator that is off has its force limited to [0, 0]; MuJoCo treats every kind of actuator alike there."""
         model = self.system.model
         limited, bounds = self.batch.expand("actuator_forcelimited"), self.batch.expand("actuator_forcerange")
-        own = self.system.force_range(self._fields)
         for column, command in enumerate(self.system.commands):
             i, active = command.actuator, on[:, column]
             limited[:, i] = np.where(active, model.actuator_forcelimited[i], 1)
-            bounds[:, i] = np.where(active[:, None], own[:, i], 0.0)
+            bounds[:, i] = np.where(active[:, None], self._range[:, i], 0.0)
         self._on = on.copy()
 
     # --- reading ------------------------------------------------------------------------------------------------

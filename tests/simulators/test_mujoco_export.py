@@ -1,0 +1,103 @@
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import EFFECTS, ActuatorDelay, Scales
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.simulators.models import ARM, SLIDE
+from tests.simulators.test_mujoco import ARM_SPACE
+
+SPACE = ParameterSpace(
+    {
+        # All of the arm's, but the inertia about one transverse axis alone: no body has such a thing.
+        **{name: parameter for name, parameter in ARM_SPACE.items() if name != "body.fore.inertia[1]"},
+        "body.fore.inertia[2]": Parameter(1e-4, 1e-3, "kg m2"),
+        "joint.shoulder.damping[1]": Parameter(0.0, 0.5),
+        "joint.elbow.stiffness": Parameter(0.0, 3.0),
+        "joint.shoulder.range[1]": Parameter(1.0, 2.5, "rad"),
+        "actuator.bend.forcerange[1]": Parameter(2.0, 8.0, "N m"),
+        "actuator.lift.ctrlrange[0]": Parameter(-2.0, -0.5),
+        "site.tip.pos[0]": Parameter(0.1, 1.0, "m"),
+        "sensor.reading.noise": Parameter(0.0, 0.1),
+        "option.wind[0]": Parameter(-1.0, 1.0, "m/s"),
+        "option.density": Parameter(0.0, 2.0, "kg/m3"),
+    }
+)
+
+
+def _plain(model: mujoco.MjModel, command: Tensor) -> np.ndarray:
+    data = mujoco.MjData(model)
+    path = []
+    for u in command.numpy():
+        data.ctrl[: command.shape[1]] = u
+        mujoco.mj_step(model, data)
+        path.append(data.qpos.copy())
+    return np.array(path)
+
+
+def _rolled(simulator: MujocoSimulator, theta: Tensor, command: Tensor) -> np.ndarray:
+    steps = len(command)
+    times = simulator.timestep * torch.arange(1, steps + 1, dtype=torch.float64)
+    start = simulator.with_worlds(1).state
+    inputs = TensorDict({"command": command[None]}, batch_size=[1, steps])
+    return simulator.rollout(theta[None], start, inputs, times)["qpos"][0].numpy()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_plain_mujoco_replays_the_file_alike(seed: int) -> None:
+    torch.manual_seed(seed)
+    simulator = MujocoSimulator(ARM, SPACE)
+    elbow = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
+    for cls in EFFECTS.values():
+        simulator = simulator.with_effect(cls.scaled("elbow" if cls.target_kind == "joint" else "bend", elbow))
+    theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
+    # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.
+    command = 1.5 * torch.randn(400, 2, dtype=torch.float64)
+    assert simulator.foreign(theta) == ()
+    model = mujoco.MjModel.from_xml_string(simulator.export_xml(theta))
+    assert np.abs(_plain(model, command) - _rolled(simulator, theta, command)).max() < 1e-9
+    assert np.abs(_plain(simulator.export(theta).compile(), command) - _plain(model, command)).max() < 1e-9
+
+
+def test_each_parameter_arrives_in_the_file() -> None:
+    simulator = MujocoSimulator(ARM, SPACE)
+    theta = SPACE.from_unit(torch.rand(len(SPACE), dtype=torch.float64))
+    again = MujocoSimulator(simulator.export_xml(theta), SPACE)
+    assert torch.allclose(again.nominal, theta, rtol=1e-12, atol=1e-15)
+
+
+def test_what_is_not_changed_stays_as_it_was_written() -> None:
+    space = ARM_SPACE.subspace([name for name in ARM_SPACE if "springref" not in name])
+    simulator = MujocoSimulator(ARM, space)
+    spec = mujoco.MjSpec.from_string(ARM)
+    spec.compile()
+    assert simulator.export(simulator.nominal).to_xml() == spec.to_xml()
+
+
+def test_a_delay_of_less_than_a_timestep_is_foreign() -> None:
+    simulator = MujocoSimulator(SLIDE).with_effect(ActuatorDelay("motor", Parameter(0.0, 0.02, "s")))
+    assert simulator.foreign(torch.tensor([0.001]).double()) == ("actuator_delay@motor",)
+    assert simulator.foreign(torch.tensor([0.0]).double()) == ()
+    assert simulator.foreign(torch.tensor([0.002]).double()) == ()
+    assert "delay=" not in simulator.export_xml(torch.tensor([0.001]).double())
+    assert "delay=" in simulator.export_xml(torch.tensor([0.003]).double())
+
+
+def test_an_inertia_that_no_body_has_is_refused() -> None:
+    simulator = MujocoSimulator(ARM, ParameterSpace({"body.fore.inertia[1]": Parameter(0.02, 0.2, "kg m2")}))
+    with pytest.raises(BadInput, match="A \\+ B >= C"):
+        simulator.export(torch.tensor([0.2]).double())
+
+
+def test_precision_is_put_back() -> None:
+    simulator = MujocoSimulator(SLIDE, ParameterSpace({"joint.rail.damping": Parameter(0.0, 1.0)}))
+    theta = torch.tensor([1.0 / 3.0], dtype=torch.float64)
+    assert 'damping="0.3333333333333333' in simulator.export_xml(theta)
+    assert 'damping="0.333333"' in simulator.export(theta).to_xml()
