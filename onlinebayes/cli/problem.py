@@ -132,6 +132,8 @@ def _parameter(section: Section, key: str, value: Any) -> Parameter:
         raise section.error(key, "shared parameters (globs) are not supported by this version", "name each one")
     if isinstance(value, list):
         value = dict(zip(("low", "high"), value, strict=True)) if len(value) == 2 else value
+    if isinstance(value, dict) and any(isinstance(part, dict | list) for part in value.values()):
+        raise section.error(key, "an address that is not in quotes", f'write "{_flat(key, value)}" = [low, high]')
     if not isinstance(value, dict):
         raise section.error(key, f"{value!r} is no pair of bounds", "write [low, high] in SI units")
     table = Section(value, section.file, section.full(key), ("low", "high", "scale", "tie", "scope"))
@@ -144,6 +146,14 @@ def _parameter(section: Section, key: str, value: Any) -> Parameter:
         raise section.error(key, "a bound is missing", "write [low, high] or { low = .., high = .. } in SI units")
     with section.at(key):
         return Parameter(low, high, scale=table.text("scale", "linear"))
+
+
+def _flat(key: str, value: Any) -> str:
+    """The address that ``a.b.c = ..`` without quotes meant, which TOML reads as tables within tables."""
+    while isinstance(value, dict) and value and not {"low", "high"} & value.keys():
+        inner, value = next(iter(value.items()))
+        key = f"{key}.{inner}"
+    return key
 
 
 def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note: Callable[[str], None]) -> Measurement:

@@ -43,6 +43,8 @@ class Section:
                 if value not in ({}, [], ""):
                     raise self.error(key, "not supported by this version", "leave it out")
                 continue
+            if dotted := _dotted(key, value, known):
+                raise self.error(key, "a name with dots that is not in quotes", f'write "{dotted}"')
             raise self.error(key, "unknown key", self._nearest(key, [*known, *later]))
 
     def __contains__(self, key: str) -> bool:
@@ -113,12 +115,23 @@ class Section:
         if value is None:
             raise BadInput(f"'{self.full(key)}' is missing", f"add it: {_KINDS[kind]}", where=self.file)
         if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-            raise self.error(key, f"{_show(value)} is not {_KINDS[kind]}", f"write {_KINDS[kind]}")
+            cure = f'write ["{value}"]' if kind is list and isinstance(value, str) else f"write {_KINDS[kind]}"
+            raise self.error(key, f"{_show(value)} is not {_KINDS[kind]}", cure)
         return value
 
     def _nearest(self, key: str, known: Sequence[str]) -> str:
         near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
         return f"nearest: {near[0]}" if near else f"known: {', '.join(known)}"
+
+
+def _dotted(key: str, value: Any, known: Sequence[str]) -> str | None:
+    """The known key that ``a.b.c = ..`` without quotes meant, which TOML reads as tables within tables."""
+    while isinstance(value, Mapping) and key not in known:
+        inner = next((k for k in value if any(name.startswith(f"{key}.{k}") for name in known)), None)
+        if inner is None:
+            return None
+        key, value = f"{key}.{inner}", value[inner]
+    return key if key in known else None
 
 
 def _show(value: Any) -> str:

@@ -194,7 +194,7 @@ def _check_number(cell: str, name: str, path: Path, row: int) -> None:
         float(cell or "nan")
     except ValueError:
         shown = cell if len(cell) <= 40 else cell[:37] + "..."
-        cure = "leave the cell empty where nothing was measured"
+        cure = "write seconds" if name == "time" else "leave the cell empty where nothing was measured"
         if NUMBER_WITH_COMMA.fullmatch(cell):
             cure = "write numbers with a decimal point"
         raise BadInput(f"'{shown}' is not a number", cure, where=f"{path}, row {row}, column '{name}'") from None
