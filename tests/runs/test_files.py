@@ -1,0 +1,48 @@
+"""A file is whole or not there, and a folder that cannot be written is bad input."""
+
+from __future__ import annotations
+
+import os
+import stat
+
+import pytest
+
+from onlinebayes.runs import BadInput, atomic_path, write_atomic
+
+
+def test_text_and_bytes_arrive_whole(tmp_path):
+    write_atomic(tmp_path / "deep" / "a.txt", "naïve")
+    write_atomic(tmp_path / "b.bin", b"\x00\xff")
+    assert (tmp_path / "deep" / "a.txt").read_text(encoding="utf-8") == "naïve"
+    assert (tmp_path / "b.bin").read_bytes() == b"\x00\xff"
+
+
+def test_a_failure_keeps_the_old_file_and_leaves_nothing_else(tmp_path):
+    write_atomic(tmp_path / "a.txt", "old")
+
+    def fails() -> None:
+        with atomic_path(tmp_path / "a.txt") as temporary:
+            temporary.write_text("half")
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fails()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+
+
+def test_the_permissions_are_those_of_an_ordinary_file(tmp_path):
+    write_atomic(tmp_path / "a.txt", "")
+    (tmp_path / "ordinary").touch()
+    assert stat.S_IMODE(os.stat(tmp_path / "a.txt").st_mode) == stat.S_IMODE(os.stat(tmp_path / "ordinary").st_mode)
+
+
+def test_a_file_in_the_way_is_bad_input(tmp_path):
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(BadInput, match="cannot write here"):
+        write_atomic(tmp_path / "taken" / "a.txt", "")
+
+
+def test_the_message_is_one_line_of_place_problem_cure():
+    assert str(BadInput("x is\n3", "use 4", where="a.csv")) == "a.csv: x is 3; use 4"
+    assert str(BadInput("x")) == "x"

@@ -1,0 +1,48 @@
+"""The first Ctrl-C asks, the second stops, and the handler that was there before comes back."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+
+import pytest
+
+from onlinebayes.runs import Interrupt
+
+
+def press() -> None:
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def test_the_first_asks_and_says_so_the_second_stops(capsys):
+    before = signal.getsignal(signal.SIGINT)
+    with Interrupt("stopping soon") as interrupt:
+        assert not interrupt.requested
+        press()
+        assert interrupt.requested
+        assert capsys.readouterr().err == "stopping soon\n"
+        with pytest.raises(KeyboardInterrupt):
+            press()
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_without_a_message_it_is_silent(capsys):
+    with Interrupt() as interrupt:
+        press()
+    assert interrupt.requested
+    assert capsys.readouterr().err == ""
+
+
+def test_outside_the_main_thread_it_does_nothing():
+    before, entered = signal.getsignal(signal.SIGINT), []
+
+    def elsewhere() -> None:
+        with Interrupt() as interrupt:
+            entered.append(interrupt.requested)
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert entered == [False]
+    assert signal.getsignal(signal.SIGINT) is before
