@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
 
 from onlinebayes.criticism.report import quantities, replays, words
 from onlinebayes.criticism.results import Criticism
@@ -28,12 +31,12 @@ def error_scale(result: Criticism, signal: str) -> quantities.Scale:
     return quantities.scale_for(result.heldout_error.before[signal], result.units[signal])
 
 
-def blueprint(result: Criticism, runs: tuple[str, ...], *, scene: bool) -> Blueprint:
-    """The layout; ``scene`` adds a view of the geometry."""
+def blueprint(result: Criticism, runs: tuple[str, ...], model: mujoco.MjModel | None) -> Blueprint:
+    """The layout; with a ``model`` each run has a view of its geometry."""
     import rerun.blueprint as rrb
 
     held_out = set(result.held_out_runs)
-    tabs = [_run(result, run, f"{run} (held out)" if run in held_out else run, scene) for run in runs]
+    tabs = [_run(result, run, f"{run} (held out)" if run in held_out else run, model) for run in runs]
     text = rrb.Vertical(
         rrb.TextDocumentView(origin="report", name="Report"),
         rrb.TextDocumentView(origin="ranking", name="Ranking"),
@@ -45,7 +48,7 @@ def blueprint(result: Criticism, runs: tuple[str, ...], *, scene: bool) -> Bluep
     )
 
 
-def _run(result: Criticism, run: str, name: str, scene: bool) -> Vertical:
+def _run(result: Criticism, run: str, name: str, model: mujoco.MjModel | None) -> Vertical:
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -53,13 +56,47 @@ def _run(result: Criticism, run: str, name: str, scene: bool) -> Vertical:
     worst = words.worst_signal(result)
     signals = sorted(result.signals, key=lambda signal: signal != worst)[:SIGNALS_SHOWN]
     views: list[rrb.View] = []
-    if scene:
-        views.append(rrb.Spatial3DView(origin=f"{root}/scene", name="measured solid, models as wireframes"))
+    if model is not None:
+        name_3d, eye = "measured solid, models as wireframes", _eye(model)
+        views.append(rrb.Spatial3DView(origin=f"{root}/scene", name=name_3d, eye_controls=eye))
     for signal in signals:
         part, unit = rr.escape_entity_path_part(signal), result.units[signal]
-        small = error_scale(result, signal).unit
-        views.append(rrb.TimeSeriesView(origin=f"{root}/signals/{part}", name=f"{signal} [{unit}]"))
-        views.append(rrb.TimeSeriesView(origin=f"{root}/errors/{part}", name=f"error of {signal} [{small}]"))
+        small, size = error_scale(result, signal).unit, error_scale(result, signal).size
+        trace = next(trace for trace in replays.traces(result, signal) if trace.run == run)
+        errors = [(trace.before - trace.measured) / size, (trace.after - trace.measured) / size]
+        views += [
+            rrb.TimeSeriesView(
+                origin=f"{root}/signals/{part}",
+                name=f"{signal} [{unit}]",
+                axis_y=_axis(trace.measured, trace.before, trace.after),
+            ),
+            rrb.TimeSeriesView(
+                origin=f"{root}/errors/{part}", name=f"error of {signal} [{small}]", axis_y=_axis(*errors)
+            ),
+        ]
     if result.commands:
-        views.append(rrb.TimeSeriesView(origin=f"{root}/commands", name="commands"))
+        command = next(replay.command for replay in result.base.replays if replay.run == run).cpu().numpy()
+        views.append(rrb.TimeSeriesView(origin=f"{root}/commands", name="commands", axis_y=_axis(command)))
     return rrb.Vertical(*views, name=name)
+
+
+def _axis(*values: np.ndarray) -> Any:
+    """A y axis that holds all finite values; the viewer's own first guess is -1 to 1."""
+    import rerun.blueprint as rrb
+
+    known = np.concatenate([v[np.isfinite(v)].ravel() for v in values])
+    if not len(known):
+        return None
+    low, high = float(known.min()), float(known.max())
+    margin = 0.05 * (high - low) or 1e-6
+    return rrb.ScalarAxis(range=(low - margin, high + margin))
+
+
+def _eye(model: mujoco.MjModel) -> Any:
+    """A view from the front and above that holds the whole model."""
+    import rerun.blueprint as rrb
+
+    centre, reach = np.asarray(model.stat.center), float(model.stat.extent)
+    return rrb.EyeControls3D(
+        position=centre + reach * np.array([0.25, -0.75, 0.35]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
+    )

@@ -47,7 +47,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         runs = layout.shown_runs(result)
         simulator = result.final.simulator
         model = simulator.model if isinstance(simulator, MujocoSimulator) else None
-        stream.send_blueprint(layout.blueprint(result, runs, scene=model is not None))
+        stream.send_blueprint(layout.blueprint(result, runs, model))
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):
             stream.log(name, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         for before, after in zip(result.base.replays, result.final.replays, strict=True):
