@@ -1,8 +1,9 @@
 """Trajectory -> vector: plain masked modules, without knowledge of priors or policies.
 
-    features = TransitionFeatures(observation=4, action=2)
-    features.fit(observation, action, following, mask)             # once a round: standardisation
-    embedding = LSTMEmbedding(features, hidden=64)
+    reference = SimulatorReference(simulator, proposal.box.cross(), state=..., command=..., observe=...)
+    features = TransitionFeatures(observation=4, action=2, reference=reference, sensitivities=2)
+    embedding = JoinedEmbedding([LSTMEmbedding(features), SummaryEmbedding(features)])
+    embedding.fit(observation, action, following, mask)            # once a round: standardisation (the loss does it)
     vector = embedding(observation, action, following, mask)       # (B, T, .) -> (B, embedding.size)
 
 Step by step, equal to the above (for collectors):
@@ -11,7 +12,19 @@ Step by step, equal to the above (for collectors):
     vector, state = embedding.step(embedding.features(observation, action, following), state)
 """
 
+from onlinebayes.embeddings.base import Embedding
 from onlinebayes.embeddings.features import Reference, TransitionFeatures
+from onlinebayes.embeddings.joined import JoinedEmbedding
 from onlinebayes.embeddings.lstm import LSTMEmbedding
+from onlinebayes.embeddings.reference import SimulatorReference
+from onlinebayes.embeddings.summary import SummaryEmbedding
 
-__all__ = ["LSTMEmbedding", "Reference", "TransitionFeatures"]
+__all__ = [
+    "Embedding",
+    "JoinedEmbedding",
+    "LSTMEmbedding",
+    "Reference",
+    "SimulatorReference",
+    "SummaryEmbedding",
+    "TransitionFeatures",
+]

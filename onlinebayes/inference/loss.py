@@ -17,7 +17,7 @@ from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 
-from onlinebayes.embeddings import LSTMEmbedding
+from onlinebayes.embeddings import Embedding
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.trajectories import TrajectoryKeys
 
@@ -34,9 +34,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         keys: where the trajectories lie in the TensorDict.
     """
 
-    def __init__(
-        self, embedding: LSTMEmbedding, estimator: MixtureEstimator, keys: TrajectoryKeys | None = None
-    ) -> None:
+    def __init__(self, embedding: Embedding, estimator: MixtureEstimator, keys: TrajectoryKeys | None = None) -> None:
         super().__init__()
         self.embedding, self.estimator = embedding, estimator
         self.keys = keys if keys is not None else TrajectoryKeys()
@@ -45,12 +43,12 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
     @property
     def weight(self) -> Tensor:
-        """Some weight of the embedding: its dtype and device are the networks'."""
-        return next(self.embedding.parameters())
+        """Some weight of the estimator: its dtype and device are the networks'."""
+        return next(self.estimator.parameters())
 
     def standardise(self, trajectories: TensorDictBase) -> None:
-        """Fit the features' mean and standard deviation on these trajectories."""
-        self.embedding.features.fit(*self.keys.read(trajectories, self.weight))
+        """Fit the embedding's means and standard deviations on these trajectories."""
+        self.embedding.fit(*self.keys.read(trajectories, self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
         """Features, mask and z of theta: all that does not depend on a weight, computed once before training."""

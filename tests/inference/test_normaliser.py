@@ -40,8 +40,10 @@ def test_far_outside_and_needle_like_is_finite_with_finite_gradients(size: int, 
         value.backward()
         assert torch.isfinite(value)
         assert value < 1e-3
-        assert mean.grad is not None and torch.isfinite(mean.grad).all()
-        assert lower.grad is not None and torch.isfinite(lower.grad).all()
+        assert mean.grad is not None
+        assert torch.isfinite(mean.grad).all()
+        assert lower.grad is not None
+        assert torch.isfinite(lower.grad).all()
 
 
 @pytest.mark.parametrize("size", [1, 2, 3])

@@ -48,6 +48,17 @@ class Box:
         """Log of the share of the unit cube that the box fills."""
         return float(torch.log(self.high - self.low).sum())
 
+    def cross(self, reach: float = 1.0) -> Float[Tensor, "R P"]:
+        """Theta at the centre, and at pairs of points on either side of it, one pair a parameter: R = 1 + 2 P.
+
+        Args:
+            reach: how far out the pairs lie, 1 for the box's sides.
+        """
+        size = len(self.space)
+        steps = torch.stack([torch.eye(size), -torch.eye(size)], dim=1).reshape(2 * size, size).double()
+        centre = torch.full((1, size), 0.5, dtype=torch.float64)
+        return self.from_frame(torch.cat([centre, centre + reach / 2 * steps]))
+
     def to_frame(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch P"]:
         """z of theta, in float64; in [0, 1]^P inside the box."""
         return self.unit_to_frame(self.space.to_unit(theta.double()))

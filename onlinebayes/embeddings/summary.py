@@ -1,0 +1,92 @@
+"""Trajectory -> vector: averages over its steps, and the parameters that fit it best to first order.
+
+    m = mean_t f_t                                     the statistics of BayesSim's kind (Eq 4.20 of the thesis)
+    delta = (mean_t H_t + l I)^-1 mean_t s_t           one Gauss-Newton step from the reference's parameters
+    e = squash((x - mean) / sd),    x = [m, delta]
+
+delta is a score compressed to one number a parameter (Alsing and Wandelt 2018): where the model is linear in the
+parameters near the reference, nothing is lost in it. It need not be right; the estimator learns from simulations what
+it means, its bias under sensor noise included. Nothing here is trained, so it costs no time in training.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from onlinebayes.embeddings.base import Embedding, check_padding, cleared
+from onlinebayes.embeddings.features import TransitionFeatures
+
+RIDGE = 1e-6
+"""l, in units of the mean diagonal of H."""
+
+
+class SummaryEmbedding(Embedding):
+    """Standardised averages of a trajectory, and its least-squares step where the features have sensitivities.
+
+    Args:
+        features: what is told about each transition.
+        averages: give m; without it only delta, which needs sensitivities.
+
+    Raises:
+        ValueError: neither averages nor sensitivities.
+    """
+
+    centre: Tensor
+    spread: Tensor
+
+    def __init__(self, features: TransitionFeatures, *, averages: bool = True) -> None:
+        super().__init__(features)
+        if not averages and not features.sensitivities:
+            raise ValueError("nothing to summarise: give averages=True or features with sensitivities")
+        self.averages = averages
+        self.size = (features.signals if averages else 0) + features.sensitivities
+        self.state_size = features.signals + features.sums + 1
+        self.register_buffer("centre", torch.zeros(self.size, dtype=torch.float64))
+        self.register_buffer("spread", torch.ones(self.size, dtype=torch.float64))
+
+    def scale(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> None:
+        """Mean and standard deviation of x over trajectories."""
+        x = self._summary(self._mean(features, mask))
+        spread, centre = torch.std_mean(x, dim=0, correction=0)
+        self.centre.copy_(centre)
+        self.spread.copy_(torch.where(spread <= 1e-9 * x.abs().amax(0).clamp(min=1e-30), torch.inf, spread))
+
+    def encode(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B E"]:
+        """Embed features made before; see :meth:`Embedding.encode`."""
+        check_padding(mask)
+        vector = self._vector(self._mean(features, mask)).to(features.dtype)
+        return torch.where(mask.any(1, keepdim=True), vector, torch.zeros_like(vector))
+
+    def step(
+        self, features: Float[Tensor, "B F"], state: Float[Tensor, "B S"]
+    ) -> tuple[Float[Tensor, "B E"], Float[Tensor, "B S"]]:
+        """One more transition; see :meth:`Embedding.step`."""
+        total = state[..., :-1] + features[..., self.features.signals :].to(state)
+        count = state[..., -1:] + 1
+        vector = self._vector(total.double() / count)
+        return vector.to(features.dtype), torch.cat([total, count], dim=-1)
+
+    def _mean(self, features: Tensor, mask: Tensor) -> Tensor:
+        terms = cleared(features[..., self.features.signals :], mask).double()
+        return terms.sum(1) / mask.sum(1).clamp(min=1).unsqueeze(-1)
+
+    def _vector(self, mean: Tensor) -> Tensor:
+        x = (self._summary(mean) - self.centre) / self.spread
+        return x.sign() * x.abs().log1p()
+
+    def _summary(self, mean: Tensor) -> Tensor:
+        """x of the mean terms (B, F + S)."""
+        size, signals = self.features.sensitivities, self.features.signals
+        parts = [mean[..., :signals]] if self.averages else []
+        if size:
+            score, information = mean[..., signals : signals + size], mean[..., signals + size :]
+            row, column = torch.triu_indices(size, size, device=mean.device)
+            H = mean.new_zeros(*mean.shape[:-1], size, size)
+            H[..., row, column] = information
+            H[..., column, row] = information
+            level = torch.diagonal(H, dim1=-2, dim2=-1).mean(-1)[..., None, None].clamp(min=1e-30)
+            ridge = RIDGE * level * torch.eye(size, dtype=mean.dtype, device=mean.device)
+            parts.append(torch.linalg.solve(H + ridge, score.unsqueeze(-1)).squeeze(-1))
+        return torch.cat(parts, dim=-1)

@@ -1,0 +1,175 @@
+"""A corner plot: each parameter's marginal on the diagonal, each pair's density below it, truth and prior marked."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import atomic_path
+
+POSTERIOR, PRIOR, TRUTH = "#2a6f97", "#8a8f98", "#d1495b"
+LEVELS = (0.95, 0.68)
+
+
+class Sampler(Protocol):
+    """What a corner plot needs of a distribution: draws."""
+
+    space: ParameterSpace
+
+    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
+        """Draw theta (*shape, P)."""
+        ...
+
+
+def corner(
+    posterior: Sampler,
+    *,
+    truth: Float[Tensor, " P"] | None = None,
+    prior: Sampler | None = None,
+    zoom: bool = True,
+    samples: int = 20_000,
+    title: str = "",
+) -> Figure:
+    """Draw the posterior's marginals, singly and in pairs.
+
+    Args:
+        posterior: a :class:`~onlinebayes.inference.Posterior` or any distribution over its ``space``.
+        truth: true parameters (P,) [units], drawn as lines, where they are known.
+        prior: drawn in grey on the diagonal.
+        zoom: show where the posterior (and the truth) is; otherwise the parameters' whole bounds.
+        samples: draws behind the densities.
+        title: over the figure.
+
+    Returns:
+        a matplotlib figure of its own; nothing global is touched. Save it with :func:`save`.
+    """
+    space = posterior.space
+    draws = posterior.sample((samples,), torch.Generator().manual_seed(0)).cpu().numpy()
+    before = prior.sample((samples,), torch.Generator().manual_seed(1)).cpu().numpy() if prior is not None else None
+    at = truth.cpu().numpy() if truth is not None else None
+    size = len(space)
+    side = 2.1 if size > 1 else 3.2
+    figure = Figure(figsize=(0.9 + side * size, 0.7 + side * size + (0.35 if title else 0)), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(size, size, squeeze=False)
+    ranges = [_range(space[name], draws[:, i], None if at is None else at[i], zoom) for i, name in enumerate(space)]
+    for row in range(size):
+        for column in range(size):
+            axis = axes[row, column]
+            if column > row:
+                axis.set_visible(False)
+                continue
+            if row == column:
+                _single(axis, draws[:, row], None if before is None else before[:, row], ranges[row])
+            else:
+                _pair(axis, draws[:, column], draws[:, row], ranges[column], ranges[row])
+            _truth(axis, at, row, column)
+            _label(axis, space, row, column)
+    _legend(figure, axes[0, 0], prior is not None, truth is not None, title)
+    return figure
+
+
+def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> None:
+    """Write the figure to ``path`` (PNG, SVG or PDF by its suffix), whole or not at all."""
+    with atomic_path(path) as temporary:
+        figure.savefig(temporary, dpi=dpi)
+
+
+def _range(parameter: Parameter, draws: np.ndarray, truth: float | None, zoom: bool) -> tuple[float, float]:
+    if not zoom:
+        return parameter.low, parameter.high
+    low, high = np.quantile(draws, [0.001, 0.999])
+    if truth is not None:
+        low, high = min(low, truth), max(high, truth)
+    margin = 0.15 * (high - low) + 1e-12 * max(abs(low), abs(high), 1e-300)
+    return max(parameter.low, low - margin), min(parameter.high, high + margin)
+
+
+def _single(axis: Axes, draws: np.ndarray, before: np.ndarray | None, limits: tuple[float, float]) -> None:
+    edges = np.linspace(*limits, 61)
+    width = edges[1] - edges[0]
+    density = np.histogram(draws, edges)[0] / (len(draws) * width)
+    axis.fill_between(edges, np.append(density, density[-1]), step="post", color=POSTERIOR, alpha=0.35, lw=0)
+    axis.step(edges, np.append(density, density[-1]), where="post", color=POSTERIOR, lw=1.2)
+    if before is not None:
+        # Few prior draws fall into a narrow window: a coarse histogram of them, by their own counts.
+        coarse = np.linspace(*limits, 7)
+        level = np.histogram(before, coarse)[0] / (len(before) * (coarse[1] - coarse[0]))
+        axis.step(coarse, np.append(level, level[-1]), where="post", color=PRIOR, lw=1.2, ls="--")
+    axis.set_xlim(*limits)
+    axis.set_ylim(0, 1.08 * max(density.max(), 1e-300))
+    axis.set_yticks([])
+
+
+def _pair(
+    axis: Axes, x: np.ndarray, y: np.ndarray, x_limits: tuple[float, float], y_limits: tuple[float, float]
+) -> None:
+    counts, x_edges, y_edges = np.histogram2d(x, y, bins=48, range=[x_limits, y_limits])
+    counts = _smoothed(counts)
+    flat = np.sort(counts.ravel())[::-1]
+    mass = np.cumsum(flat) / flat.sum()
+    heights = [float(flat[np.searchsorted(mass, level)]) for level in LEVELS]
+    centres = (x_edges[1:] + x_edges[:-1]) / 2, (y_edges[1:] + y_edges[:-1]) / 2
+    shown = np.ma.masked_less(counts.T, 0.02 * counts.max())
+    axis.pcolormesh(x_edges, y_edges, shown, cmap="Blues", vmin=0, rasterized=True)
+    if 0 < heights[0] < heights[1]:
+        axis.contour(*centres, counts.T, levels=heights, colors=POSTERIOR, linewidths=(0.8, 1.2))
+    axis.set_xlim(*x_limits)
+    axis.set_ylim(*y_limits)
+
+
+def _smoothed(counts: np.ndarray) -> np.ndarray:
+    kernel = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
+    for axis in (0, 1):
+        # Reflected at the rim, so that a density that ends at a bound is not drawn fading towards it.
+        padded = np.pad(counts, [(2, 2) if a == axis else (0, 0) for a in (0, 1)], mode="symmetric")
+        counts = np.apply_along_axis(lambda line: np.convolve(line, kernel, mode="valid"), axis, padded)
+    return counts
+
+
+def _truth(axis: Axes, truth: np.ndarray | None, row: int, column: int) -> None:
+    if truth is None:
+        return
+    axis.axvline(truth[column], color=TRUTH, lw=1.0, zorder=3, clip_on=False)
+    if row != column:
+        axis.axhline(truth[row], color=TRUTH, lw=1.0, zorder=3, clip_on=False)
+        axis.plot(truth[column], truth[row], "o", color=TRUTH, ms=4, zorder=4, clip_on=False)
+
+
+def _label(axis: Axes, space: ParameterSpace, row: int, column: int) -> None:
+    last, names = row == len(space) - 1, [_title(name, space[name]) for name in space]
+    axis.xaxis.set_major_locator(MaxNLocator(3))
+    axis.tick_params(labelsize=8, labelbottom=last, labelleft=column == 0 and row > 0)
+    if last:
+        axis.set_xlabel(names[column], fontsize=9)
+    if row != column:
+        axis.yaxis.set_major_locator(MaxNLocator(4))
+        if column == 0:
+            axis.set_ylabel(names[row], fontsize=9)
+    for side in ("top", "right") + (("left",) if row == column else ()):
+        axis.spines[side].set_visible(False)
+
+
+def _title(name: str, parameter: Parameter) -> str:
+    return f"{name} [{parameter.unit}]" if parameter.unit else name
+
+
+def _legend(figure: Figure, axis: Axes, prior: bool, truth: bool, title: str) -> None:
+    handles = [axis.plot([], [], color=POSTERIOR, lw=2, label="posterior")[0]]
+    if prior:
+        handles.append(axis.plot([], [], color=PRIOR, lw=1.2, ls="--", label="prior")[0])
+    if truth:
+        handles.append(axis.plot([], [], color=TRUTH, lw=1.2, label="truth")[0])
+    figure.legend(handles=handles, loc="outside upper right", fontsize=8, frameon=False, ncols=len(handles))
+    if title:
+        figure.suptitle(title, fontsize=10, x=0.02, ha="left")
