@@ -92,3 +92,25 @@ def test_a_command_may_be_left_out_only_where_the_actuator_is_off():
     off = Measurement.from_runs({"a": {**time, "enable.u": [0.0, 0.0]}}, commands=["u"])
     assert off.data["enable"].unique().tolist() == [0.0]
     assert off.data["command"].unique().tolist() == [0.0]
+
+
+def test_some_rows_of_a_run_are_a_run_of_their_own():
+    part = two_runs().rows("a", 1, 3, name="a (end)")
+    assert part.runs == ("a (end)",)
+    assert part.data["time"].tolist() == [[0.1, 0.2]]
+    assert part.data["mask"].all()
+    assert part.to("cpu").data.device == torch.device("cpu")
+
+
+def test_what_does_not_fit_together_is_refused():
+    m = two_runs()
+    with pytest.raises(ValueError, match="2 runs are named"):
+        Measurement(m.data[:1], m.signals, m.commands, m.runs)
+    with pytest.raises(ValueError, match="'command' has shape"):
+        Measurement(m.data, m.signals, ("motor", "brake"), m.runs)
+    with pytest.raises(ValueError, match="run names repeat"):
+        Measurement(m.data, m.signals, m.commands, ("a", "a"))
+    with pytest.raises(ValueError, match="differ in their signals"):
+        concatenate([m.select(["a"]), m.select(["b"]).with_signals([Signal("qpos.x", "m")])])
+    with pytest.raises(BadInput, match="no runs"):
+        Measurement.from_runs({})
