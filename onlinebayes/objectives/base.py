@@ -1,0 +1,25 @@
+"""What a trainer asks of an objective: a policy to act with, and one pass of learning over fresh data."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+from tensordict import TensorDictBase
+from tensordict.nn import TensorDictModuleBase
+
+
+class Objective(Protocol):
+    """A policy and the way it learns."""
+
+    @property
+    def policy(self) -> TensorDictModuleBase:
+        """``"observation"`` (..., O) -> ``"action"``, stochastic unless the exploration type says otherwise."""
+
+    def update(self, data: TensorDictBase) -> dict[str, float]:
+        """Learn from one batch (N, T) of a collector; returns the means of the losses by name."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Weights and optimiser state, to be saved."""
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what :meth:`state_dict` gave."""

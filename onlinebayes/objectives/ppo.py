@@ -1,0 +1,141 @@
+"""Proximal policy optimisation: clipped importance ratios on generalised advantages.
+
+    maximise  E[min(r A, clip(r, 1 - eps, 1 + eps) A)] + c H(pi),      r = pi(a | s) / pi_old(a | s)
+    A_t = sum_k (gamma lambda)^k (R_{t+k} + gamma V(s_{t+k+1}) - V(s_{t+k})),      R = (1 - gamma) x reward
+
+Schulman et al., Proximal Policy Optimization Algorithms (2017); High-Dimensional Continuous Control Using Generalized
+Advantage Estimation (2016). The loss and the advantage are TorchRL's ``ClipPPOLoss`` and ``GAE``.
+
+Two choices decide whether it learns quickly: the reward is multiplied by (1 - gamma), so that values are of order one
+whatever the horizon, and the gradients of actor and critic are clipped apart, so that a surprised critic does not
+silence the actor.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from tensordict import TensorDictBase
+from torch import nn
+from torch.nn.utils import clip_grad_norm_
+from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement, TensorSpec
+from torchrl.modules import ProbabilisticActor
+from torchrl.objectives import ClipPPOLoss
+from torchrl.objectives.value import GAE
+
+from onlinebayes.objectives.networks import state_value, stochastic_policy
+
+LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
+
+
+@dataclass(frozen=True, eq=False)
+class PPO:
+    """The pieces of PPO, each usable alone; :meth:`update` shows how they fit together.
+
+    Args:
+        policy: stochastic policy that writes ``"action_log_prob"``.
+        loss: holds the policy and the critic.
+        advantage: writes ``"advantage"`` and ``"value_target"``.
+        buffer: holds one batch of the collector and deals it out without replacement.
+        optimiser: over the loss's parameters.
+        epochs: passes over each batch.
+        reward_scale: factor on the reward, 1 - gamma as built by :func:`ppo`.
+        max_grad_norm: bound on the gradient's norm, for the actor and for the critic.
+    """
+
+    policy: ProbabilisticActor
+    loss: ClipPPOLoss
+    advantage: GAE
+    buffer: ReplayBuffer
+    optimiser: torch.optim.Optimizer
+    epochs: int
+    reward_scale: float
+    max_grad_norm: float
+
+    def update(self, data: TensorDictBase) -> dict[str, float]:
+        """One PPO pass over a collector's batch (N, T); returns the losses' means."""
+        data = data.select(*self.loss.in_keys, ("next", "observation"))
+        data["next", "reward"] = self.reward_scale * data["next", "reward"]
+        with torch.no_grad():
+            data = self.advantage(data)
+        self.buffer.empty()
+        self.buffer.extend(data.reshape(-1))
+        sums: dict[str, float] = defaultdict(float)
+        steps = 0
+        for _ in range(self.epochs):
+            for batch in self.buffer:
+                losses = self.loss(batch)
+                self._step(sum(losses[name] for name in LOSSES))
+                steps += 1
+                for name in (*LOSSES, "kl_approx"):
+                    sums[name] += float(losses[name].detach())
+        return {name: value / max(steps, 1) for name, value in sums.items()}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Weights and optimiser state."""
+        return {"loss": self.loss.state_dict(), "optimiser": self.optimiser.state_dict()}
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Continue from what :meth:`state_dict` gave."""
+        self.loss.load_state_dict(state["loss"])
+        self.optimiser.load_state_dict(state["optimiser"])
+
+    def _step(self, total: torch.Tensor) -> None:
+        total.backward()
+        for network in (self.loss.actor_network_params, self.loss.critic_network_params):
+            clip_grad_norm_(list(network.parameters()), self.max_grad_norm)
+        self.optimiser.step()
+        self.optimiser.zero_grad()
+
+
+def ppo(
+    observation_spec: TensorSpec,
+    action_spec: TensorSpec,
+    *,
+    frames_per_batch: int = 4096,
+    minibatch: int = 512,
+    epochs: int = 4,
+    widths: Sequence[int] = (64, 64),
+    activation: type[nn.Module] = nn.Tanh,
+    gamma: float = 0.99,
+    lmbda: float = 0.95,
+    clip: float = 0.2,
+    entropy: float = 0.01,
+    learning_rate: float = 1e-3,
+    max_grad_norm: float = 0.5,
+) -> PPO:
+    """PPO with a policy and a critic built from the leaf specs of one world.
+
+    Args:
+        observation_spec: shape (O,).
+        action_spec: ``OneHot``, ``Categorical`` or ``Bounded``.
+        frames_per_batch: most frames N x T of one :meth:`PPO.update`.
+        minibatch: frames of one gradient step.
+        epochs: passes over each batch.
+        widths: units of the hidden layers, of the policy and of the critic.
+        activation: between the layers.
+        gamma: discount factor, below 1.
+        lmbda: GAE's lambda.
+        clip: eps of the objective.
+        entropy: c of the objective.
+        learning_rate: Adam's.
+        max_grad_norm: bound on each network's gradient.
+    """
+    policy = stochastic_policy(observation_spec, action_spec, widths, activation=activation, log_prob=True)
+    critic = state_value(observation_spec, widths, activation=activation)
+    loss = ClipPPOLoss(
+        policy, critic, clip_epsilon=clip, entropy_coeff=entropy, critic_coeff=1.0, normalize_advantage=True
+    )
+    # A plain loop over T: the vectorised form splits episodes apart, which costs more than it saves below ~1000 steps.
+    advantage = GAE(gamma=gamma, lmbda=lmbda, value_network=critic, vectorized=False, deactivate_vmap=True)
+    buffer = ReplayBuffer(
+        storage=LazyTensorStorage(frames_per_batch, device=observation_spec.device),
+        sampler=SamplerWithoutReplacement(drop_last=True),
+        batch_size=minibatch,
+    )
+    optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate, eps=1e-5, fused=True)
+    return PPO(policy, loss, advantage, buffer, optimiser, epochs, 1 - gamma, max_grad_norm)

@@ -1,0 +1,40 @@
+"""Sensor noise: what is observed is the state seen through sensors of finite precision.
+
+    o~_k = o_k + sd * e_k,    e_k ~ N(0, I) independent
+
+The same noisy value is what the policy acts on at step k and what stands in ``("next", "observation")`` of step k - 1.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDictBase
+from torch import Tensor
+from torchrl.envs import Transform
+
+
+class SensorNoise(Transform):
+    """Add independent Gaussian noise to ``"observation"``.
+
+    Args:
+        sd: standard deviation of each observed value (O,), in that value's unit; zeros add nothing.
+        seed: of the noise.
+    """
+
+    def __init__(self, sd: Float[Tensor, " O"], *, seed: int = 0) -> None:
+        super().__init__(in_keys=["observation"], out_keys=["observation"])
+        self.register_buffer("sd", sd)
+        self._generator = torch.Generator(sd.device).manual_seed(seed)
+
+    def _apply_transform(self, obs: Tensor) -> Tensor:
+        noise = torch.randn(obs.shape, dtype=obs.dtype, device=obs.device, generator=self._generator)
+        return obs + self.get_buffer("sd").to(obs) * noise
+
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
+        fresh = self._apply_transform(tensordict_reset.get("observation"))
+        reset, seen = tensordict.get("_reset", None), tensordict.get("observation", None)
+        if reset is not None and seen is not None:
+            # Worlds that go on have been seen already; a second draw would contradict what the policy was told.
+            fresh = torch.where(reset.reshape(*fresh.shape[:-1], 1), fresh, seen)
+        return tensordict_reset.set("observation", fresh)
