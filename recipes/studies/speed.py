@@ -1,0 +1,115 @@
+"""How fast worlds are stepped: ``make bench`` -> docs/results/bench.json and bench.md.
+
+CartPole: N worlds in one ``SimulatorEnv``, length and mass drawn anew per world at every reset, through a TorchRL
+``Collector`` with a 2 x 64 policy that samples its actions, against one ``GymEnv("CartPole-v1")`` through the same
+Collector with the same policy. Both count steps and reward and reset by themselves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+import tyro
+from tensordict.nn import TensorDictModule
+from torch import Tensor, nn
+from torchrl.collectors import Collector
+from torchrl.envs import EnvBase, GymEnv, TransformedEnv
+from torchrl.modules import MLP, OneHotCategorical, ProbabilisticActor
+
+from envs.cartpole import CartPole, CartPoleTask
+from onlinebayes.runs import Progress, ResultTable, seed_everything
+from onlinebayes.simulators import SimulatorEnv
+from onlinebayes.transforms import ParameterRandomization
+from recipes.studies.timing import PAIRS, alternate, median, rate, spread
+
+
+@dataclass
+class Settings:
+    """What is measured and for how long."""
+
+    worlds: tuple[int, ...] = (2048, 4096, 8192)
+    """numbers of CartPole worlds"""
+    seconds: float = 1.0
+    """of each measurement; a pair has two, a row seven pairs [s]"""
+    threads: int = 2
+    """of torch and of MuJoCo"""
+    goal: float = 400.0
+    """times the frames/s of one GymEnv"""
+    seed: int = 0
+    """of weights, starts and parameters"""
+    out: str = "docs/results"
+    """folder of bench.json and bench.md"""
+
+
+class ThesisPrior:
+    """U[0.1, 1]^2 over length [m] and mass [kg], the prior of Online BayesSim's CartPole."""
+
+    def sample(self, shape: tuple[int, ...]) -> Tensor:
+        """Draws (*shape, 2)."""
+        return 0.1 + 0.9 * torch.rand(*shape, 2, dtype=torch.float64)
+
+
+def worlds_env(worlds: int, seed: int) -> EnvBase:
+    """N CartPole worlds with length and mass of their own."""
+    env = SimulatorEnv(CartPole(["length", "mass"], worlds), CartPoleTask(), seed=seed)
+    return TransformedEnv(env, ParameterRandomization(ThesisPrior()))
+
+
+def frames(env: EnvBase, steps: int, settings: Settings) -> Callable[[], float]:
+    """A measurement: frames/s of a Collector over ``env``, ``steps`` a batch, with the policy of the bench."""
+    seed_everything(settings.seed)
+    net = MLP(4, 2, num_cells=[64, 64], activation_class=nn.ReLU)
+    policy = ProbabilisticActor(
+        TensorDictModule(net, in_keys=["observation"], out_keys=["logits"]),
+        in_keys=["logits"],
+        distribution_class=OneHotCategorical,
+    )
+    batch = env.batch_size.numel() * steps
+    collector = Collector(env, policy, frames_per_batch=batch, total_frames=-1, trust_policy=True, track_traj_ids=False)
+    batches = iter(collector)
+
+    def advance() -> int:
+        data = next(batches)
+        assert data.numel() == batch
+        assert data["next", "reward"].numel() == batch
+        return batch
+
+    return lambda: rate(advance, settings.seconds)
+
+
+def cartpole(table: ResultTable, settings: Settings) -> None:
+    """The rows of CartPole."""
+    reference = frames(GymEnv("CartPole-v1"), 500, settings)
+    with Progress("cartpole", len(settings.worlds)) as progress:
+        for k, worlds in enumerate(settings.worlds):
+            pairs = alternate(frames(worlds_env(worlds, settings.seed), 64, settings), reference)
+            name, ratio = f"CartPole, {worlds} worlds", median(pairs.ratios)
+            if k == 0:
+                one = pairs.reference
+                table.add("CartPole-v1, one GymEnv", median(one), spread=spread(one), unit="frames/s")
+            table.add(name, median(pairs.ours), spread=spread(pairs.ours), unit="frames/s")
+            table.add(
+                f"{name}, over one GymEnv",
+                ratio,
+                spread=spread(pairs.ratios, 3),
+                unit="times",
+                goal=f">= {settings.goal:g}",
+                holds=ratio >= settings.goal,
+            )
+            progress.update(k + 1, f"{name}: {ratio:.0f} times one GymEnv")
+
+
+def main(settings: Settings) -> ResultTable:
+    """Measure, print and write the table."""
+    torch.set_num_threads(settings.threads)
+    table = ResultTable("bench", "make bench", [settings.seed])
+    cartpole(table, settings)
+    print(table.to_markdown())
+    print(f"medians of {PAIRS} alternating pairs, {settings.threads} threads; written to {table.write(settings.out)}")
+    return table
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Settings))
