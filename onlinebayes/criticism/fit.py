@@ -76,17 +76,22 @@ def fit(
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
     current = project(windows, lin, weight)
-    level = 0
+    level, centred = 0, False
     for _ in range(STEPS):
         step, promised = bounded_step(simulator, current, lin.theta, DAMPINGS[level])
         total = current.objective
         moved = linearise_at(simulator, windows, lin, current, step)
         trial = project(windows, moved, weight)
         if moved.valid and trial.objective <= total:
-            gained = total - trial.objective
-            lin, current, level = moved, trial, max(0, level - 2)
-            if max(promised, gained) <= TOLERANCE * total:
+            lin, current, level, centred = moved, trial, max(0, level - 2), True
+            if max(promised, total - trial.objective) <= TOLERANCE * total:
                 return Fit(simulator, lin, current, True)
+        elif not centred:
+            # The sensitivities hold at the windows' best starts, and the starts are not there yet.
+            moved = linearise_at(simulator, windows, lin, current, torch.zeros_like(step))
+            trial, centred = project(windows, moved, weight), True
+            if moved.valid:
+                lin, current = moved, trial
         elif promised <= TOLERANCE * total or level == len(DAMPINGS) - 1:
             return Fit(simulator, lin, current, promised <= TOLERANCE * total)
         else:
@@ -150,7 +155,7 @@ def bounded_least_squares(
     return torch.as_tensor(np.asarray(found.x)).to(scale).clamp(lower, upper) * scale
 
 
-def starting_theta(simulator: Simulator, windows: Windows, draws: int = 12) -> Float[Tensor, " P"]:
+def starting_theta(simulator: Simulator, windows: Windows, draws: int = 8) -> Float[Tensor, " P"]:
     """The best of the nominal theta and a few points of the box, by the replay from the smoothed starts."""
     space = simulator.parameters
     nominal = space.clamp(simulator.nominal.to(windows.start))

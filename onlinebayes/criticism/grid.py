@@ -46,13 +46,18 @@ class RunGrid:
         return self.value.shape[0] - 1
 
 
-def even_step(measurement: Measurement, timestep: float) -> float:
-    """Spacing h [s]: the median time between rows, as a whole number of integration steps (at least one)."""
+def row_step(measurement: Measurement) -> float:
+    """Median time between rows [s]."""
     time, mask = measurement.data["time"], measurement.data["mask"]
     gaps = (time[:, 1:] - time[:, :-1])[mask[:, 1:]]
     if gaps.numel() == 0:
         raise BadInput("every run has a single row", "record runs of many rows")
-    return max(1, round(float(gaps.median()) / timestep)) * timestep
+    return float(gaps.median())
+
+
+def even_step(measurement: Measurement, timestep: float) -> float:
+    """Spacing h [s]: the median time between rows, as a whole number of integration steps (at least one)."""
+    return max(1, round(row_step(measurement) / timestep)) * timestep
 
 
 def run_grids(measurement: Measurement, step: float) -> tuple[RunGrid, ...]:

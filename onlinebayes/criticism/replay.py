@@ -17,6 +17,7 @@ from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 
 CHUNK = 6_000_000  # recorded numbers a rollout may hold
+VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time"})  # parts of a state that a window's start determines
 
 
 def replay(
@@ -51,10 +52,11 @@ def rollout(
     worlds = theta[:, None].expand(M, W, theta.shape[1]).reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))
-    if windows.history.shape[1]:
+    hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
+    if windows.history.shape[1] and hidden:
         past = _drive(simulator, worlds, state, windows.history, windows.history_enable, windows.step, M)
-        if "effects" in past.keys():  # noqa: SIM118  (a TensorDict iterates over its batch)
-            state["effects"] = past["effects"][:, -1]
+        for key in hidden:
+            state[key] = past[key][:, -1]
     during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
     return during.reshape(M, W, K)
 

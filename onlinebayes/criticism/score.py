@@ -13,7 +13,7 @@ import math
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.criticism.blocks import Blocks, held_out_rows, leave_one_out
@@ -36,6 +36,8 @@ class CrossValidated:
         signal_rms: the same at H, per signal [noise units].
         square: sum of squares of each test block at H [noise units^2].
         count: observed bins of each test block.
+        row_density: log t of every bin when its block is left out, summed over signals [nats].
+        tested: which bins were observed.
         tau: correlation time of the fit's residual [s].
     """
 
@@ -46,6 +48,8 @@ class CrossValidated:
     signal_rms: Float[Tensor, " S"]
     square: Float[Tensor, " B"]
     count: Float[Tensor, " B"]
+    row_density: Float[Tensor, "W n"]
+    tested: Bool[Tensor, "W n"]
     tau: float
 
 
@@ -67,23 +71,25 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
     seen = long.seen()
     test = (blocks.of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None] & seen
     train = blocks.train[..., None, None] & seen
-    density = rows.new_zeros(blocks.count)
+    density = rows.new_zeros(rows.shape[:-1])
     for s in range(rows.shape[-1]):
         r = rows[..., s].flatten(1)
         scale, nu = student_t(r, train[..., s].flatten(1).to(r))
-        density += (log_t(r, scale[:, None], nu[:, None]) * test[..., s].flatten(1)).sum(1)
+        density += log_t(r, scale[:, None], nu[:, None]).view_as(density) * test[..., s]
     short_rows = short.measured_rows(held_out_rows(short, fitted.theta, without))
     short_of = blocks.of.repeat_interleave(PIECES)
     short_test = (short_of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None]
     square = torch.where(test, rows, 0.0).square()
     return CrossValidated(
         without,
-        density,
+        density.sum((1, 2)),
         _rms(rows, test),
         _rms(short_rows, short_test & short.seen()),
         (square.sum((0, 1, 2)) / test.sum((0, 1, 2)).clamp_min(1)).sqrt(),
         square.sum((1, 2, 3)),
         test.sum((1, 2, 3)).to(square),
+        density.sum(0),
+        seen.any(-1),
         tau(long.measured_rows(long.residual), seen, windows.bin_step),
     )
 

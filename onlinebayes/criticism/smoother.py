@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid
@@ -20,26 +20,27 @@ HALF_WINDOWS = (3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112)
 DEGREE = 3
 
 
-def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, places: int = 400) -> int:
+def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks: int = 400) -> int:
     """The half-window m [rows] for one signal.
 
     Args:
         grids: the runs.
         signal: column of the signal.
         slack: how far chi^2 may rise above the smallest.
-        places: about how many centres are looked at.
+        looks: about how many places are looked at.
     """
     total = sum(grid.rows for grid in grids)
-    stride = max(1, total // places)
+    stride = max(1, total // looks)
     chosen, best = HALF_WINDOWS[0], float("inf")
     spreads = []
     for m in HALF_WINDOWS:
         square, dof = 0.0, 0.0
         for grid in grids:
-            centres = torch.arange(m, max(m, grid.rows + 1 - m), stride, device=grid.value.device)
-            if len(centres) == 0:
+            rows = torch.arange(m, grid.rows + 1 - m, stride, dtype=grid.value.dtype, device=grid.value.device)
+            if len(rows) == 0:
                 continue
-            _, _, rest, free = local_cubic(grid.value[:, signal], grid.observed[:, signal], centres, m, grid.step)
+            at = rows * grid.step
+            _, _, rest, free = local_cubic(grid.value[:, signal], grid.observed[:, signal], at, m, grid.step)
             square, dof = square + float(rest.sum()), dof + float(free.sum())
         spreads.append(square / dof if dof > 0 else float("inf"))
         best = min(best, spreads[-1])
@@ -50,31 +51,39 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, place
 
 
 def local_cubic(
-    value: Float[Tensor, " G1"], observed: Bool[Tensor, " G1"], centres: Int[Tensor, " W"], m: int, step: float
+    value: Float[Tensor, " G1"], observed: Bool[Tensor, " G1"], at: Float[Tensor, " W"], m: int, step: float
 ) -> tuple[Float[Tensor, "W 2"], Float[Tensor, "W 2"], Float[Tensor, " W"], Float[Tensor, " W"]]:
-    """Position and velocity at the centres from the observed rows within m of them (fewer at the run's ends).
+    """Position and velocity at the instants ``at`` from the observed rows within m of them (fewer at the run's ends).
+
+    Args:
+        value, observed: one signal on an even clock of spacing ``step`` [s] that starts at 0.
+        at: instants [s].
+        m: half-window [rows].
+        step: of the clock [s].
 
     Returns:
-        (q, v) at each centre [unit, unit/s]; their sd for sensor noise of sd 1; residual sum of squares; degrees of
-        freedom. A centre with fewer than 5 observed rows gets an infinite sd.
+        (q, v) at each instant [unit, unit/s]; their sd for sensor noise of sd 1; residual sum of squares; degrees of
+        freedom. An instant with fewer than 5 observed rows gets an infinite sd.
     """
+    centres = torch.round(at / step).long().clamp(0, len(value) - 1)
     offsets = torch.arange(-m, m + 1, device=value.device)
     index = centres[:, None] + offsets
     inside = (index >= 0) & (index < len(value))
     index = index.clamp(0, len(value) - 1)
     weight = (inside & observed[index]).to(value.dtype)
     # Times in units of the half-window keep X' X well conditioned.
-    x = (offsets.to(value.dtype) / m)[:, None] ** torch.arange(DEGREE + 1, device=value.device)
-    normal = torch.einsum("wi,ij,ik->wjk", weight, x, x)
+    away = (offsets + (centres - at / step)[:, None]) / m
+    x = away[..., None] ** torch.arange(DEGREE + 1, device=value.device)
+    normal = torch.einsum("wi,wij,wik->wjk", weight, x, x)
     y = value[index]
     middle = y[:, m : m + 1]  # relative to the centre: small numbers, no cancellation
-    right = torch.einsum("wi,wi,ij->wj", weight, y - middle, x)
+    right = torch.einsum("wi,wi,wij->wj", weight, y - middle, x)
     enough = weight.sum(-1) > DEGREE + 1
     eye = torch.eye(DEGREE + 1, dtype=value.dtype, device=value.device)
     normal = torch.where(enough[:, None, None], normal, eye)
     covariance = torch.linalg.inv(normal + 1e-12 * eye)
     a = torch.einsum("wjk,wk->wj", covariance, right)
-    rest = (weight * (y - middle - a @ x.T) ** 2).sum(-1)
+    rest = (weight * (y - middle - torch.einsum("wij,wj->wi", x, a)) ** 2).sum(-1)
     scale = torch.tensor([1.0, 1.0 / (m * step)], dtype=value.dtype, device=value.device)
     state = a[:, :2] * scale
     state = torch.stack([state[:, 0] + middle[:, 0], state[:, 1]], -1)

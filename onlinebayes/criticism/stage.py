@@ -53,17 +53,18 @@ class Stage:
     """The current model, its blocks and scores, all candidates screened (best first) and the leading ones judged."""
 
     current: Fit
+    windows: Windows
     blocks: Blocks
     scores: CrossValidated
     screened: tuple[Screened, ...]
     judged: tuple[Judged, ...]
 
 
-def blocks_for(fitted: Fit, windows: Windows, selection: Selection) -> Blocks:
+def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
     """The blocks that the correlation of this fit's residual allows."""
     long = project(windows, fitted.lin)
     correlation = tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
-    return make_blocks(windows, correlation, selection.folds)
+    return make_blocks(windows, correlation, folds)
 
 
 def run_stage(
@@ -72,13 +73,14 @@ def run_stage(
     effects: Sequence[Effect],
     selection: Selection,
     say: Callable[[str], None],
+    fewest: int = FEWEST_REFITS,
 ) -> Stage:
-    """Screen all effects against the current model, refit the leading ones and judge them."""
-    blocks = blocks_for(current, windows, selection)
+    """Screen all effects against the current model, refit the leading ones (``fewest`` at least) and judge them."""
+    blocks = blocks_for(current, windows, selection.folds)
     scores = cross_validate(current, windows, blocks)
     screened = screen(current, windows, blocks, effects)
     leading = [s for s in screened if s.p_value is not None]
-    refits = [s for k, s in enumerate(leading) if k < FEWEST_REFITS or (s.p_value or 0) < REFIT_BELOW][:MOST_REFITS]
+    refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0) < REFIT_BELOW][:MOST_REFITS]
     judged = []
     for candidate in refits:
         say(f"refitting with {candidate.effect.key}")
@@ -89,7 +91,7 @@ def run_stage(
         judged.append(
             judge(candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, selection.alpha)
         )
-    return Stage(current, blocks, scores, screened, tuple(judged))
+    return Stage(current, windows, blocks, scores, screened, tuple(judged))
 
 
 def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float]) -> Fit:

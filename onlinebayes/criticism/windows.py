@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.grid import RunGrid, even_step, row_step, run_grids
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.smoother import half_window, local_cubic
 from onlinebayes.measurements import Measurement
@@ -40,11 +40,12 @@ class Windows:
         command, enable: during the window.
         history, history_enable: during the Q rows before it (the command of the run's first row where it began later).
         value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
+        measured, inside: what was measured, still or not, and which rows lie within the run.
         start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
         free: which joints move in the window.
         noise: floor of each signal [SI].
         columns: the S signals' places among the simulator's signals.
-        runs: names of the runs.
+        runs, begin: names of the runs, and the instants of their first rows [s].
     """
 
     step: float
@@ -57,12 +58,15 @@ class Windows:
     history_enable: Float[Tensor, "W Q U"]
     value: Float[Tensor, "W K S"]
     observed: Bool[Tensor, "W K S"]
+    measured: Bool[Tensor, "W K S"]
+    inside: Bool[Tensor, "W K"]
     start: Float[Tensor, "W J2"]
     start_sd: Float[Tensor, "W J2"]
     free: Bool[Tensor, "W J"]
     noise: Float[Tensor, " S"]
     columns: tuple[int, ...]
     runs: tuple[str, ...]
+    begin: tuple[float, ...]
 
     @property
     def count(self) -> int:
@@ -110,7 +114,7 @@ class Windows:
         """Some of the windows."""
         names = (
             *("run", "first", "command", "enable", "history", "history_enable"),
-            *("value", "observed", "start", "start_sd", "free"),
+            *("value", "observed", "measured", "inside", "start", "start_sd", "free"),
         )
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
@@ -131,7 +135,12 @@ def joint_names(simulator: Simulator) -> tuple[str, ...]:
 
 
 def make_windows(
-    simulator: Simulator, measurement: Measurement, horizon: float, memory: float, noise: Float[Tensor, " S"] | None
+    simulator: Simulator,
+    measurement: Measurement,
+    horizon: float,
+    memory: float = 0.0,
+    noise: Float[Tensor, " S"] | None = None,
+    like: Windows | None = None,
 ) -> Windows:
     """Tile every run with windows of ``horizon`` seconds.
 
@@ -141,6 +150,7 @@ def make_windows(
         horizon: H [s]; shortened to the longest run.
         memory: seconds of commands that a hidden state remembers.
         noise: floor of each signal [SI], or None to take it from these runs.
+        like: windows of the same runs whose instants, starts and noise are kept, on this simulator's own rows.
 
     Raises:
         BadInput: a joint without positions, an unknown signal, a command that is missing.
@@ -150,16 +160,29 @@ def make_windows(
     grids = run_grids(measurement, step)
     names = tuple(signal.name for signal in measurement.signals)
     if noise is None:
-        noise = floors(measurement.signals, grids).to(measurement.data["signal"])
-    longest = max(grid.rows for grid in grids)
-    rows = min(max(4, round(horizon / step)), max(longest, 1))
-    bin_rows = max(1, rows // BINS)
-    rows -= rows % bin_rows
-    places = [(r, g) for r, grid in enumerate(grids) for g in _starts(grid.rows, rows)]
-    start, start_sd, free = _window_starts(grids, places, rows, names, joint_names(simulator), noise)
+        noise = floors(measurement.signals, run_grids(measurement, row_step(measurement))).to(
+            measurement.data["signal"]
+        )
+    if like is None:
+        longest = max(grid.rows for grid in grids)
+        rows = min(max(4, round(horizon / step)), max(longest, 1))
+        bin_rows = max(1, rows // BINS)
+        rows -= rows % bin_rows
+        places = [(r, g) for r, grid in enumerate(grids) for g in _starts(grid.rows, rows)]
+        sensor = run_grids(measurement, row_step(measurement))
+        cuts = [(r, g * step, (g + rows) * step) for r, g in places]
+        start, start_sd, free = _window_starts(sensor, cuts, names, joint_names(simulator), noise)
+    else:
+        ratio = like.step / step
+        rows, bin_rows = round(like.rows * ratio), max(1, round(like.bin_rows * ratio))
+        places = [(r, round(g * ratio)) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)]
+        start, start_sd, free, noise = like.start, like.start_sd, like.free, like.noise
     history_rows = max(0, round(memory / step))
     cut = [_cut(grids[r], g, rows, history_rows) for r, g in places]
-    command, enable, history, history_enable, value, observed = (torch.stack(part) for part in zip(*cut, strict=True))
+    command, enable, history, history_enable, value, measured, inside = (
+        torch.stack(part) for part in zip(*cut, strict=True)
+    )
+    observed = measured.clone()
     for j, joint in enumerate(joint_names(simulator)):
         for s, name in enumerate(names):
             if name in (f"qpos.{joint}", f"qvel.{joint}"):
@@ -176,12 +199,15 @@ def make_windows(
         history_enable=history_enable,
         value=value,
         observed=observed,
+        measured=measured,
+        inside=inside,
         start=start,
         start_sd=start_sd,
         free=free,
         noise=noise,
         columns=tuple(simulator.signals.index(name) for name in names),
         runs=measurement.runs,
+        begin=tuple(grid.start for grid in grids),
     )
 
 
@@ -220,7 +246,7 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
     held = during.clamp_max(grid.rows)
     before = torch.arange(first - history, first, device=grid.value.device).clamp_min(0)
     after = during + 1
-    inside = (after <= grid.rows)[:, None]
+    inside = after <= grid.rows
     after = after.clamp_max(grid.rows)
     return (
         grid.command[held],
@@ -228,42 +254,37 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
         grid.command[before],
         grid.enable[before],
         grid.value[after],
-        grid.observed[after] & inside,
+        grid.observed[after] & inside[:, None],
+        inside,
     )
 
 
 def _window_starts(
     grids: Sequence[RunGrid],
-    places: Sequence[tuple[int, int]],
-    rows: int,
+    cuts: Sequence[tuple[int, float, float]],
     names: Sequence[str],
     joints: Sequence[str],
     noise: Float[Tensor, " S"],
 ) -> tuple[Float[Tensor, "W J2"], Float[Tensor, "W J2"], Bool[Tensor, "W J"]]:
-    """Smoothed starts, their sd, and which joints move, for all windows and joints."""
-    position, velocity, position_sd, velocity_sd, free = [], [], [], [], []
-    for joint in joints:
+    """Smoothed starts, their sd, and which joints move, for windows (run, from, to) [s] and all joints."""
+    W, J = len(cuts), len(joints)
+    start = torch.zeros(W, 2 * J, dtype=noise.dtype, device=noise.device)
+    sd, free = torch.zeros_like(start), torch.zeros(W, J, dtype=torch.bool, device=noise.device)
+    for j, joint in enumerate(joints):
         s = names.index(f"qpos.{joint}")
         m = half_window(grids, s)
-        state = torch.zeros(len(places), 2, dtype=noise.dtype, device=noise.device)
-        sd = torch.zeros_like(state)
-        moves = torch.zeros(len(places), dtype=torch.bool, device=noise.device)
         for r, grid in enumerate(grids):
-            mine = [w for w, place in enumerate(places) if place[0] == r]
-            centres = torch.tensor([places[w][1] for w in mine], dtype=torch.long, device=noise.device)
-            local, spread, _, _ = local_cubic(grid.value[:, s], grid.observed[:, s], centres, m, grid.step)
+            mine = [w for w, cut in enumerate(cuts) if cut[0] == r]
+            begins = torch.tensor([cuts[w][1] for w in mine], dtype=noise.dtype, device=noise.device)
+            local, spread, _, _ = local_cubic(grid.value[:, s], grid.observed[:, s], begins, m, grid.step)
             for k, w in enumerate(mine):
-                first = places[w][1]
-                y = grid.value[first : first + rows + 1, s][grid.observed[first : first + rows + 1, s]]
-                if len(y) and float(y.max() - y.min()) >= STILL * float(noise[s]):
-                    state[w], sd[w], moves[w] = local[k], spread[k] * noise[s], torch.isfinite(spread[k]).all()
+                rows = slice(round(cuts[w][1] / grid.step), round(cuts[w][2] / grid.step) + 1)
+                y = grid.value[rows, s][grid.observed[rows, s]]
+                moved = float(y.max() - y.min()) if len(y) else 0.0
+                if moved >= STILL * float(noise[s]) and bool(torch.isfinite(spread[k]).all()):
+                    start[w, [j, J + j]], free[w, j] = local[k], True
+                    sd[w, [j, J + j]] = spread[k] * noise[s]
                 elif len(y):
-                    state[w, 0], sd[w] = y.median(), noise[s]
-        position.append(state[:, 0])
-        velocity.append(state[:, 1])
-        position_sd.append(sd[:, 0])
-        velocity_sd.append(sd[:, 1])
-        free.append(moves)
-    start = torch.stack(position + velocity, -1)
-    start_sd = torch.stack(position_sd + velocity_sd, -1)
-    return start, start_sd, torch.stack(free, -1)
+                    start[w, j] = y.median()
+                    sd[w, [j, J + j]] = noise[s]
+    return start, sd, free

@@ -1,0 +1,112 @@
+"""The candidates as the report lists them: accepted ones in the order of acceptance, then by what they would add now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from onlinebayes.criticism.acceptance import Judged
+from onlinebayes.criticism.identifiability import covariance_of, estimates
+from onlinebayes.criticism.results import Candidate, Estimate, Step
+from onlinebayes.criticism.search import Found
+from onlinebayes.criticism.stage import Screened, Stage
+
+
+def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate, ...]:
+    """Every candidate, the best first, the confounded ones last.
+
+    Args:
+        found: what the search found.
+        equal: accepted effect -> those it cannot be told from.
+    """
+    if not found.stages:
+        return tuple(Candidate(effect.key, None, None, None, None, 0) for effect in found.effects)
+    rows: list[Candidate] = []
+    for stage, judged in found.accepted:
+        rows.append(_judged(stage, judged, len(rows) + 1, equal, accepted=True))
+    listed = {row.effect for row in rows}
+    last = found.stages[-1]
+    verdicts = {judged.effect.key: judged for judged in last.judged}
+    order = sorted(last.screened, key=lambda s: _place(s, verdicts.get(s.effect.key)))
+    for screened in order:
+        key = screened.effect.key
+        if key in listed:
+            continue
+        if key in verdicts:
+            row = _judged(last, verdicts[key], len(rows) + 1, equal, accepted=False, screened=screened)
+        else:
+            number = None if screened.p_value is None else len(rows) + 1
+            refused = () if screened.p_value is None else (f"p = {screened.p_value:.3g}",)
+            row = Candidate(
+                key,
+                number,
+                screened.p_value,
+                None,
+                None,
+                last.blocks.count,
+                refused_because=refused,
+                confounded_with=screened.confounded_with,
+                exclusion_limit=screened.exclusion_limit,
+                indistinguishable_from=_equals(key, equal),
+            )
+        rows.append(row)
+    return tuple(rows)
+
+
+def steps(found: Found) -> tuple[Step, ...]:
+    """The acceptances in order, errors cross-validated inside the fit runs [the signals' units]."""
+    taken = []
+    for stage, judged in found.accepted:
+        noise = stage.windows.noise / stage.windows.bin_rows**0.5
+        names = [stage.current.simulator.signals[c] for c in stage.windows.columns]
+        before, after = (
+            dict(zip(names, (scores.signal_rms * noise).tolist(), strict=True))
+            for scores in (stage.scores, judged.scores)
+        )
+        taken.append(Step(judged.effect.key, before, after, judged.gain.gain, judged.gain.se, judged.gain.blocks))
+    return tuple(taken)
+
+
+def _place(screened: Screened, judged: Judged | None) -> tuple[bool, bool, float, float]:
+    """Confounded last; judged before the others, by their gain; the others by p and z."""
+    if screened.p_value is None:
+        return (True, True, 0.0, 0.0)
+    if judged is not None:
+        return (False, False, -judged.gain.gain, 0.0)
+    return (False, True, screened.p_value, -(screened.z or 0.0))
+
+
+def _judged(
+    stage: Stage,
+    judged: Judged,
+    number: int,
+    equal: Mapping[str, tuple[str, ...]],
+    *,
+    accepted: bool,
+    screened: Screened | None = None,
+) -> Candidate:
+    key = judged.effect.key
+    return Candidate(
+        key,
+        number,
+        judged.p_value,
+        judged.gain.gain,
+        judged.gain.se,
+        judged.gain.blocks,
+        judged.falls,
+        judged.homogeneous,
+        accepted,
+        () if accepted else judged.failed,
+        _own_estimates(stage, judged),
+        _equals(key, equal),
+        exclusion_limit=None if screened is None or accepted else screened.exclusion_limit,
+    )
+
+
+def _equals(key: str, equal: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
+    return (*equal.get(key, ()), *(other for other, members in equal.items() if key in members))
+
+
+def _own_estimates(stage: Stage, judged: Judged) -> dict[str, Estimate]:
+    covariance = covariance_of(judged.fitted, stage.blocks)
+    every = estimates(judged.fitted, covariance, stage.blocks.count, ())
+    return {name: every[f"{judged.effect.key}.{name}"] for name in judged.effect.parameters}

@@ -1,0 +1,257 @@
+"""The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
+
+fit runs: base model -> search (see ``search``) -> final model;    held-out runs: opened once, for the reported error
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Literal
+
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.blocks import Blocks
+from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor
+from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.localise import failures
+from onlinebayes.criticism.noise import tau
+from onlinebayes.criticism.numerics import Grounds, at_step
+from onlinebayes.criticism.projection import project
+from onlinebayes.criticism.ranking import rank, steps
+from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection
+from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
+from onlinebayes.criticism.split import split
+from onlinebayes.criticism.stage import blocks_for
+from onlinebayes.criticism.ties import alternatives
+from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
+from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+
+Say = Callable[[str], None]
+Question = Literal["compare", "diagnose", "refine"]
+
+
+def compare(
+    simulator: Simulator,
+    measurement: Measurement,
+    *,
+    holdout: Sequence[str] | None = None,
+    selection: Selection | None = None,
+    progress: Say | None = None,
+) -> Criticism:
+    """Fit what is free, replay, and show where the model fails; no effect is tried and there is no verdict.
+
+    Args:
+        simulator: the model; its parameters are free within their bounds.
+        measurement: runs of commands and signals; every joint needs its position.
+        holdout: runs kept for the reported error; None for the last third of the runs, or of the only run's time.
+        selection: how effects are judged.
+        progress: takes one line of text between stages.
+
+    Raises:
+        BadInput: the measurement does not suit the simulator, or the simulation diverges.
+    """
+    selection, say = selection or Selection(), progress or _silent
+    fit_runs, held_runs = split(measurement, holdout)
+    say("fitting the base model")
+    base = ground(simulator, fit_runs, selection)
+    found = Found(base, base, (), (), ())
+    return _assemble("compare", simulator, fit_runs, held_runs, found, selection, say)
+
+
+def diagnose(
+    simulator: Simulator,
+    measurement: Measurement,
+    *,
+    holdout: Sequence[str] | None = None,
+    selection: Selection | None = None,
+    candidates: str | Sequence[str | Effect] = "all",
+    progress: Say | None = None,
+    interrupt: Interrupt | None = None,
+) -> Criticism:
+    """As :func:`compare`, then rank the effects that could be missing and judge what the best alone would give.
+
+    Args:
+        candidates: ``"all"``, or effect names, ``name@target`` keys and effects with bounds of their own.
+        interrupt: stops the search between its rounds; what was found until then is returned.
+    """
+    return _searched(
+        "diagnose", simulator, measurement, holdout, selection, candidates, 1, progress or _silent, interrupt
+    )
+
+
+def refine(
+    simulator: Simulator,
+    measurement: Measurement,
+    *,
+    holdout: Sequence[str] | None = None,
+    selection: Selection | None = None,
+    candidates: str | Sequence[str | Effect] = "all",
+    progress: Say | None = None,
+    interrupt: Interrupt | None = None,
+) -> Criticism:
+    """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
+    return _searched(
+        "refine", simulator, measurement, holdout, selection, candidates, MOST_EFFECTS, progress or _silent, interrupt
+    )
+
+
+def _searched(
+    question: Question,
+    simulator: Simulator,
+    measurement: Measurement,
+    holdout: Sequence[str] | None,
+    selection: Selection | None,
+    candidates: str | Sequence[str | Effect],
+    most: int,
+    say: Say,
+    interrupt: Interrupt | None,
+) -> Criticism:
+    selection = selection or Selection()
+    fit_runs, held_runs = split(measurement, holdout)
+    found = search(simulator, fit_runs, selection, candidates, most, say, interrupt)
+    return _assemble(question, simulator, fit_runs, held_runs, found, selection, say)
+
+
+def _assemble(
+    question: Question,
+    simulator: Simulator,
+    fit_runs: Measurement,
+    held_runs: Measurement,
+    found: Found,
+    selection: Selection,
+    say: Say,
+) -> Criticism:
+    base, final = found.base, found.final
+    signals = tuple(signal.name for signal in fit_runs.signals)
+    units = {signal.name: signal.unit for signal in fit_runs.signals}
+    blocks = blocks_for(final.fitted, final.windows, selection.folds)
+    correlation = residual_tau(final)
+    say("comparing with its equals" if found.accepted else "weighing what is left")
+    equal = alternatives(simulator, found, selection.folds)
+    before, after = (rms_over_floor(g.fitted, g.windows, g.numerics) for g in (base, final))
+    moves = bool(base.windows.observed.any())
+    base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
+    verdict = decide(
+        base_blocks.count,
+        moves,
+        base.numerics,
+        len(found.accepted),
+        bool(found.accepted and equal[found.accepted[0][1].effect.key]),
+        before,
+        after,
+        selection.tolerance,
+    )
+    say("opening the held-out runs")
+    base_model = _model(base, simulator, base_blocks, fit_runs, held_runs, selection)
+    final_model = base_model if final is base else _model(final, simulator, blocks, fit_runs, held_runs, selection)
+    flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
+    lacking = verdict == "insufficient_data"
+    return Criticism(
+        command=question,
+        verdict=None if question == "compare" else verdict,
+        accepted=tuple(judged.effect.key for _, judged in found.accepted),
+        remainder=_remainder(final, after, units, selection),
+        heldout_error=_heldout(base_model, final_model, signals, held_runs, selection, final.windows),
+        steps=steps(found),
+        candidates=rank(found, equal),
+        candidates_tried=len(found.effects),
+        holdout_looks=1,
+        failures=failures(base.fitted, base.windows, units),
+        parameters=final_model.parameters,
+        flat_directions=flat,
+        numerics=final.numerics,
+        base=base_model,
+        final=final_model,
+        signals=signals,
+        commands=tuple(simulator.commands),
+        units=units,
+        sensor_sd=dict(zip(signals, base.windows.noise.tolist(), strict=True)),
+        selection=selection,
+        what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
+        interrupted=found.interrupted,
+        notes=_notes(base, found),
+    )
+
+
+def residual_tau(grounds: Grounds) -> float:
+    """Correlation time of the start-projected residual [s]."""
+    long = project(grounds.windows, grounds.fitted.lin)
+    return tau(long.measured_rows(long.residual), long.seen(), grounds.windows.bin_step)
+
+
+def _model(
+    grounds: Grounds,
+    simulator: Simulator,
+    blocks: Blocks,
+    fit_runs: Measurement,
+    held_runs: Measurement,
+    selection: Selection,
+) -> FittedModel:
+    """The fitted model at the finer of its own step and the one it was judged at, with its replays at every row."""
+    fitted = grounds.fitted
+    model = at_step(fitted.simulator, min(simulator.timestep, fitted.simulator.timestep))
+    covariance = covariance_of(fitted, blocks)
+    flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
+    replays: list[ReplayedRun] = []
+    for runs, held_out in ((fit_runs, False), (held_runs, True)):
+        windows = _all_rows(model, runs, selection, grounds.windows.noise)
+        replays += replay_runs(model, windows, fitted.theta, held_out)
+    return FittedModel(
+        model,
+        fitted.theta,
+        covariance,
+        estimates(fitted, covariance, blocks.count, flat),
+        tuple(effect.key for effect in model.effects),
+        tuple(replays),
+    )
+
+
+def _all_rows(
+    simulator: Simulator, measurement: Measurement, selection: Selection, noise: Float[Tensor, " S"]
+) -> Windows:
+    memory = 0.1 * selection.horizon_s
+    return make_windows(simulator, measurement, selection.horizon_s, memory, noise)
+
+
+def _heldout(
+    base: FittedModel,
+    final: FittedModel,
+    signals: tuple[str, ...],
+    held_runs: Measurement,
+    selection: Selection,
+    windows: Windows,
+) -> HeldOutError:
+    before, after = (
+        replay_error(tuple(run for run in model.replays if run.held_out), signals) for model in (base, final)
+    )
+    held = _all_rows(final.simulator, held_runs, selection, windows.noise)
+    floor = start_floor(final.simulator, held, final.theta, signals)
+    return HeldOutError(before, after, floor, dict.fromkeys(signals, held.horizon))
+
+
+def _remainder(final: Grounds, after: dict[str, float], units: dict[str, str], selection: Selection) -> Remainder:
+    if max(after.values(), default=0.0) <= selection.tolerance:
+        return Remainder("noise", after, "")
+    worst = failures(final.fitted, final.windows, units, most=1)
+    return Remainder("structured", after, worst[0].where if worst else "")
+
+
+def _notes(base: Grounds, found: Found) -> tuple[str, ...]:
+    notes = []
+    if not found.final.numerics.sufficient:
+        notes.append(
+            f"numerics: at the step of {base.fitted.simulator.timestep:g} s the integration error is not small against "
+            "the misfit, so nothing is named; give the model a finer timestep or a better integrator"
+        )
+    if not found.final.fitted.converged:
+        notes.append("the last fit did not converge fully")
+    return tuple(notes)
+
+
+def _silent(line: str) -> None:
+    del line

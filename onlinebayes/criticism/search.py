@@ -1,0 +1,154 @@
+"""The search for missing effects: settle, screen, judge, add the best, refit, try the earlier ones without, again.
+
+This module owns the order only; every rule stands in the module that is called.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.acceptance import Judged, choose, interval
+from onlinebayes.criticism.blocks import FEWEST
+from onlinebayes.criticism.candidates import grown, propose
+from onlinebayes.criticism.grid import row_step, run_grids
+from onlinebayes.criticism.noise import floors
+from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.stage import FEWEST_REFITS, Stage, blocks_for, run_stage
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+
+MOST_EFFECTS = 6
+
+
+@dataclass(frozen=True)
+class Found:
+    """What the search found.
+
+    Args:
+        base, final: the base model and the accepted one, fitted.
+        effects: the candidates.
+        stages: every round, the last one without an acceptance unless it was interrupted or only one was asked for.
+        accepted: the effects that stand in the final model, with the judgement of the round that added them.
+        interrupted: whether it was stopped.
+    """
+
+    base: Grounds
+    final: Grounds
+    effects: tuple[Effect, ...]
+    stages: tuple[Stage, ...]
+    accepted: tuple[tuple[Stage, Judged], ...]
+    interrupted: bool = False
+
+
+def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
+    """The base model fitted, with the noise floor of the fit runs."""
+    noise = floors(measurement.signals, run_grids(measurement, row_step(measurement)))
+    return settle(simulator, measurement, selection.horizon_s, noise.to(measurement.data["signal"]))
+
+
+def search(
+    simulator: Simulator,
+    measurement: Measurement,
+    selection: Selection,
+    candidates: str | Sequence[str | Effect],
+    most: int,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None,
+) -> Found:
+    """Look for missing effects.
+
+    Args:
+        simulator: the base model at its own step.
+        measurement: the fit runs.
+        selection: how effects are judged.
+        candidates: which effects to try (see :func:`propose`).
+        most: number of effects to add at most, one or more.
+        say: takes one line of progress.
+        interrupt: looked at between rounds.
+    """
+    say("fitting the base model")
+    base = current = ground(simulator, measurement, selection)
+    effects = propose(base.fitted.simulator, base.windows, candidates)
+    stages: list[Stage] = []
+    accepted: list[tuple[Stage, Judged]] = []
+    few = blocks_for(base.fitted, base.windows, selection.folds).count < FEWEST or not bool(base.windows.observed.any())
+    while not few and current.numerics.sufficient:
+        if interrupt is not None and interrupt.requested:
+            return Found(base, current, effects, tuple(stages), tuple(accepted), True)
+        say(f"screening {len(effects) - len(accepted)} effects")
+        present = {judged.effect.key for _, judged in accepted}
+        left = [effect for effect in effects if effect.key not in present]
+        fewest = FEWEST_REFITS if not stages else 1
+        stage = run_stage(current.fitted, current.windows, left, selection, say, fewest)
+        stages.append(stage)
+        admissible = [judged for judged in stage.judged if judged.admissible]
+        if not admissible:
+            break
+        best = choose(admissible, current.windows.bin_step)
+        say(f"adding {best.effect.key}")
+        accepted.append((stage, best))
+        current = _resettled(simulator, measurement, selection, current, best, accepted)
+        kept = _without_idle(simulator, measurement, selection, current, accepted)
+        if kept is not None:
+            current, accepted = kept
+            break  # a round that takes away what an earlier one gave would only repeat itself
+        if len(accepted) >= most:
+            break
+    return Found(base, current, effects, tuple(stages), tuple(accepted))
+
+
+def _resettled(
+    simulator: Simulator,
+    measurement: Measurement,
+    selection: Selection,
+    current: Grounds,
+    best: Judged,
+    accepted: Sequence[tuple[Stage, Judged]],
+) -> Grounds:
+    """The grown model, at a step that is fine enough for it."""
+    model = grown(simulator, [judged.effect for _, judged in accepted])
+    return settle(
+        model,
+        measurement,
+        selection.horizon_s,
+        current.windows.noise,
+        best.fitted.theta,
+        coarsest=current.fitted.simulator.timestep,
+    )
+
+
+def _without_idle(
+    simulator: Simulator,
+    measurement: Measurement,
+    selection: Selection,
+    current: Grounds,
+    accepted: list[tuple[Stage, Judged]],
+) -> tuple[Grounds, list[tuple[Stage, Judged]]] | None:
+    """The model without an earlier effect that may now be nothing; None where all are needed."""
+    blocks = blocks_for(current.fitted, current.windows, selection.folds)
+    for idle in accepted[:-1]:
+        effect = idle[1].effect
+        low, high = interval(current.fitted, blocks, effect)
+        if low <= effect.neutral[effect.parameters.names[0]] <= high:
+            kept = [item for item in accepted if item is not idle]
+            model = grown(simulator, [judged.effect for _, judged in kept])
+            theta = carried(current.fitted.simulator, current.fitted.theta, model)
+            timestep = current.fitted.simulator.timestep
+            return settle(model, measurement, selection.horizon_s, current.windows.noise, theta, timestep), kept
+    return None
+
+
+def carried(source: Simulator, theta: Float[Tensor, " P"], target: Simulator) -> Float[Tensor, " Q"]:
+    """Theta of ``target``: the values of ``source`` where it has the same parameter, else nominal ones."""
+    values = dict(zip(source.parameters, theta.unbind(), strict=True))
+    nominal = target.nominal.to(theta)
+    rows = [values.get(name, nominal[i]) for i, name in enumerate(target.parameters)]
+    return torch.stack(rows) if rows else nominal

@@ -1,0 +1,63 @@
+"""Effects that the data do not tell apart: could another one stand in the accepted one's place?
+
+The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
+judged; a later one is compared with its rivals in the round that added it. What is not parted (see ``verdict``) is tied.
+"""
+
+from __future__ import annotations
+
+from onlinebayes.criticism.candidates import grown
+from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.score import cross_validate
+from onlinebayes.criticism.search import Found, carried
+from onlinebayes.criticism.stage import blocks_for
+from onlinebayes.criticism.verdict import tied
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+
+
+def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, tuple[str, ...]]:
+    """Accepted effect -> the effects it cannot be told from.
+
+    Args:
+        base: the base model.
+        found: what the search found.
+        folds: number of blocks asked for.
+    """
+    equal: dict[str, tuple[str, ...]] = {}
+    accepted = [judged.effect.key for _, judged in found.accepted]
+    for k, (stage, judged) in enumerate(found.accepted):
+        rivals = [other for other in stage.judged if other.effect.key not in accepted]
+        if k > 0 or len(found.accepted) == 1:
+            step = stage.windows.bin_step
+            equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
+        else:
+            equal[judged.effect.key] = _swapped(base, found, [r.effect.key for r in rivals], folds)
+    return equal
+
+
+def _swapped(base: Simulator, found: Found, rivals: list[str], folds: int | None) -> tuple[str, ...]:
+    windows, final = found.final.windows, found.final.fitted
+    blocks = blocks_for(final, windows, folds)
+    scores = cross_validate(final, windows, blocks)
+    first = found.accepted[0][0]
+    equal = []
+    for rival in first.judged:
+        if rival.effect.key not in rivals:
+            continue
+        effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
+        model = grown(base, effects)
+        if model.timestep != final.simulator.timestep:
+            model = model.with_timestep(final.simulator.timestep)
+        theta = carried(final.simulator, final.theta, model)
+        for name in rival.effect.parameters:
+            address = f"{rival.effect.key}.{name}"
+            source = rival.fitted.simulator.parameters.index(address)
+            theta[model.parameters.index(address)] = rival.fitted.theta[source]
+        try:
+            fitted = fit(model, windows, theta, final.projected.weight)
+        except BadInput:
+            continue
+        if tied(scores, cross_validate(fitted, windows, blocks), windows.bin_step):
+            equal.append(rival.effect.key)
+    return tuple(equal)

@@ -1,0 +1,106 @@
+"""The verdict in one word, and what is left.
+
+In this order: insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped for
+another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the floor, or
+reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
+
+    two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
+    abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+
+from onlinebayes.criticism.blocks import FEWEST
+from onlinebayes.criticism.fit import Fit
+from onlinebayes.criticism.replay import replay
+from onlinebayes.criticism.results import Numerics, Verdict
+from onlinebayes.criticism.score import CrossValidated, score_gain
+from onlinebayes.criticism.windows import Windows
+
+SAME = 0.01
+SHORT_TAU = 5.0
+ROW_Z = 4.0
+AT_FLOOR = 1.2
+
+
+def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics) -> dict[str, float]:
+    """Start-projected RMS at the rows over the floor, by signal; 1 on null sets.
+
+    The fit's starts are the best ones, so that its own replay is the projected one.
+    """
+    signals, _ = replay(fitted.simulator, windows, fitted.theta[None], fitted.lin.starts[None])
+    seen = windows.observed
+    square = torch.where(seen, windows.value - signals[0], torch.zeros_like(windows.value)).square()
+    rms = (square.sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()
+    error = numerics.error_at_quarter_step
+    floor = windows.noise * max(1.0, 0.0 if math.isnan(error) else error)
+    names = [fitted.simulator.signals[c] for c in windows.columns]
+    return dict(zip(names, (rms / floor).tolist(), strict=True))
+
+
+def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:
+    """Whether the data do not part two models."""
+    if abs(a.rms_long - b.rms_long) < SAME * min(a.rms_long, b.rms_long):
+        return True
+    difference = score_gain(a, b, bin_step)
+    if abs(difference.gain) > 2 * difference.se:
+        return False
+    better = a if difference.gain > 0 else b
+    if better.tau > SHORT_TAU * bin_step:
+        return True
+    rows = (a.row_density - b.row_density)[a.tested]
+    spread = float(rows.std()) * math.sqrt(len(rows) * max(better.tau / bin_step, 1.0))
+    return abs(float(rows.sum())) <= ROW_Z * spread
+
+
+def decide(
+    blocks: int,
+    moves: bool,
+    numerics: Numerics,
+    accepted: int,
+    tie: bool,
+    before: dict[str, float],
+    after: dict[str, float],
+    tolerance: float,
+) -> Verdict:
+    """The first verdict that applies.
+
+    Args:
+        blocks: B.
+        moves: whether any joint moves in any window.
+        numerics: of the base model.
+        accepted: number of accepted effects.
+        tie: whether the first of them can be swapped.
+        before, after: rms_over_floor of the base and the final model.
+        tolerance: up to which a model is adequate.
+    """
+    if blocks < FEWEST or not moves:
+        return "insufficient_data"
+    if not numerics.sufficient:
+        return "unexplained"
+    if accepted and tie:
+        return "tie"
+    worst = max(after.values(), default=0.0)
+    if accepted:
+        excess = sum(max(0.0, value**2 - 1) for value in before.values())
+        left = sum(max(0.0, value**2 - 1) for value in after.values())
+        return "missing_effect" if left <= 0.5 * excess or worst <= AT_FLOOR else "unexplained"
+    return "adequate" if worst <= tolerance else "unexplained"
+
+
+def what_to_record(blocks: int, moves: bool, windows: Windows, tau: float) -> str:
+    """What would decide, in one sentence."""
+    if not moves:
+        return (
+            "record runs in which the joints move: nothing here moves by more than 8 standard deviations of its sensor"
+        )
+    block = max(windows.horizon, 10 * tau)
+    needed = FEWEST * block
+    return (
+        f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST} separate runs: these data hold {blocks} "
+        f"independent blocks of {block:.3g} s and {FEWEST} are needed to tell a law from chance"
+    )
