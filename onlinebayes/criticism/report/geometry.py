@@ -118,7 +118,10 @@ def _body(model: mujoco.MjModel, body: int) -> str:
 
 
 def _shape(model: mujoco.MjModel, geom: int, ghost: Colour | None) -> Any:
-    """The Rerun archetype of a geom in its body's frame, None for kinds that have none (height fields, sdf)."""
+    """The Rerun archetype of a geom in its body's frame, None for kinds that are not drawn.
+
+    Those are height fields, signed distances, and planes: the viewer has a ground of its own.
+    """
     import rerun as rr
 
     size, centre = model.geom_size[geom], model.geom_pos[geom]
@@ -140,9 +143,6 @@ def _shape(model: mujoco.MjModel, geom: int, ghost: Colour | None) -> Any:
             # Rerun's capsule starts at its origin, MuJoCo's is centred.
             start = centre - _rotated(model.geom_quat[geom], np.array([0.0, 0.0, size[1]]))
             return rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[start], **style)
-        case mujoco.mjtGeom.mjGEOM_PLANE:
-            reach = [s if s > 0 else 2.0 * max(float(model.stat.extent), 1.0) for s in size[:2]]
-            return rr.Boxes3D(half_sizes=[[*reach, 1e-4]], **at, **style)
         case mujoco.mjtGeom.mjGEOM_MESH:
             return _mesh(model, geom, colour if ghost is None else (*ghost, 90))
     return None

@@ -98,5 +98,5 @@ def _eye(model: mujoco.MjModel) -> Any:
 
     centre, reach = np.asarray(model.stat.center), float(model.stat.extent)
     return rrb.EyeControls3D(
-        position=centre + reach * np.array([0.25, -0.75, 0.35]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
+        position=centre + reach * np.array([0.3, -0.95, 0.42]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
     )

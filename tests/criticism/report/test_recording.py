@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from onlinebayes.criticism.report.geometry import measured_qpos, poses
+from onlinebayes.criticism.report.geometry import log_shapes, measured_qpos, poses
 from onlinebayes.criticism.report.recording import MOST_ROWS, rows, write_recording
 from tests.criticism.report.synthetic import SIGNAL, criticism, drive
 from tests.loggers.test_rerun import column, read
@@ -123,3 +123,25 @@ def test_poses_are_mujocos() -> None:
     positions, quaternions = poses(model, np.array([[half, 0, 0, half, 0.0]]))
     assert positions[0, 2] == pytest.approx([0, 1, 0], abs=1e-12)
     assert quaternions[0, 1] == pytest.approx([0, 0, half, half])
+
+
+SHAPES = """<mujoco><asset><mesh name="t" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody><geom type="plane" size="1 1 1"/>
+<body name="a"><freejoint/><geom type="box" size="1 1 1"/><geom type="sphere" size="1"/><geom type="ellipsoid" size="1 2 3"/>
+<geom type="cylinder" size="1 2"/><geom type="capsule" size="1 2" pos="0 0 5"/><geom type="mesh" mesh="t"/>
+<geom type="box" size="1 1 1" group="3"/></body></worldbody></mujoco>"""
+
+
+@pytest.mark.parametrize("ghost", [None, (255, 140, 66)])
+def test_every_visible_shape_is_drawn(tmp_path: Path, ghost: tuple[int, int, int] | None) -> None:
+    import rerun as rr
+
+    model = mujoco.MjModel.from_xml_string(SHAPES)
+    stream = rr.RecordingStream("shapes", send_properties=False)
+    stream.save(tmp_path / "shapes.rrd")
+    log_shapes(stream, "scene", model, ghost)
+    stream.flush()
+    stream.disconnect()
+    found = read(tmp_path / "shapes.rrd")
+    assert sorted(found) == [f"/scene/a/geom{geom}" for geom in range(1, 7)]
+    # MuJoCo's capsule is centred on its position, Rerun's starts there.
+    assert column(found["/scene/a/geom5"], "translations") == [[[0.0, 0.0, 3.0]]]
