@@ -125,10 +125,24 @@ def test_poses_are_mujocos() -> None:
     assert quaternions[0, 1] == pytest.approx([0, 0, half, half])
 
 
-SHAPES = """<mujoco><asset><mesh name="t" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset><worldbody><geom type="plane" size="1 1 1"/>
-<body name="a"><freejoint/><geom type="box" size="1 1 1"/><geom type="sphere" size="1"/><geom type="ellipsoid" size="1 2 3"/>
-<geom type="cylinder" size="1 2"/><geom type="capsule" size="1 2" pos="0 0 5"/><geom type="mesh" mesh="t"/>
-<geom type="box" size="1 1 1" group="3"/></body></worldbody></mujoco>"""
+SHAPES = """
+<mujoco>
+  <asset><mesh name="t" vertex="0 0 0 1 0 0 0 1 0 0 0 1"/></asset>
+  <worldbody>
+    <geom type="plane" size="1 1 1"/>
+    <body name="a">
+      <freejoint/>
+      <geom type="box" size="1 1 1"/>
+      <geom type="sphere" size="1"/>
+      <geom type="ellipsoid" size="1 2 3"/>
+      <geom type="cylinder" size="1 2"/>
+      <geom type="capsule" size="1 2" pos="0 0 5"/>
+      <geom type="mesh" mesh="t"/>
+      <geom type="box" size="1 1 1" group="3"/>
+    </body>
+  </worldbody>
+</mujoco>
+"""
 
 
 @pytest.mark.parametrize("ghost", [None, (255, 140, 66)])
