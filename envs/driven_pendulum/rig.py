@@ -77,6 +77,7 @@ class DrivenPendulumRig(Simulator):
         self.device, self.dtype = torch.device(device), dtype
         self._theta = self.nominal.expand(worlds, -1).clone()
         self._state = self._rest(worlds)
+        self._failed = torch.zeros(worlds, dtype=torch.bool, device=self.device)
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
@@ -95,8 +96,8 @@ class DrivenPendulumRig(Simulator):
 
     @property
     def failed(self) -> Bool[Tensor, " N"]:
-        """Worlds whose command was not finite."""
-        return ~self._state["qvel"][:, 0].isfinite()
+        """Worlds that got a command which is not finite, or whose motion is none; they are held."""
+        return self._failed.clone()
 
     def reset(
         self,
@@ -117,11 +118,14 @@ class DrivenPendulumRig(Simulator):
             },
             batch_size=(self.worlds,),
         )
+        self._failed = self._failed & ~mask
         return self.state
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance all worlds by ``dt``."""
-        self._state = self._advance(self._theta, self._state, self._command(inputs), self.substeps)
+        self._state, self._failed = self._advance(
+            self._theta, self._state, self._failed, self._command(inputs), self.substeps
+        )
         return self.state
 
     def rollout(
@@ -137,13 +141,12 @@ class DrivenPendulumRig(Simulator):
         now = self._complete(state, theta.shape[0])
         command = self._command(inputs)
         steps = torch.round(times / self.timestep).long().tolist()
+        failed = torch.zeros(len(theta), dtype=torch.bool, device=self.device)
         rows = []
         for k, (before, after) in enumerate(zip([0, *steps[:-1]], steps, strict=True)):
-            now = self._advance(theta, now, command[:, k], after - before)
-            rows.append(now)
-        trajectory = TensorDict.stack(rows, dim=1)
-        trajectory["valid"] = trajectory["qvel"][..., 0].isfinite()
-        return trajectory
+            now, failed = self._advance(theta, now, failed, command[:, k], after - before)
+            rows.append(now.clone().set("valid", ~failed))
+        return TensorDict.stack(rows, dim=1)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Angle [rad] and speed [rad/s]."""
@@ -159,6 +162,10 @@ class DrivenPendulumRig(Simulator):
     def with_worlds(self, worlds: int) -> Self:
         """The same rig with another number of worlds."""
         return type(self)(worlds, self.dt, self.timestep, device=self.device, dtype=self.dtype)
+
+    def with_timestep(self, timestep: float) -> Self:
+        """The same rig, all worlds nominal, with another longest step, which is ``dt`` too [s]."""
+        return type(self)(self.worlds, timestep, timestep, device=self.device, dtype=self.dtype)
 
     def _rest(self, worlds: int) -> TensorDict:
         slots = math.floor(self.parameters[DELAY].high / self.timestep + 1e-9) + 2
@@ -181,7 +188,9 @@ class DrivenPendulumRig(Simulator):
         command = command if enable is None else command * enable
         return command.to(self.device, self.dtype)[..., 0]
 
-    def _advance(self, theta: Tensor, state: TensorDictBase, command: Tensor, steps: int) -> TensorDict:
+    def _advance(
+        self, theta: Tensor, state: TensorDictBase, failed: Tensor, command: Tensor, steps: int
+    ) -> tuple[TensorDict, Tensor]:
         """``steps`` timesteps under one held command; the delayed one changes once within each timestep."""
         p = self.parameters.view(theta)
         pendulum = Pendulum(p[MASS], p[DAMPING], p[FRICTION], p[DRAG], p[STIFFNESS], p[SPRINGREF])
@@ -195,7 +204,13 @@ class DrivenPendulumRig(Simulator):
             if split:
                 q, v = pendulum.advance(q, v, buffer.gather(1, slot + 1)[:, 0], late)
             q, v = pendulum.advance(q, v, buffer.gather(1, slot)[:, 0], self.timestep - late)
-        return _state(q[:, None], v[:, None], buffer)
+        failed = failed | ~(command.isfinite() & q.isfinite() & v.isfinite())
+        hold = failed[:, None]
+        return _state(
+            torch.where(hold, state["qpos"], q[:, None]),
+            torch.where(hold, state["qvel"], v[:, None]),
+            torch.where(hold, state[BUFFER], buffer),
+        ), failed
 
 
 def _state(angle: Tensor, speed: Tensor, buffer: Tensor) -> TensorDict:
