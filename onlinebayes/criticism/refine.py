@@ -133,7 +133,9 @@ def _assemble(
     correlation = residual_tau(final)
     say("comparing with its equals" if found.accepted else "weighing what is left")
     equal = alternatives(simulator, found, selection.folds)
-    before, after = (rms_over_floor(g.fitted, g.windows, g.numerics) for g in (base, final))
+    before, after = (
+        rms_over_floor(g.fitted, g.windows, g.numerics, g.numerics.timestep > simulator.timestep) for g in (base, final)
+    )
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
     verdict = decide(

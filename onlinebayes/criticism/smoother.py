@@ -53,7 +53,7 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
 def local_cubic(
     value: Float[Tensor, " G1"], observed: Bool[Tensor, " G1"], at: Float[Tensor, " W"], m: int, step: float
 ) -> tuple[Float[Tensor, "W 2"], Float[Tensor, "W 2"], Float[Tensor, " W"], Float[Tensor, " W"]]:
-    """Position and velocity at the instants ``at`` from the observed rows within m of them (fewer at the run's ends).
+    """Position and velocity at the instants ``at`` from the observed rows of the 2 m + 1 around them.
 
     Args:
         value, observed: one signal on an even clock of spacing ``step`` [s] that starts at 0.
@@ -65,7 +65,9 @@ def local_cubic(
         (q, v) at each instant [unit, unit/s]; their sd for sensor noise of sd 1; residual sum of squares; degrees of
         freedom. An instant with fewer than 5 observed rows gets an infinite sd.
     """
-    centres = torch.round(at / step).long().clamp(0, len(value) - 1)
+    # Near an end the stretch of 2 m + 1 rows is moved inside, and read off its middle.
+    last = len(value) - 1
+    centres = torch.round(at / step).long().clamp(min(m, last // 2), max(last - m, last // 2))
     offsets = torch.arange(-m, m + 1, device=value.device)
     index = centres[:, None] + offsets
     inside = (index >= 0) & (index < len(value))

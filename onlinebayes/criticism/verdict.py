@@ -27,17 +27,18 @@ ROW_Z = 4.0
 AT_FLOOR = 1.2
 
 
-def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics) -> dict[str, float]:
+def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened: bool) -> dict[str, float]:
     """Start-projected RMS at the rows over the floor, by signal; 1 on null sets.
 
-    The fit's starts are the best ones, so that its own replay is the projected one.
+    The fit's starts are the best ones, so that its own replay is the projected one. The integration error counts as
+    floor where it cannot be helped, not where the step was chosen coarse because the misfit is gross.
     """
     signals, _ = replay(fitted.simulator, windows, fitted.theta[None], fitted.lin.starts[None])
     seen = windows.observed
     square = torch.where(seen, windows.value - signals[0], torch.zeros_like(windows.value)).square()
     rms = (square.sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()
     error = numerics.error_at_quarter_step
-    floor = windows.noise * max(1.0, 0.0 if math.isnan(error) else error)
+    floor = windows.noise * max(1.0, 0.0 if math.isnan(error) or coarsened else error)
     names = [fitted.simulator.signals[c] for c in windows.columns]
     return dict(zip(names, (rms / floor).tolist(), strict=True))
 

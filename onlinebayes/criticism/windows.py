@@ -281,9 +281,13 @@ def _window_starts(
                 rows = slice(round(cuts[w][1] / grid.step), round(cuts[w][2] / grid.step) + 1)
                 y = grid.value[rows, s][grid.observed[rows, s]]
                 moved = float(y.max() - y.min()) if len(y) else 0.0
-                if moved >= STILL * float(noise[s]) and bool(torch.isfinite(spread[k]).all()):
-                    start[w, [j, J + j]], free[w, j] = local[k], True
-                    sd[w, [j, J + j]] = spread[k] * noise[s]
+                if moved >= STILL * float(noise[s]):
+                    known = bool(torch.isfinite(spread[k]).all())
+                    # With too few rows about the start, all that is known is where in the window's range it lies.
+                    vague = torch.tensor([moved, moved / (cuts[w][2] - cuts[w][1])]).to(noise)
+                    guess = torch.stack([y[0], torch.zeros_like(y[0])])
+                    start[w, [j, J + j]], free[w, j] = (local[k] if known else guess), True
+                    sd[w, [j, J + j]] = spread[k] * noise[s] if known else vague
                 elif len(y):
                     start[w, j] = y.median()
                     sd[w, [j, J + j]] = noise[s]
