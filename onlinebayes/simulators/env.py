@@ -110,12 +110,10 @@ class SimulatorEnv(EnvBase):
         else:
             mask = reset.reshape(self.batch_size)
             rows = mask.nonzero().squeeze(-1)
-            started = self.task.start(theta[rows], self._generator)
-            start = started.apply(
-                lambda x: x.new_zeros(len(mask), *x.shape[1:]).index_copy_(0, rows, x), batch_size=(len(mask),)
-            )
+            theta_rows = theta[rows]
+            start = _scatter(self.task.start(theta_rows, self._generator), rows, len(mask))
             self._state = self.simulator.reset(theta, start, mask)
-            self._theta = self._theta.index_copy(0, rows, theta[rows])
+            self._theta = self._theta.index_copy(0, rows, theta_rows)
             self._steps = self._steps.masked_fill(mask, 0)
         off = torch.zeros(len(self._steps), 1, dtype=torch.bool, device=self.device)
         return TensorDict(
@@ -153,3 +151,9 @@ class SimulatorEnv(EnvBase):
             batch_size=self.batch_size,
             device=self.device,
         )
+
+
+def _scatter(values: TensorDict, rows: Tensor, worlds: int) -> TensorDict:
+    """The given rows of a state of all worlds; the others are zeros, which a masked reset ignores."""
+    leaves = {key: x.new_zeros(worlds, *x.shape[1:]).index_copy_(0, rows, x) for key, x in values.items()}
+    return TensorDict(leaves, batch_size=(worlds,), device=values.device)

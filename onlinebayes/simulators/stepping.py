@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -31,6 +31,10 @@ Values = Mapping[str, Float[Tensor, " N"]]
 """Name -> value in each world, of every parameter of the system and of its effects [SI]."""
 Hidden = dict[str, TensorDict]
 """Effect's key -> its hidden state."""
+
+
+DIVERGED = 1e10
+"""A coordinate or speed from here on counts as diverged, as in MuJoCo (``mjMAXVAL``) [m, rad, m/s, rad/s]."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +159,11 @@ class Stepper:
     def _on_joints(self) -> list[tuple[Effect, int]]:
         rows = {joint.name: i for i, joint in enumerate(self.joints)}
         return [(effect, rows[effect.target]) for effect in self.effects if effect.target_kind == "joint"]
+
+
+def diverged(q: Float[Tensor, "J N"], v: Float[Tensor, "J N"]) -> Bool[Tensor, " N"]:
+    """Worlds with a value that is not a number or too large."""
+    return ~((q.abs() < DIVERGED) & (v.abs() < DIVERGED)).all(0)
 
 
 def _own(effect: Effect, values: Values) -> dict[str, Tensor]:

@@ -13,7 +13,7 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -24,10 +24,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.stepping import Actuator, Hidden, Joint, Stepper
-
-DIVERGED = 1e10
-"""A coordinate or speed from here on counts as diverged, as in MuJoCo (``mjMAXVAL``) [m, rad, m/s, rad/s]."""
+from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Joint, Stepper, diverged
 
 
 class TorchSimulator(Simulator):
@@ -126,6 +123,11 @@ class TorchSimulator(Simulator):
         return self._state(self._q, self._v, self._hidden)
 
     @property
+    def joint_kinds(self) -> dict[str, Literal["slide", "hinge"]]:
+        """Name -> kind of every joint, which decides the units of what acts on it."""
+        return {joint.name: joint.kind for joint in self.joints}
+
+    @property
     def theta(self) -> Float[Tensor, "N P"]:
         """A copy of every world's parameters."""
         return self._theta.T.clone(memory_format=torch.contiguous_format)
@@ -149,7 +151,7 @@ class TorchSimulator(Simulator):
         else:
             # Only the rows that reset are moved: with thousands of worlds a few end in every step.
             rows = mask.nonzero().squeeze(-1)
-            q, v, hidden = self._load_state(None if state is None else state[rows], len(rows))
+            q, v, hidden = self._load_state(state, len(rows), rows)
             self._theta = self._theta.index_copy(1, rows, self._rows(theta[rows]))
             self._q, self._v = self._q.index_copy(1, rows, q), self._v.index_copy(1, rows, v)
             self._hidden = {key: _put(self._hidden[key], rows, hidden[key]) for key in hidden}
@@ -167,7 +169,7 @@ class TorchSimulator(Simulator):
         )
         # One reduction tells whether any world may have diverged; the masks are worked out only then.
         if self._any_failed or not bool(q.abs().sum() + v.abs().sum() < DIVERGED):
-            bad = self._failed | _diverged(q, v)
+            bad = self._failed | diverged(q, v)
             q, v = torch.where(bad, self._q, q), torch.where(bad, self._v, v)
             hidden = {key: _select(bad, self._hidden[key], hidden[key]) for key in hidden}
             self._failed, self._any_failed = bad, bool(bad.any())
@@ -192,7 +194,7 @@ class TorchSimulator(Simulator):
         for k, steps in enumerate(b - a for a, b in itertools.pairwise(marks)):
             on = None if enable is None else enable[:, k]
             new_q, new_v, new_hidden = self._stepper.advance(values, q, v, hidden, command[:, k], on, steps)
-            valid = valid & ~_diverged(new_q, new_v)
+            valid = valid & ~diverged(new_q, new_v)
             q, v = torch.where(valid, new_q, q), torch.where(valid, new_v, v)
             hidden = {key: _select(valid, new_hidden[key], hidden[key]) for key in hidden}
             rows.append(self._state(q, v, hidden).set("valid", valid))
@@ -272,22 +274,20 @@ class TorchSimulator(Simulator):
             state["effects", key] = value.clone()
         return state
 
-    def _load_state(self, state: TensorDictBase | None, worlds: int) -> tuple[Tensor, Tensor, Hidden]:
+    def _load_state(
+        self, state: TensorDictBase | None, worlds: int, rows: Tensor | slice = slice(None)
+    ) -> tuple[Tensor, Tensor, Hidden]:
+        """Copies of the given rows of a state, ``worlds`` in number; what it lacks is at rest."""
         blank = torch.zeros(len(self.joints), worlds, dtype=self.dtype, device=self.device)
         hidden = {}
         for effect in self.effects:
             given = None if state is None else state.get(("effects", effect.key), None)
-            given = effect.rest(worlds, self.timestep, blank[0]) if given is None else given
+            given = effect.rest(worlds, self.timestep, blank[0]) if given is None else given[rows]
             if given is not None:
                 hidden[effect.key] = given.to(self.device).clone()
         if state is None:
             return blank, blank.clone(), hidden
-        return self._rows(state.get("qpos")), self._rows(state.get("qvel")), hidden
-
-
-def _diverged(q: Tensor, v: Tensor) -> Tensor:
-    """Worlds (N,) with a value that is not a number or too large."""
-    return ~((q.abs() < DIVERGED) & (v.abs() < DIVERGED)).all(0)
+        return self._rows(state.get("qpos")[rows]), self._rows(state.get("qvel")[rows]), hidden
 
 
 def _put(into: TensorDict, rows: Tensor, values: TensorDict) -> TensorDict:

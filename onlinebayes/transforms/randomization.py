@@ -61,9 +61,10 @@ class ParameterRandomization(Transform):
         return next_tensordict
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
-        batch, device = self.parent.batch_size, self.parent.device
         if tensordict is None:
-            tensordict = TensorDict(batch_size=batch, device=device)
+            parent = self.parent
+            tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
+        batch = tensordict.batch_size
         reset = tensordict.get("_reset", None)
         if reset is None:
             return tensordict.set("theta", self._draw(batch.numel()).reshape(*batch, -1))
