@@ -9,7 +9,7 @@ of TorchRL costs about a millisecond whatever N is. A world that diverges ends i
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Any
+from typing import Any, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -18,6 +18,7 @@ from torch import Tensor
 from torchrl.data import Binary, Composite, TensorSpec, Unbounded
 from torchrl.envs import EnvBase
 
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 
@@ -95,6 +96,16 @@ class SimulatorEnv(EnvBase):
         self._steps = torch.zeros(n, dtype=torch.int32, device=self.device)
         self._generator = torch.Generator(self.device)
         self.set_seed(seed)
+
+    def to(self, device: torch.device | str) -> Self:
+        """The environment itself, if it is on that device.
+
+        Raises:
+            BadInput: it is on another; the simulator decides where everything is.
+        """
+        if torch.device(device) != self.device:
+            raise BadInput(f"this environment is on {self.device}, not {device}", "build its simulator on that device")
+        return self
 
     def _set_seed(self, seed: int | None) -> None:
         self._generator.manual_seed(0 if seed is None else seed)

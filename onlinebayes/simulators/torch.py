@@ -256,7 +256,7 @@ class TorchSimulator(Simulator):
 
     def _name(self, rows: Float[Tensor, "P N"]) -> dict[str, Float[Tensor, " N"]]:
         """Every parameter of the system and of its effects, those that are not free at their defaults."""
-        values = dict(zip(self.parameters, rows.unbind(0), strict=True))
+        values = self.parameters.view(rows.T)
         for name, value in self.defaults.items():
             if name not in values:
                 values[name] = torch.full((rows.shape[1],), value, dtype=self.dtype, device=self.device)

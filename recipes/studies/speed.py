@@ -2,7 +2,8 @@
 
 CartPole: N worlds in one ``SimulatorEnv``, length and mass drawn anew per world at every reset, through a TorchRL
 ``Collector`` with a 2 x 64 policy that samples its actions, against one ``GymEnv("CartPole-v1")`` through the same
-Collector with the same policy. Both count steps and reward and reset by themselves.
+Collector with the same policy. Both count steps and reward and reset by themselves. The Hopper's half stands in
+``speed_hopper``.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.runs import Progress, ResultTable, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.transforms import ParameterRandomization
+from recipes.studies.speed_hopper import Bench, hopper_rows
 from recipes.studies.timing import PAIRS, alternate, median, rate, spread
 
 
@@ -31,6 +33,8 @@ class Settings:
 
     worlds: tuple[int, ...] = (2048, 4096, 8192)
     """numbers of CartPole worlds"""
+    hoppers: int = 1024
+    """number of Hopper worlds"""
     seconds: float = 1.0
     """of each measurement; a pair has two, a row seven pairs [s]"""
     threads: int = 2
@@ -67,7 +71,15 @@ def frames(env: EnvBase, steps: int, settings: Settings) -> Callable[[], float]:
         distribution_class=OneHotCategorical,
     )
     batch = env.batch_size.numel() * steps
-    collector = Collector(env, policy, frames_per_batch=batch, total_frames=-1, trust_policy=True, track_traj_ids=False)
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=batch,
+        total_frames=-1,
+        trust_policy=True,
+        track_traj_ids=False,
+        auto_register_policy_transforms=False,
+    )
     batches = iter(collector)
 
     def advance() -> int:
@@ -81,7 +93,7 @@ def frames(env: EnvBase, steps: int, settings: Settings) -> Callable[[], float]:
 
 def cartpole(table: ResultTable, settings: Settings) -> None:
     """The rows of CartPole."""
-    reference = frames(GymEnv("CartPole-v1"), 500, settings)
+    reference = frames(GymEnv("CartPole-v1"), 250, settings)
     with Progress("cartpole", len(settings.worlds)) as progress:
         for k, worlds in enumerate(settings.worlds):
             pairs = alternate(frames(worlds_env(worlds, settings.seed), 64, settings), reference)
@@ -106,8 +118,10 @@ def main(settings: Settings) -> ResultTable:
     torch.set_num_threads(settings.threads)
     table = ResultTable("bench", "make bench", [settings.seed])
     cartpole(table, settings)
+    hopper_rows(table, Bench(settings.hoppers, settings.threads, settings.seconds, settings.seed))
     print(table.to_markdown())
-    print(f"medians of {PAIRS} alternating pairs, {settings.threads} threads; written to {table.write(settings.out)}")
+    path = table.write(settings.out)
+    print(f"medians of {PAIRS} alternating pairs on {settings.threads} threads, spread from least to most; in {path}")
     return table
 
 

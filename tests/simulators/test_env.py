@@ -11,6 +11,7 @@ from torchrl.envs import EnvBase, check_env_specs
 
 from envs.cartpole import CartPole, CartPoleTask
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator, SimulatorEnv
 
 FREE = ["length", "mass"]
@@ -152,6 +153,13 @@ def test_through_a_collector() -> None:
     last, first = batches[0][:, -1]["next"], batches[1][:, 0]
     going_on = ~last["done"][:, 0]
     assert torch.equal(last["observation"][going_on], first["observation"][going_on])
+
+
+def test_it_stays_on_the_simulators_device() -> None:
+    env = _cartpole()
+    assert env.to("cpu") is env
+    with pytest.raises(BadInput, match="on cpu, not meta; build its simulator on that device"):
+        env.to("meta")
 
 
 @pytest.mark.gpu

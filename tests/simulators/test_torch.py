@@ -93,6 +93,8 @@ def test_bad_numbers_are_refused() -> None:
         CartPole((), dt=0.03)
     with pytest.raises(BadInput, match="at least one world"):
         CartPole((), worlds=0)
+    with pytest.raises(ValueError, match="theta has 3 columns, the space has 2 parameters"):
+        CartPole(FREE).reset(torch.ones(1, 3, dtype=torch.float64))
 
 
 def test_a_torque_on_the_pole_obeys_the_mass_matrix() -> None:
