@@ -36,7 +36,7 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
     for m in HALF_WINDOWS:
         square, dof = 0.0, 0.0
         for grid in grids:
-            rows = torch.arange(m, grid.rows + 1 - m, stride, dtype=grid.value.dtype, device=grid.value.device)
+            rows = torch.arange(m, max(m, grid.rows + 1 - m), stride, dtype=grid.value.dtype, device=grid.value.device)
             if len(rows) == 0:
                 continue
             at = rows * grid.step
