@@ -35,7 +35,12 @@ class MixtureEstimator(TensorDictModuleBase):
         components: number K of Gaussians.
         hidden: width of the two hidden layers.
         box: where the simulations were drawn, the proposal's box; the whole prior's by default.
+
+    Attributes:
+        widening: factor on every scale, 1 during training; see :func:`~onlinebayes.inference.fit`.
     """
+
+    widening: Tensor
 
     def __init__(
         self, space: ParameterSpace, embedding: int, *, components: int = 5, hidden: int = 128, box: Box | None = None
@@ -46,6 +51,7 @@ class MixtureEstimator(TensorDictModuleBase):
         self.space, self.components = space, components
         self.box = box if box is not None else Box.whole(space)
         size = len(space)
+        self.register_buffer("widening", torch.ones(()))
         self._below = torch.tril_indices(size, size, offset=-1)
         self.trunk = nn.Sequential(nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
         self.logits = nn.Linear(hidden, components)
@@ -67,7 +73,7 @@ class MixtureEstimator(TensorDictModuleBase):
             row, column = self._below.to(h.device)
             shear = self.shear(h).view(batch, self.components, -1) * diagonal[..., row]
             scale_tril = _with_shear(scale_tril, shear, row, column)
-        return self.logits(h), mean, scale_tril
+        return self.logits(h), mean, self.widening * scale_tril
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the parameters of the mixtures beside the embedding."""

@@ -1,7 +1,9 @@
 """Training of an embedding and an estimator by their loss: Adam (Kingma and Ba 2015) on minibatches, early stopping.
 
 The learning rate falls along half a cosine over the epochs (or, under a time budget, over the time); the weights kept
-are those of the epoch with the lowest validation loss.
+are those of the epoch with the lowest validation loss. A network fitted to a thousand simulations is a little too sure
+of itself; last, all components are widened by the one factor that suits the held-out trajectories best (after
+temperature scaling, Guo et al. 2017).
 """
 
 from __future__ import annotations
@@ -17,6 +19,8 @@ from tensordict import TensorDictBase
 
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 
+WIDENINGS = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0)
+
 
 @dataclass
 class FitReport:
@@ -26,12 +30,14 @@ class FitReport:
         train: training loss of each epoch.
         validation: validation loss of each epoch.
         best: the epoch whose weights were kept, from 0.
+        widening: factor on the components' scales, found on the held-out trajectories.
         seconds: time taken [s].
     """
 
     train: list[float] = field(default_factory=list)
     validation: list[float] = field(default_factory=list)
     best: int = 0
+    widening: float = 1.0
     seconds: float = 0.0
 
 
@@ -40,10 +46,10 @@ def fit(
     trajectories: TensorDictBase,
     *,
     generator: torch.Generator,
-    epochs: int = 100,
+    epochs: int = 50,
     seconds: float | None = None,
-    batch_size: int = 100,
-    learning_rate: float = 2e-3,
+    batch_size: int = 50,
+    learning_rate: float = 3e-3,
     validation: float = 0.1,
     patience: int = 20,
     clip: float = 5.0,
@@ -68,6 +74,7 @@ def fit(
         ValueError: fewer than two trajectories, or a loss that is not finite from the first epoch on.
     """
     start = time.monotonic()
+    loss.estimator.widening.fill_(1.0)
     rows, held_out = _prepared(loss, trajectories, validation, generator)
     optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate)
     report, best, best_state = FitReport(), math.inf, copy.deepcopy(loss.state_dict())
@@ -88,6 +95,7 @@ def fit(
     if not math.isfinite(best):
         raise ValueError("the loss was never finite: look at the trajectories for nan and inf, and mask those steps")
     loss.load_state_dict(best_state)
+    report.widening = _widen(loss, held_out)
     report.seconds = time.monotonic() - start
     return report
 
@@ -125,3 +133,15 @@ def _epoch(
             optimiser.step()
         total += float(value.detach()) * len(index)
     return total / rows.shape[0]
+
+
+@torch.no_grad()
+def _widen(loss: NeuralPosteriorLoss, held_out: TensorDictBase) -> float:
+    """Set the estimator's widening to the factor with the lowest loss on the held-out rows, and return it."""
+    values = []
+    for factor in WIDENINGS:
+        loss.estimator.widening.fill_(factor)
+        values.append(float(loss.each(held_out).mean()))
+    best = min(range(len(values)), key=values.__getitem__)
+    loss.estimator.widening.fill_(WIDENINGS[best])
+    return WIDENINGS[best]
