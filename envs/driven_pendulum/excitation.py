@@ -17,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 TONES = 6
+QUIET = 0.15  # [s]
 
 
 def multisine(times: Float[Tensor, " T"], draw: torch.Generator) -> Float[Tensor, " T"]:
@@ -48,5 +49,7 @@ SHAPES = (multisine, chirp, steps)
 
 
 def excitation(runs: int, times: Float[Tensor, " T"], draw: torch.Generator) -> Float[Tensor, "R T"]:
-    """Commands of several runs, the shapes in turn, amplitude about one."""
-    return torch.stack([SHAPES[run % len(SHAPES)](times, draw) for run in range(runs)])
+    """Commands of several runs, the shapes in turn, amplitude about one, nothing in the first ``QUIET`` seconds."""
+    commands = torch.stack([SHAPES[run % len(SHAPES)](times, draw) for run in range(runs)])
+    # Every log begins at rest, longer than any delay: what was commanded before it is no question then.
+    return torch.where(times < QUIET, torch.zeros_like(commands), commands)

@@ -177,9 +177,10 @@ def test_sets_hide_one_effect_and_come_out_the_same_in_any_company(kind: str) ->
     assert made.truth[MASS] != NOMINAL[MASS]
 
 
-def test_the_operator_keeps_the_swing_and_the_encoder_rounds() -> None:
+def test_the_operator_waits_and_keeps_the_swing_and_the_encoder_rounds() -> None:
     made = blind_set("null", 0, Protocol(fit=10, held=2, seconds=2.0))
     assert made.holdout == made.runs[-2:]
+    assert not made.command[:, :30].any()
     reach = made.angle.abs().amax(1)
     assert bool((reach > 0.2).all())
     assert bool((reach < 1.85).all())
