@@ -150,13 +150,16 @@ def make_windows(
         horizon: H [s]; shortened to the longest run.
         memory: seconds of commands that a hidden state remembers.
         noise: floor of each signal [SI], or None to take it from these runs.
-        like: windows of the same runs whose instants, starts and noise are kept, on this simulator's own rows.
+        like: windows of the same runs whose instants, starts and noise are kept, on this simulator's own rows or
+            the next coarser that divide theirs; its timestep divides their step.
 
     Raises:
         BadInput: a joint without positions, an unknown signal, a command that is missing.
     """
     measurement = _in_order(simulator, measurement)
     step = even_step(measurement, simulator.timestep)
+    if like is not None:
+        step = _whole_part(like.step, step, simulator.timestep)
     grids = run_grids(measurement, step)
     names = tuple(signal.name for signal in measurement.signals)
     if noise is None:
@@ -173,9 +176,9 @@ def make_windows(
         cuts = [(r, g * step, (g + rows) * step) for r, g in places]
         start, start_sd, free = _window_starts(sensor, cuts, names, joint_names(simulator), noise)
     else:
-        ratio = like.step / step
-        rows, bin_rows = round(like.rows * ratio), max(1, round(like.bin_rows * ratio))
-        places = [(r, round(g * ratio)) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)]
+        ratio = round(like.step / step)
+        rows, bin_rows = like.rows * ratio, like.bin_rows * ratio
+        places = [(r, g * ratio) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)]
         start, start_sd, free, noise = like.start, like.start_sd, like.free, like.noise
     history_rows = max(0, round(memory / step))
     cut = [_cut(grids[r], g, rows, history_rows) for r, g in places]
@@ -232,6 +235,13 @@ def _in_order(simulator: Simulator, measurement: Measurement) -> Measurement:
     data = measurement.data.clone(recurse=False)
     data["command"], data["enable"] = data["command"][..., order], data["enable"][..., order]
     return replace(measurement, data=data, commands=tuple(simulator.commands))
+
+
+def _whole_part(whole: float, about: float, timestep: float) -> float:
+    """The spacing [s] next above ``about`` that divides ``whole`` and is a whole number of timesteps."""
+    steps = round(whole / timestep)
+    most = max(1, int(whole / about + 1e-6))
+    return whole / max(parts for parts in range(1, most + 1) if steps % parts == 0)
 
 
 def _starts(available: int, rows: int) -> list[int]:
