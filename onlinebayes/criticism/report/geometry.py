@@ -82,6 +82,27 @@ def poses(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
     return positions, quaternions[..., [1, 2, 3, 0]]
 
 
+def bounds(model: mujoco.MjModel, qpos: Array) -> tuple[Array, Array]:
+    """Lower and upper corner (3,) [m] of the box that holds all drawn geoms in all of the positions qpos (T, nq)."""
+    drawn = [
+        g for g in range(model.ngeom)
+        if model.geom_group[g] < _VISIBLE_GROUPS and model.geom_type[g] != mujoco.mjtGeom.mjGEOM_PLANE
+    ]  # fmt: skip
+    if not drawn or not len(qpos):
+        return np.asarray(model.stat.center) - model.stat.extent / 2, np.asarray(
+            model.stat.center
+        ) + model.stat.extent / 2
+    low, high, data = np.full(3, np.inf), np.full(3, -np.inf), mujoco.MjData(model)
+    for row in qpos:
+        data.qpos[:] = row
+        mujoco.mj_kinematics(model, data)
+        turned = data.geom_xmat[drawn].reshape(-1, 3, 3)
+        centre = data.geom_xpos[drawn] + np.einsum("gij,gj->gi", turned, model.geom_aabb[drawn, :3])
+        reach = np.einsum("gij,gj->gi", np.abs(turned), model.geom_aabb[drawn, 3:])
+        low, high = np.minimum(low, (centre - reach).min(0)), np.maximum(high, (centre + reach).max(0))
+    return low, high
+
+
 def measured_qpos(model: mujoco.MjModel, signals: tuple[str, ...], measured: Array, simulated: Array) -> Array:
     """(T, nq): the measured positions where there are any, the simulated ones elsewhere.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from onlinebayes.criticism.report import quantities, replays, words
+from onlinebayes.criticism.report import geometry, quantities, replays, words
 from onlinebayes.criticism.results import Criticism
 
 if TYPE_CHECKING:
@@ -57,7 +57,8 @@ def _run(result: Criticism, run: str, name: str, model: mujoco.MjModel | None) -
     signals = sorted(result.signals, key=lambda signal: signal != worst)[:SIGNALS_SHOWN]
     views: list[rrb.View] = []
     if model is not None:
-        name_3d, eye = "measured solid, models as wireframes", _eye(model)
+        moved = next(replay.qpos for replay in result.final.replays if replay.run == run).cpu().numpy()
+        name_3d, eye = "measured solid, models as wireframes", _eye(model, moved)
         views.append(rrb.Spatial3DView(origin=f"{root}/scene", name=name_3d, eye_controls=eye))
     for signal in signals:
         part, unit = rr.escape_entity_path_part(signal), result.units[signal]
@@ -92,11 +93,13 @@ def _axis(*values: np.ndarray) -> Any:
     return rrb.ScalarAxis(range=(low - margin, high + margin))
 
 
-def _eye(model: mujoco.MjModel) -> Any:
-    """A view from the front and above that holds the whole model."""
+def _eye(model: mujoco.MjModel, qpos: np.ndarray) -> Any:
+    """A view from the front and above that holds everything that moves, all the time, in a wide and low window."""
     import rerun.blueprint as rrb
 
-    centre, reach = np.asarray(model.stat.center), float(model.stat.extent)
+    low, high = geometry.bounds(model, qpos[:: max(1, len(qpos) // 50)])
+    centre, (wide, deep, tall) = (low + high) / 2, high - low
+    distance = 0.6 * deep + max(1.5 * tall, 0.55 * wide, 1e-3)
     return rrb.EyeControls3D(
-        position=centre + reach * np.array([0.3, -0.95, 0.42]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
+        position=centre + distance * np.array([0.25, -0.9, 0.4]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
     )

@@ -9,11 +9,14 @@ back into a model without error.
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 
 _THOUSANDS = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
 _PREFIXED = ("m", "rad", "s", "m/s", "rad/s", "V", "A")
 _MISSING = "–"
+_EXPONENT = re.compile(r"(?<=[a-z])[23]\b")
+_RAISED = {"2": "²", "3": "³"}
 
 
 @dataclass(frozen=True)
@@ -23,10 +26,12 @@ class Scale:
     Args:
         size: SI value of one display unit.
         unit: how the display unit is written; empty for a pure number.
+        base: the SI unit it stands for.
     """
 
     size: float
     unit: str
+    base: str = ""
 
     def number(self, value: float, digits: int = 2) -> str:
         """``value`` in this unit with ``digits`` significant digits, without the unit."""
@@ -42,10 +47,10 @@ class Scale:
 def scale_for(size: float, unit: str) -> Scale:
     """The display unit in which ``size`` [unit] reads best: between 0.1 and 1000 where a prefix is usual."""
     if unit not in _PREFIXED or not math.isfinite(size) or size == 0:
-        return Scale(1.0, unit)
+        return Scale(1.0, _EXPONENT.sub(lambda found: _RAISED[found.group()], unit), unit)
     fitting = [(factor, prefix) for factor, prefix in _THOUSANDS if abs(size) >= 0.999 * factor]
     factor, prefix = fitting[-1] if fitting else _THOUSANDS[0]
-    return Scale(factor, prefix + unit)
+    return Scale(factor, prefix + unit, unit)
 
 
 def text(value: float | None, unit: str, digits: int = 2) -> str:
@@ -87,6 +92,11 @@ def significant(value: float, digits: int = 2) -> str:
         mantissa, power = f"{value:.{digits - 1}e}".split("e")
         return f"{mantissa}e{int(power)}"
     return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+
+
+def times(ratio: float) -> str:
+    """``3.3 times``, ``33 times``, ``over 1000 times``."""
+    return "over 1000 times" if ratio >= 1000 else f"{significant(ratio)} times"
 
 
 def percent(share: float) -> str:

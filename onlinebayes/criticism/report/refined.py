@@ -87,7 +87,8 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
         target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
     """
     spec = simulator.export(result.final.theta)
-    if spec.modelfiledir:
+    assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
+    if spec.modelfiledir and any(asset.file for asset in assets):
         for name in ("meshdir", "texturedir"):
             folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
             setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())

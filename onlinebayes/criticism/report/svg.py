@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-LEFT, RIGHT, TOP, GAP, BOTTOM = 66, 10, 8, 16, 34
+LEFT, RIGHT, TOP, GAP, BOTTOM = 66, 16, 8, 16, 34
 
 
 @dataclass(frozen=True)

@@ -94,17 +94,28 @@ def improvement(result: Criticism) -> str:
     before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
     scale = quantities.scale_for(before, unit)
     over = f"Held-out error over {quantities.exact(errors.horizon_s[signal], 's')}"
-    noise = f"noise explains {scale.text(floor)}"
+    noise = f"noise explains {small(scale, floor)}"
     if result.accepted:
         return f"{over}: {scale.text(before)} → {scale.text(after)} ({better(before, after)}); {noise}."
     return f"{over}: {scale.text(before)}; {noise}."
+
+
+def small(scale: quantities.Scale, floor: float) -> str:
+    """A floor in the unit of what stands above it, or in its own where it would be all zeros there."""
+    unit = scale if floor >= 0.02 * scale.size else quantities.scale_for(floor, scale.base)
+    return unit.text(floor)
+
+
+def place(where: str) -> str:
+    """``where |v| < 0.1 m/s``, ``in run plain``, ``in the last third of the time``."""
+    return f"where {where}" if "<" in where or ">" in where else f"in {where}"
 
 
 def better(before: float, after: float) -> str:
     """``3.3 times better``, ``12 % better`` or ``no better``."""
     ratio = before / after if after > 0 else math.inf
     if ratio >= 1.5:
-        return f"{quantities.significant(ratio)} times better"
+        return f"{quantities.times(ratio)} better"
     return f"{quantities.percent(1 - after / before)} better" if ratio > 1.005 else "no better"
 
 
@@ -112,16 +123,16 @@ def times_floor(ratio: float) -> str:
     """``33 times the noise floor``, or ``at the noise floor``."""
     if not math.isfinite(ratio):
         return "no noise floor is known"
-    return "at the noise floor" if ratio <= 1.05 else f"{quantities.significant(ratio)} times the noise floor"
+    return "at the noise floor" if ratio <= 1.05 else f"{quantities.times(ratio)} the noise floor"
 
 
 def remainder(result: Criticism) -> str:
     """What is left after the accepted effects."""
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
     if result.remainder.status == "noise":
-        return f"What is left looks like noise ({quantities.significant(ratio)} times the sensor floor)."
-    where = f", most of it {result.remainder.where}" if result.remainder.where else ""
-    return f"What is left is not noise, {quantities.significant(ratio)} times the sensor floor{where}."
+        return f"What is left looks like noise ({quantities.times(ratio)} the sensor floor)."
+    where = f"; it concentrates {place(result.remainder.where)}" if result.remainder.where else ""
+    return f"What is left is not noise, {quantities.times(ratio)} the sensor floor{where}."
 
 
 def tie_members(result: Criticism) -> tuple[str, ...]:
@@ -150,9 +161,15 @@ def ties(result: Criticism) -> list[str]:
     return sentences
 
 
-def size(candidate: Candidate) -> str:
-    """The fitted parameters in one line: ``frictionloss 22.0 ± 0.9 N``; empty where it was not refitted."""
-    return ", ".join(f"{name} {estimate(value)}" for name, value in candidate.parameters.items())
+def sizes(result: Criticism, candidate: Candidate) -> dict[str, Estimate]:
+    """Its parameters: the final model's where it stands in it, else its own refit's; empty where there was none."""
+    final = {name: result.parameters.get(f"{candidate.effect}.{name}") for name in candidate.parameters}
+    return {name: final[name] or value for name, value in candidate.parameters.items()}
+
+
+def size(result: Criticism, candidate: Candidate) -> str:
+    """Its parameters in one line: ``frictionloss 22.0 ± 0.9 N``."""
+    return ", ".join(f"{name} {estimate(value)}" for name, value in sizes(result, candidate).items())
 
 
 def estimate(value: Estimate) -> str:
@@ -165,10 +182,13 @@ def outcome(candidate: Candidate) -> str:
     if candidate.accepted:
         return "accepted"
     if candidate.confounded_with:
-        return f"the same as {listing(list(candidate.confounded_with))}, which is free already"
+        same = listing(list(candidate.confounded_with))
+        return f"the same as {same}{', free already' if len(candidate.confounded_with) == 1 else ' together'}"
     if candidate.indistinguishable_from:
         equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
         return f"cannot be told from {equal}"
+    if candidate.score_gain is None:
+        return "not significant"
     return "; ".join(candidate.refused_because) or "not needed"
 
 

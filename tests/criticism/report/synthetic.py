@@ -198,7 +198,7 @@ def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Simulator | 
         command="refine",
         verdict="missing_effect",
         accepted=accepted,
-        remainder=Remainder("structured", {SIGNAL: 4.1}, "where |qvel.carriage| is below 0.02 m/s"),
+        remainder=Remainder("structured", {SIGNAL: 4.1}, "|qvel.carriage| < 0.02 m/s"),
         heldout_error=HeldOutError({SIGNAL: 0.00656}, {SIGNAL: 0.00199}, {SIGNAL: 0.0002}, {SIGNAL: 1.0}),
         steps=(
             Step(accepted[0], {SIGNAL: 0.0061}, {SIGNAL: 0.0042}, 212.0, 31.0, 10),

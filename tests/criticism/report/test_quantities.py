@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from onlinebayes.criticism.report.quantities import exact, percent, scale_for, significant, text, with_error
+from onlinebayes.criticism.report.quantities import exact, percent, scale_for, significant, text, times, with_error
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,13 @@ def test_shares() -> None:
 
 def test_compound_units_have_no_prefix() -> None:
     assert scale_for(1e-5, "N s/m").unit == "N s/m"
+
+
+def test_large_ratios_are_not_spelt_out() -> None:
+    assert (times(3.26), times(33.4), times(18614.0), times(float("inf"))) == (
+        "3.3 times", "33 times", "over 1000 times", "over 1000 times",
+    )  # fmt: skip
+
+
+def test_exponents_are_raised() -> None:
+    assert text(969.0, "N s2/m2", 3) == "969 N s²/m²"

@@ -11,7 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from onlinebayes.criticism.report.geometry import log_shapes, measured_qpos, poses
+from onlinebayes.criticism.report.geometry import bounds, log_shapes, measured_qpos, poses
 from onlinebayes.criticism.report.recording import MOST_ROWS, rows, write_recording
 from tests.criticism.report.synthetic import SIGNAL, criticism, drive
 from tests.loggers.test_rerun import column, read
@@ -159,3 +159,11 @@ def test_every_visible_shape_is_drawn(tmp_path: Path, ghost: tuple[int, int, int
     assert sorted(found) == [f"/scene/a/geom{geom}" for geom in range(1, 7)]
     # MuJoCo's capsule is centred on its position, Rerun's starts there.
     assert column(found["/scene/a/geom5"], "translations") == [[[0.0, 0.0, 3.0]]]
+
+
+def test_the_view_holds_what_moves() -> None:
+    low, high = bounds(drive().model, np.array([[-0.7], [0.2]]))
+    assert low == pytest.approx([-0.78, -0.06, -0.01])
+    assert high == pytest.approx([0.5, 0.06, 0.08])
+    empty = mujoco.MjModel.from_xml_string("<mujoco><worldbody/></mujoco>")
+    assert np.isfinite(bounds(empty, np.zeros((3, 0)))).all()

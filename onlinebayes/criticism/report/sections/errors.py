@@ -36,7 +36,7 @@ def _remainder(result: Criticism) -> Html:
     rows = [
         (
             tag("code", signal),
-            f"{quantities.significant(ratio, 3)} ×",
+            quantities.times(ratio),
             quantities.text(result.sensor_sd.get(signal), result.units.get(signal, "")),
         )
         for signal, ratio in result.remainder.rms_over_floor.items()

@@ -55,7 +55,7 @@ def _strip(value: Estimate, bounds: Parameter) -> Html:
     """The 90 % interval and the mean, drawn within the bounds."""
     width = bounds.high - bounds.low
     low, high, mean = (100 * min(max((x - bounds.low) / width, 0), 1) for x in (value.q05, value.q95, value.mean))
-    ends = f"{bounds.low:g} to {bounds.high:g} {bounds.unit}".strip()
+    ends = f"{bounds.low:.4g} to {bounds.high:.4g} {quantities.scale_for(0.0, bounds.unit).unit}".strip()
     return Html(
         f'<span class="strip" title="{ends}"><i style="left:{low:.1f}%;width:{max(high - low, 1):.1f}%"></i>'
         f'<b style="left:{mean:.1f}%"></b></span><small>{ends}</small>'

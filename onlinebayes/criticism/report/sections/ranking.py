@@ -24,7 +24,7 @@ def _table(result: Criticism) -> Html:
     if not result.candidates:
         return Html("")
     largest = max((abs(c.score_gain or 0) + (c.score_gain_se or 0) for c in ranked), default=0.0) or 1.0
-    rows = [_row(candidate, largest) for candidate in result.candidates]
+    rows = [_row(result, candidate, largest) for candidate in result.candidates]
     kinds = ["accepted" if candidate.accepted else "" for candidate in result.candidates]
     head = ("", "effect", "evidence", "error falls", "p", "same law", "size", "outcome")
     note = (
@@ -38,7 +38,7 @@ def _table(result: Criticism) -> Html:
     return section(title, table(head, rows[:SHOWN], kinds[:SHOWN]), more, *tied, note=note)
 
 
-def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
+def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, ...]:
     gain, error = candidate.score_gain, candidate.score_gain_se or 0.0
     evidence = (
         bar(
@@ -50,7 +50,7 @@ def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
     fall = " / ".join(quantities.percent(share) for share in candidate.rms_fall) if candidate.rms_fall else "–"
     sizes = [
         tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
-        for name, value in candidate.parameters.items()
+        for name, value in words.sizes(result, candidate).items()
     ]
     return (
         str(candidate.rank or ""),

@@ -68,7 +68,13 @@ def heldout(result: Criticism) -> Html:
         before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
         scale = quantities.scale_for(before, result.units[signal])
         horizon = quantities.exact(errors.horizon_s[signal], "s")
-        values = (scale.text(before), scale.text(after), scale.text(floor), words.better(before, after), horizon)
+        values = (
+            scale.text(before),
+            scale.text(after),
+            words.small(scale, floor),
+            words.better(before, after),
+            horizon,
+        )
         rows.append((tag("code", signal), *values))
     head = ("signal", "before", "after", "noise floor", "", "window")
     return section("Held-out error, signal by signal", table(head, rows))
@@ -94,7 +100,7 @@ def _wrong(result: Criticism) -> Html:
         "How wrong is the model?",
         scale.text(errors.before[signal]),
         f"{signal}, RMS over {quantities.exact(errors.horizon_s[signal], 's')} of held-out data: "
-        f"{words.times_floor(words.over_floor(result, signal))} ({scale.text(floor)})",
+        f"{words.times_floor(words.over_floor(result, signal))} ({words.small(scale, floor)})",
     )
 
 
@@ -117,7 +123,7 @@ def _missing(result: Criticism) -> Html:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
     by_effect = {candidate.effect: candidate for candidate in result.candidates}
-    sizes = [words.size(by_effect[effect]) for effect in result.accepted if effect in by_effect]
+    sizes = [words.size(result, by_effect[effect]) for effect in result.accepted if effect in by_effect]
     return _tile(question, words.together(result.accepted), "; ".join(size for size in sizes if size))
 
 
@@ -133,7 +139,7 @@ def _better(result: Criticism) -> Html:
     largest, scale = max(before, after, floor), quantities.scale_for(before, unit)
     bars = join(
         *(
-            bar(value / largest, kind, f"{kind} {scale.text(value)}")
+            bar(value / largest, kind, f"{kind} {words.small(scale, value)}")
             for kind, value in (("before", before), ("after", after), ("floor", floor))
         )
     )

@@ -61,8 +61,8 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...
 def provenance(result: Criticism) -> Html:
     """Settings, checks and versions."""
     numerics, selection = result.numerics, result.selection
-    moved = f"{quantities.significant(numerics.error_at_quarter_step)} noise floors"
-    enough = "fine enough" if numerics.sufficient else "too coarse: no effect is named from these data"
+    fine = "fine enough: a quarter of it moves the replay by less than a tenth of what is left"
+    coarse = "too coarse to judge by: a quarter of it moves the replay; no effect is named from these data"
     blocks = result.candidates[0].n_blocks if result.candidates else selection.folds
     looks = {1: "once"}.get(result.holdout_looks, f"{result.holdout_looks} times")
     noise = [f"{name} {quantities.text(sd, result.units.get(name, ''))}" for name, sd in result.sensor_sd.items()]
@@ -70,7 +70,7 @@ def provenance(result: Criticism) -> Html:
     rows = [
         (
             "time step",
-            f"{quantities.exact(numerics.timestep, 's')}; a quarter of it moves the replay by {moved}: {enough}",
+            f"{quantities.exact(numerics.timestep, 's')}, {fine if numerics.sufficient else coarse}",
         ),
         ("held-out runs", words.listing(list(result.held_out_runs)) or "none"),
         ("held-out runs opened", f"{looks}, for the reported error only"),
