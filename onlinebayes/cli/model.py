@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import importlib
 import inspect
+import math
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -49,7 +50,11 @@ def build_simulator(top: Section, folder: Path, parameters: ParameterSpace) -> S
         with top.section("parameters").at(name):
             units[name] = resolve(compiled, name).unit
     named = {name: dataclasses.replace(parameter, unit=units[name]) for name, parameter in parameters.items()}
-    return MujocoSimulator(spec, ParameterSpace(named))
+    simulator = MujocoSimulator(spec, ParameterSpace(named))
+    for name, value in zip(parameters, simulator.nominal.tolist(), strict=True):
+        if not math.isfinite(value):
+            raise top.error("model", f"its own {name} is {value}", "give it a finite value in the MJCF")
+    return simulator
 
 
 def _from_factory(model: str, folder: Path, parameters: ParameterSpace) -> Simulator:

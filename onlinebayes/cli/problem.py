@@ -81,7 +81,9 @@ def load_problem(
     if 10 * simulator.timestep > selection.horizon_s:
         problem = f"a timestep of {simulator.timestep:g} s is too long for windows of {selection.horizon_s:g} s"
         raise top.error("model", problem, "give the model a timestep of a tenth of that or less")
-    fit, _ = split(measurement, holdout)
+    fit, held_out = split(measurement, holdout)
+    for part, what in ((fit, "fit"), (held_out, "held-out")):
+        _check_measured(part, what, path)
     simulator, added = add_effects(effects, add, simulator, fit, effect_bounds, selection.horizon_s)
     return Problem(path, simulator, measurement, holdout, candidates, selection, added)
 
@@ -210,6 +212,16 @@ def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:
     if len(held) == len(measurement.runs):
         raise top.error("holdout", "every run is held out", "leave at least one run to fit")
     return held
+
+
+def _check_measured(measurement: Measurement, what: str, path: Path) -> None:
+    if not bool(measurement.data["measured"].any()):
+        names = ", ".join(signal.name for signal in measurement.signals)
+        raise BadInput(
+            f"the {what} runs ({', '.join(measurement.runs[:6])}) have no measured value of {names}",
+            "every cell is empty or nan: fill the columns, or choose other runs under 'holdout'",
+            where=str(path),
+        )
 
 
 def _check_clock(measurement: Measurement, selection: Selection, path: Path) -> None:

@@ -42,6 +42,6 @@ def _ranking(result: Criticism) -> list[str]:
     lines = []
     for candidate in ranked[:RANKS]:
         p = "" if candidate.p_value is None else f", p = {candidate.p_value:.2g}"
-        size = f"  {words.size(candidate)}" if candidate.parameters else ""
+        size = f"  {words.size(result, candidate)}" if candidate.parameters else ""
         lines.append(f"{candidate.rank:>4}. {candidate.effect}{size}{p}: {words.outcome(candidate)}")
     return lines

@@ -32,7 +32,10 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     """
     problem = load_problem(problem_file, add, note=_log)
     with writable(Path(out)) as folder:
-        result = criticise(command, problem)
+        try:
+            result = criticise(command, problem)
+        except BadInput as error:
+            raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
         if command == "refine":
             write_refined(result, folder, problem.path)

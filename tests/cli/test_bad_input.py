@@ -40,6 +40,15 @@ def content(name: str, what: bytes) -> Callable[[Path], None]:
     return lambda folder: (folder / name).write_bytes(what) and None
 
 
+def blank(run: str) -> Callable[[Path], None]:
+    def change(folder: Path) -> None:
+        lines = (folder / "carriage.csv").read_text().splitlines()
+        lines = [line.rpartition(",")[0] + "," if line.startswith(run + ",") else line for line in lines]
+        (folder / "carriage.csv").write_text("\n".join(lines))
+
+    return change
+
+
 def milliseconds(folder: Path) -> None:
     rows = [line.split(",") for line in (folder / "carriage.csv").read_text().splitlines()]
     rows = [rows[0]] + [[run, f"{float(t) * 1000:g}", *rest] for run, t, *rest in rows[1:]]
@@ -116,6 +125,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "model file": (problem("carriage.xml", "wagon.xml"), "model: no such file: .*wagon.xml"),
     "model broken": (edit("carriage.xml", "<body", "<bod"), "does not compile"),
     "model not XML": (content("carriage.xml", b"\x89PNG\r\n"), "does not compile"),
+    "model nan": (edit("carriage.xml", 'damping="2"', 'damping="nan"'), "model: its own joint.carriage.damping is nan"),
     "model empty": (content("carriage.xml", b""), "does not compile"),
     "factory module": (problem("carriage.xml", "no_such_rig:build"), "module 'no_such_rig' cannot be imported"),
     # the table
@@ -134,6 +144,8 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         table("first,0.05,", "first,0.05,1e300,0\nfirst,0.055,"),
         "row 7, column 'ctrl.motor': 1e.300 is too",
     ),
+    "nothing measured": (blank("first"), r"the fit runs \(first\) have no measured value of qpos.carriage"),
+    "nothing held out": (blank("second"), r"the held-out runs \(second\) have no measured value"),
     "time of day": (table("first,0.05,", "first,12:00:05,"), "row 7, column 'time': '12:00:05' .* write seconds"),
     "time goes back": (table("first,0.05,", "first,0.01,"), "row 7, column 'time': time goes from 0.04 to 0.01"),
     "duplicate time": (table("first,0.05,", "first,0.04,"), "row 7, column 'time': time goes from 0.04 to 0.04"),
