@@ -5,16 +5,20 @@
 3. score_gain >= 2 standard errors at H, and the cross-validated RMS at H_s falls too.
 4. The leave-one-block-out jackknife interval (95 %, Student's t with B - 1 degrees) excludes the neutral value.
 5. Homogeneous: one law, not a patch.
-6. A dead time whose 95 % upper bound is below the integration step is the integrator's own shift, not an effect.
+6. A time effect must move the replay more than the integration error does: an integrator of first order shifts time by
+   half a step, and a dead time whose 95 % upper bound stays below a step of it is the integrator's, not the system's.
+   (The replay's own change at a quarter of the step tells the order, so that RK4 is not held to its step.)
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from onlinebayes.criticism.blocks import Blocks, jackknife, leave_one_out, t_quantile
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.homogeneity import homogeneous
+from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.score import CrossValidated, Gain, cross_validate, score_gain
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.effects import Effect
@@ -60,6 +64,7 @@ def judge(
     current: CrossValidated,
     windows: Windows,
     blocks: Blocks,
+    numerics: Numerics,
     alpha: float,
 ) -> Judged:
     """Apply the rules to a model that was fitted with ``effect`` added."""
@@ -82,8 +87,10 @@ def judge(
         failed.append(f"its size, in [{low:.3g}, {high:.3g}], may be nothing")
     if not same:
         failed.append("its size differs between parts of the data: a patch, not a law")
-    if effect.parameters[effect.parameters.names[0]].unit == "s" and high < fitted.simulator.timestep:
-        failed.append(f"it is shorter than the integration step {fitted.simulator.timestep:g} s")
+    if effect.parameters[effect.parameters.names[0]].unit == "s" and _within_integration(
+        fitted, effect, high, numerics
+    ):
+        failed.append(f"the integration step of {fitted.simulator.timestep:g} s shifts time as much as it does")
     return Judged(effect, p_value, fitted, scores, gain, falls, same, tuple(failed))
 
 
@@ -94,6 +101,16 @@ def interval(fitted: Fit, blocks: Blocks, effect: Effect) -> tuple[float, float]
     reach = t_quantile(0.975, blocks.count) * float(covariance[column, column].sqrt())
     mode = float(fitted.theta[column])
     return mode - reach, mode + reach
+
+
+def _within_integration(fitted: Fit, effect: Effect, high: float, numerics: Numerics) -> bool:
+    """Whether the largest plausible size of a time effect moves the replay as little as the integrator's shift does."""
+    long = fitted.projected
+    column = fitted.simulator.parameters.index(f"{effect.key}.{effect.parameters.names[0]}")
+    moved = long.measured_rows(long.columns[..., column]) / long.weight * max(high, 0.0)
+    rms = math.sqrt(float(moved.square().sum()) / max(int(long.seen().sum()), 1))
+    # From h to h / 4 a first-order integrator's shift changes by 3 / 8 of h: a step is 2.7 times that.
+    return rms < 2.7 * numerics.error_at_quarter_step
 
 
 def choose(admissible: list[Judged], bin_step: float) -> Judged:

@@ -59,7 +59,7 @@ def make_blocks(windows: Windows, tau: float, folds: int | None = None) -> Block
     runs = torch.unique(windows.run[moving])
     W = windows.count
     if len(runs) >= FEWEST and (folds is None or folds >= len(runs)):
-        of = torch.searchsorted(runs, windows.run).clamp_max(len(runs) - 1)
+        of = torch.searchsorted(runs, windows.run.contiguous()).clamp_max(len(runs) - 1)
         train = of[None] != torch.arange(len(runs), device=of.device)[:, None]
         return Blocks(of, train)
     duration = float(moving.sum()) * windows.horizon
@@ -69,7 +69,7 @@ def make_blocks(windows: Windows, tau: float, folds: int | None = None) -> Block
     order = moving.cumsum(0) - moving.long()
     of = (order * B // max(int(moving.sum()), 1)).clamp_max(B - 1)
     if len(runs) >= FEWEST:  # fewer folds than runs: whole runs together
-        rank = torch.searchsorted(runs, windows.run).clamp_max(len(runs) - 1)
+        rank = torch.searchsorted(runs, windows.run.contiguous()).clamp_max(len(runs) - 1)
         of = rank * B // len(runs)
         return Blocks(of, of[None] != torch.arange(B, device=of.device)[:, None])
     train = of[None] != torch.arange(B, device=of.device)[:, None]

@@ -16,7 +16,7 @@ from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.projection import noise_rows, project
-from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
 from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values
 from onlinebayes.criticism.sensitivities import columns
@@ -71,6 +71,7 @@ def run_stage(
     current: Fit,
     windows: Windows,
     effects: Sequence[Effect],
+    numerics: Numerics,
     selection: Selection,
     say: Callable[[str], None],
     fewest: int = FEWEST_REFITS,
@@ -89,7 +90,9 @@ def run_stage(
         except BadInput:  # it diverges from where screening would start it
             continue
         judged.append(
-            judge(candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, selection.alpha)
+            judge(
+                candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, numerics, selection.alpha
+            )
         )
     return Stage(current, windows, blocks, scores, screened, tuple(judged))
 
