@@ -6,7 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.addresses import resolve
 from onlinebayes.simulators.mujoco.fields import FIELDS, SPEC
 from tests.simulators.models import ARM, SLIDE, TUMBLER
@@ -15,6 +17,11 @@ from tests.simulators.models import ARM, SLIDE, TUMBLER
 @pytest.fixture(scope="module")
 def arm() -> mujoco.MjModel:
     return mujoco.MjModel.from_xml_string(ARM)
+
+
+def _written(xml: str, name: str, values: list[float]) -> dict[str, np.ndarray]:
+    space = ParameterSpace({name: Parameter(-100.0, 100.0)})
+    return MujocoSimulator(xml, space).fields(np.array(values)[:, None])
 
 
 @pytest.mark.parametrize(
@@ -49,8 +56,7 @@ def test_units_of_a_slide() -> None:
 
 
 def test_kp_sets_gain_and_bias_together(arm: mujoco.MjModel) -> None:
-    fields = {name: np.repeat(getattr(arm, name)[None], 2, 0) for name in ("actuator_gainprm", "actuator_biasprm")}
-    resolve(arm, "actuator.bend.kp").write(fields, np.array([3.0, 5.0]))
+    fields = _written(ARM, "actuator.bend.kp", [3.0, 5.0])
     i = arm.actuator("bend").id
     assert fields["actuator_gainprm"][:, i, 0].tolist() == [3.0, 5.0]
     assert fields["actuator_biasprm"][:, i, 1].tolist() == [-3.0, -5.0]
@@ -58,19 +64,16 @@ def test_kp_sets_gain_and_bias_together(arm: mujoco.MjModel) -> None:
 
 
 def test_kv_of_a_velocity_servo_is_its_gain() -> None:
-    model = mujoco.MjModel.from_xml_string(SLIDE.replace("<motor ", '<velocity kv="4" '))
-    fields = {n: np.repeat(getattr(model, n)[None], 1, 0) for n in ("actuator_gainprm", "actuator_biasprm")}
-    address = resolve(model, "actuator.motor.kv")
-    assert address.read(model) == 4.0
-    address.write(fields, np.array([9.0]))
+    xml = SLIDE.replace("<motor ", '<velocity kv="4" ')
+    model = mujoco.MjModel.from_xml_string(xml)
+    assert resolve(model, "actuator.motor.kv").read(model) == 4.0
+    fields = _written(xml, "actuator.motor.kv", [9.0])
     assert fields["actuator_gainprm"][0, 0, 0] == 9.0
     assert fields["actuator_biasprm"][0, 0, 2] == -9.0
 
 
 def test_damping_of_a_ball_joint_is_that_of_all_its_dofs() -> None:
-    model = mujoco.MjModel.from_xml_string(TUMBLER)
-    fields = {"dof_damping": np.zeros((2, model.nv))}
-    resolve(model, "joint.ball.damping").write(fields, np.array([1.0, 2.0]))
+    fields = _written(TUMBLER, "joint.ball.damping", [1.0, 2.0])
     assert fields["dof_damping"].tolist() == [[0.0] * 6 + [1.0] * 3, [0.0] * 6 + [2.0] * 3]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -62,12 +62,6 @@ class Address:
         """The model's own value [unit]."""
         cell = self.cells[0]
         return cell.sign * float(np.ravel(model_array(model, cell.array)[cell.index])[0])
-
-    def write(self, fields: Mapping[str, np.ndarray], values: np.ndarray) -> None:
-        """Write one value per world, values (N,), into the per-world arrays (N, ...)."""
-        for cell in self.cells:
-            block = fields[cell.array][(slice(None), *cell.index)]
-            block[...] = (cell.sign * values).reshape(-1, *([1] * (block.ndim - 1)))
 
 
 def model_array(model: mujoco.MjModel, array: str) -> np.ndarray:

@@ -118,15 +118,15 @@ class MujocoSimulator(Simulator):
     ) -> TensorDict:
         """New parameters and states for the worlds under ``mask``; see :meth:`Simulator.reset`."""
         ids = None if mask is None or bool(mask.all()) else mask.numpy().nonzero()[0].astype(np.int32)
+        if ids is not None and not len(ids):
+            return self.state
         rows = slice(None) if ids is None else torch.from_numpy(ids).long()
-        chosen = None if state is None else state[rows]
         self._theta[rows] = _finite(theta[rows])
-        count = self.worlds if ids is None else len(ids)
-        for key, fresh in self._system.hidden(chosen, count).items():
-            self._hidden[key][rows] = fresh
+        for key, fresh in self._system.hidden(state, self.worlds).items():
+            self._hidden[key][rows] = fresh[rows]
         self._worlds.revive(ids)
         self._worlds.write_theta(self._theta[rows].numpy(), ids)
-        self._worlds.write_state(chosen, ids)
+        self._worlds.write_state(state, ids)
         return self.state
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
@@ -174,6 +174,10 @@ class MujocoSimulator(Simulator):
         spec = system.source.copy()
         spec.option.timestep = timestep
         return type(self)(spec, system.base_parameters, self.worlds, None, self._threads, self.effects)
+
+    def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
+        """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
+        return self._system.write(theta)
 
     def export(self, theta: Float[Tensor, " P"]) -> mujoco.MjSpec:
         """One world as a spec with every parameter and native effect written in; see :mod:`.export`."""

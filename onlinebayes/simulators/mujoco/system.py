@@ -25,7 +25,7 @@ from torch import Tensor
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.mujoco.addresses import Address, model_array, names, resolve, scalar_joint
+from onlinebayes.simulators.mujoco.addresses import Address, element_id, model_array, names, resolve, scalar_joint
 from onlinebayes.simulators.mujoco.model import compile_spec
 
 STATE = {
@@ -88,7 +88,6 @@ class MujocoSystem:
     def __init__(self, source: mujoco.MjSpec, parameters: ParameterSpace, effects: Sequence[Effect] = ()) -> None:
         self.source, self.base_parameters, self.effects = source, parameters, tuple(effects)
         base = compile_spec(source)
-        self.addresses: tuple[Address, ...] = tuple(resolve(base, name) for name in parameters)
         self.spec = source.copy()
         self.parameters = parameters
         for effect in self.effects:
@@ -96,13 +95,17 @@ class MujocoSystem:
             effect.edit(self.spec)
             self.parameters = self.parameters | _grown(effect)
         self.model = compile_spec(self.spec) if self.effects else base
+        self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
         self.commands = _commands(self.model, names(base, "actuator"))
         self.signals = _signals(self.model)
         self.fields = tuple(
             sorted({c.array for a in self.addresses for c in a.cells} | {f for e in self.effects for f in e.fields})
         )
+        self._base = {name: model_array(self.model, name).copy() for name in self.fields}
+        self._scatter = _scatter(self.addresses, self._base)
         self.needs_const = any(is_const_input(f) for f in self.fields)
         self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
+        self._places = {command.name: command.ctrl for command in self.commands}
         self.record = _record(self.model)
         self.parts = tuple(self.record.columns)
 
@@ -119,12 +122,9 @@ class MujocoSystem:
 
     def write(self, theta: np.ndarray) -> dict[str, np.ndarray]:
         """Every field that a parameter or an effect touches, per world (N, ...), for theta (N, P)."""
-        fields = {}
-        for name in self.fields:
-            base = model_array(self.model, name)
-            fields[name] = np.repeat(base[None], len(theta), axis=0)
-        for i, address in enumerate(self.addresses):
-            address.write(fields, theta[:, i])
+        fields = {name: np.repeat(base[None], len(theta), axis=0) for name, base in self._base.items()}
+        for name, (columns, sources, signs) in self._scatter.items():
+            fields[name].reshape(len(theta), self._base[name].size)[:, columns] = signs * theta[:, sources]
         for effect in self.effects:
             if effect.fields:
                 effect.write(self.model, fields, self.own(effect, theta))
@@ -158,15 +158,16 @@ class MujocoSystem:
         """
         after, fed = dict(hidden), {}
         ctrl = np.zeros((*command.shape[:2], self.model.nu))
-        for column, place in enumerate(self.commands):
-            u = command[..., column]
-            staged = [e for e in self.stages if self.model.actuator(e.target).id == place.actuator]
-            for effect in staged:
-                fed[effect.key] = u
-                u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, self.model.opt.timestep)
-                if state is not None:
-                    after[effect.key] = state
-            ctrl[..., place.ctrl] = u.numpy()
+        ctrl[..., [place.ctrl for place in self.commands]] = command.numpy()
+        for effect in self.stages:
+            # An actuator has one command; stages on the same one act in their order.
+            place = self._places[effect.target]
+            u = torch.from_numpy(ctrl[..., place].copy())
+            fed[effect.key] = u
+            u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, self.model.opt.timestep)
+            if state is not None:
+                after[effect.key] = state
+            ctrl[..., place] = u.numpy()
         return ctrl, after, fed
 
     def trace(
@@ -178,6 +179,20 @@ class MujocoSystem:
             for e in self.stages
         }
         return {key: trace for key, trace in traces.items() if trace is not None}
+
+
+def _scatter(
+    addresses: Sequence[Address], base: Mapping[str, np.ndarray]
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Per array: its flat columns that parameters set, each one's place in theta, and its sign."""
+    places: dict[str, list[tuple[int, int, float]]] = {}
+    for i, address in enumerate(addresses):
+        for cell in address.cells:
+            flat = np.arange(base[cell.array].size).reshape(base[cell.array].shape)
+            columns = np.ravel(flat[cell.index]).tolist()
+            places.setdefault(cell.array, []).extend((column, i, cell.sign) for column in columns)
+    unzipped = {array: tuple(zip(*rows, strict=True)) for array, rows in places.items()}
+    return {array: (np.array(c), np.array(s), np.array(signs)) for array, (c, s, signs) in unzipped.items()}
 
 
 def is_const_input(field: str) -> bool:
@@ -209,9 +224,10 @@ def _grown(effect: Effect) -> ParameterSpace:
 def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
     if effect.target_kind == "joint":
         scalar_joint(model, effect.target)
-    elif effect.target not in names(model, effect.target_kind):
-        # The message with the nearest names.
-        resolve(model, f"{effect.target_kind}.{effect.target}.gear")
+    else:
+        actuator = element_id(model, "actuator", effect.target)
+        if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:
+            raise BadInput(f"{effect.key}: the actuator has several commands", "an input stage acts on a single one")
     if not effect.fields and not effect.has_command:
         raise BadInput(f"{effect.key} has no form in MuJoCo", "write its fields and write(), or its command()")
 

@@ -35,12 +35,13 @@ class Worlds:
         self.batch = mujoco.batch.Batch(batch_model(system.model), worlds, threads)
         self.failed = np.zeros(worlds, dtype=bool)
         self._fields = {name: self.batch.expand(name) for name in system.fields}
-        self._parts = {key: self.batch.bind(key).reshape(worlds, -1) for key in system.parts}
+        # The parts of the state are the first columns of a row, in the record's order.
+        self._record = self.batch.state[:, : system.record.size]
         self._rest = self.batch.state[0].copy()
         self._ctrl = self.batch.bind("ctrl")
         # Limits of the actuators' forces while they are on.
         self._range = np.repeat(system.model.actuator_forcerange[None], worlds, axis=0)
-        self._on = np.ones((worlds, len(system.commands)), dtype=bool)
+        self._on, self._all_on = np.ones((worlds, len(system.commands)), dtype=bool), True
 
     # --- writing ------------------------------------------------------------------------------------------------
 
@@ -53,17 +54,17 @@ class Worlds:
                 self._range[rows] = values
         if self.system.needs_const:
             self._run(self.batch.set_const, ids)
-        if not self._on.all():
+        if not self._all_on:
             self._switch(self._on)
 
     def write_state(self, state: TensorDictBase | None, ids: np.ndarray | None = None) -> None:
-        """Start the worlds ``ids`` (all without) from ``state`` (n,); parts it lacks are the model's defaults."""
+        """Start the worlds ``ids`` (all without) from their rows of ``state`` (N,); parts it lacks are the defaults."""
         rows = slice(None) if ids is None else ids
         self.batch.state[rows] = self._rest
-        for key, part in self._parts.items():
+        for key, columns in self.system.record.columns.items():
             value = None if state is None else state.get(key, None)
             if value is not None:
-                part[rows] = value.detach().numpy().reshape(len(value), -1)
+                self._record[rows, columns] = value.detach().numpy()[rows]
         self.batch.warning[rows] = 0
 
     def revive(self, ids: np.ndarray | None = None) -> None:
@@ -72,6 +73,8 @@ class Worlds:
 
     def write_enable(self, enable: np.ndarray | None) -> None:
         """Switch actuators: enable (N, U), None for all on. Off means that the actuator gives no force."""
+        if enable is None and self._all_on:
+            return
         on = np.ones_like(self._on) if enable is None else enable > 0
         if not np.array_equal(on, self._on):
             self._switch(on)
@@ -84,28 +87,27 @@ class Worlds:
             i, active = command.actuator, on[:, column]
             limited[:, i] = np.where(active, model.actuator_forcelimited[i], 1)
             bounds[:, i] = np.where(active[:, None], self._range[:, i], 0.0)
-        self._on = on.copy()
+        self._on, self._all_on = on.copy(), bool(on.all())
 
     # --- reading ------------------------------------------------------------------------------------------------
 
     def read_state(self) -> TensorDict:
         """A copy of the states, batch size (N,)."""
-        return TensorDict(
-            {key: torch.from_numpy(part.copy()) for key, part in self._parts.items()}, batch_size=[self.worlds]
-        )
+        rows = torch.from_numpy(self._record.copy())
+        return TensorDict(self.system.record.unpack(rows), batch_size=[self.worlds])
 
     # --- running ------------------------------------------------------------------------------------------------
 
     def hold(self, ctrl: np.ndarray, steps: int) -> None:
         """``steps`` timesteps under one ctrl (N, nu)."""
-        before = self.batch.state.copy()
+        before = self._record.copy()
         self._ctrl[...] = ctrl
         self._run(partial(self.batch.step, nstep=steps), self._alive())
         self._settle(before)
 
     def follow(self, ctrl: np.ndarray) -> None:
         """One timestep for each row of ctrl (N, K, nu)."""
-        before = self.batch.state.copy()
+        before = self._record.copy()
         for k in range(ctrl.shape[1]):
             self._ctrl[...] = ctrl[:, k]
             self._run(self.batch.step, self._alive())
@@ -156,8 +158,9 @@ class Worlds:
 
     def _settle(self, before: np.ndarray) -> None:
         """Worlds that have just failed get back the row they had."""
-        failed = self.failed | self.batch.warning[:, :, 1].any(1)
-        if failed.any():
-            self.batch.state[failed] = before[failed]
+        warned = self.batch.warning[:, :, 1]
+        if warned.any() or self.failed.any():
+            failed = self.failed | warned.any(1)
+            self._record[failed] = before[failed]
             self.batch.warning[failed] = 0
             self.failed = failed

@@ -126,6 +126,8 @@ def _check_partial_reset(worlds: Simulator, trial: Trial) -> None:
     require_same(after[mask], trial.start[mask], 0.0, "worlds under the mask of a reset")
     mixed = torch.where(mask[:, None], other, trial.theta)
     require(torch.equal(theta, mixed), "a partial reset did not give exactly its worlds the new theta")
+    worlds.reset(other, trial.start, torch.zeros_like(mask))
+    require_same(worlds.state, after, 0.0, "a reset of no world at all")
     path = walk(worlds, trial.command)
     worlds.reset(mixed, after)
     require_same(path, walk(worlds, trial.command), 0.0, "worlds after a partial reset against a whole one")
