@@ -31,8 +31,8 @@ PHYSICAL = ParameterSpace(
         "option.gravity[0]": Parameter(-0.8, 0.8, "m/s2"),
     }
 )
-"""Twenty parameters with physical bounds, not a prior: masses, the joints' damping, rotors and dry friction, the motors'
-strength, the ankle's spring, grip and softness of the foot, and the slope of the ground as gravity along it."""
+"""Twenty parameters with physical bounds, not a prior: masses, the joints' damping, rotors and dry friction, the
+strength of the motors, the ankle's spring, grip and softness of the foot, and the ground's slope as gravity along it."""
 
 
 def hopper(parameters: ParameterSpace = PHYSICAL, worlds: int = 1, threads: int = 0) -> MujocoSimulator:
