@@ -32,7 +32,7 @@ PHYSICAL = ParameterSpace(
     }
 )
 """Twenty parameters with physical bounds, not a prior: masses, the joints' damping, rotors and dry friction, the
-strength of the motors, the ankle's spring, grip and softness of the foot, and the ground's slope as gravity along it."""
+strength of the motors, the ankle's spring, grip and softness of the foot, and the ground's slope as gravity."""
 
 
 def hopper(parameters: ParameterSpace = PHYSICAL, worlds: int = 1, threads: int = 0) -> MujocoSimulator:
