@@ -103,7 +103,7 @@ class SimulatorEnv(EnvBase):
         Raises:
             BadInput: it is on another; the simulator decides where everything is.
         """
-        if torch.device(device) != self.device:
+        if torch.empty(0, device=device).device != self.device:
             raise BadInput(f"this environment is on {self.device}, not {device}", "build its simulator on that device")
         return self
 

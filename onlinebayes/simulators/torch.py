@@ -80,7 +80,8 @@ class TorchSimulator(Simulator):
         self._substeps = round(self.dt / self.timestep)
         if self._substeps < 1 or not math.isclose(self._substeps * self.timestep, self.dt, rel_tol=1e-6):
             raise BadInput(f"dt = {self.dt:g} s", f"it must be a whole number of timesteps of {self.timestep:g} s")
-        self.dtype, self.device = dtype, torch.device(device)
+        # With its index: "cuda" and "cuda:0" are one device and not equal.
+        self.dtype, self.device = dtype, torch.empty(0, device=device).device
         self.commands = tuple(a.name for a in self.actuators)
         self.signals = tuple(f"{kind}.{j.name}" for kind in ("qpos", "qvel") for j in self.joints)
         self.effects: tuple[Effect, ...] = ()

@@ -96,7 +96,7 @@ def cartpole(table: ResultTable, settings: Settings) -> None:
     reference = frames(GymEnv("CartPole-v1"), 250, settings)
     with Progress("cartpole", len(settings.worlds)) as progress:
         for k, worlds in enumerate(settings.worlds):
-            pairs = alternate(frames(worlds_env(worlds, settings.seed), 64, settings), reference)
+            pairs = alternate(frames(worlds_env(worlds, settings.seed), 32, settings), reference)
             name, ratio = f"CartPole, {worlds} worlds", median(pairs.ratios)
             if k == 0:
                 one = pairs.reference
