@@ -5,10 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
+from jaxtyping import Float
 from tensordict import TensorDict
+from torch import Tensor
 
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.testing.trials import Trial, require, require_same, step_inputs, walk
+
+_PATIENCE = 8  # times the trial's steps within which a NaN in a command must have made its world fail
 
 
 def check_simulator(
@@ -25,7 +29,7 @@ def check_simulator(
     Checked: shapes, dtype and device; the same inputs give the same bits; a batch equals single worlds; a partial reset
     touches only its worlds; a rollout equals its steps, at coarser times too; a saved state restores the future; an
     ``enable`` of ones is nothing; a world that diverges is flagged, held, and harms no other; every parameter acts;
-    ``with_worlds``.
+    ``with_worlds``, and ``with_timestep`` where there is one.
 
     Args:
         simulator: any number of worlds; it is not touched.
@@ -47,8 +51,9 @@ def check_simulator(
     _check_single(worlds, trial, path, atol)
     _check_partial_reset(worlds, trial)
     _check_enable(worlds, trial, path)
-    _check_failure(worlds, trial, path)
+    _check_failure(worlds, trial)
     _check_parameters(worlds, trial, path, inert)
+    _check_timestep(worlds)
 
 
 def _restart(worlds: Simulator, trial: Trial) -> TensorDict:
@@ -139,10 +144,13 @@ def _check_enable(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
     require_same(rolled, path, 0.0, "a rollout whose enable is 1 throughout")
 
 
-def _check_failure(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
+def _check_failure(worlds: Simulator, trial: Trial) -> None:
+    """A command that is NaN from the second step on, long enough to arrive through a delay."""
     if not worlds.commands:
         return
-    command = trial.command.clone()
+    command = trial.command.repeat(1, _PATIENCE, 1)
+    times = worlds.dt * torch.arange(1, command.shape[1] + 1, dtype=torch.float64, device=worlds.device)
+    path = worlds.rollout(trial.theta, trial.start, _rows(command), times)
     command[1, 1:] = torch.nan
     worlds.reset(trial.theta, trial.start)
     walked = walk(worlds, command)
@@ -150,8 +158,7 @@ def _check_failure(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
     require(worlds.failed.tolist() == [False, True, False, False], f"failed is {worlds.failed.tolist()} after a NaN")
     require_same(walked[others], path[others], 0.0, "the worlds beside one that diverged")
     require(bool(walked["qpos"].isfinite().all()), "a world that diverged does not keep its last finite state")
-    inputs = TensorDict({"command": command}, batch_size=command.shape[:2])
-    rolled = worlds.rollout(trial.theta, trial.start, inputs, trial.times)
+    rolled = worlds.rollout(trial.theta, trial.start, _rows(command), times)
     require_same(rolled[others], path[others], 0.0, "the rows beside one that diverged")
     require(bool(rolled["valid"][others].all()), "a row beside one that diverged is invalid")
     require(bool(rolled["valid"][1, 0]) and not bool(rolled["valid"][1, -1]), "valid does not fall with the divergence")
@@ -160,6 +167,10 @@ def _check_failure(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
     require(not bool(worlds.failed.any()), "a world that was reset still counts as failed")
     worlds.step(step_inputs(trial.command[:, 0]))
     require_same(worlds.state[1:2], path[1:2, 0], 0.0, "a world that was reset after it diverged")
+
+
+def _rows(command: Float[Tensor, "N T U"]) -> TensorDict:
+    return TensorDict({"command": command}, batch_size=command.shape[:2])
 
 
 def _check_parameters(worlds: Simulator, trial: Trial, path: TensorDict, inert: Sequence[str]) -> None:
@@ -171,3 +182,11 @@ def _check_parameters(worlds: Simulator, trial: Trial, path: TensorDict, inert: 
         theta[:, i] = torch.where(theta[:, i] < middle, worlds.parameters.high[i], worlds.parameters.low[i])
         moved = worlds.rollout(theta, trial.start, trial.inputs, trial.times)
         require(not torch.equal(moved["qpos"], path["qpos"]), f"parameter {name} changes nothing")
+
+
+def _check_timestep(worlds: Simulator) -> None:
+    if type(worlds).with_timestep is Simulator.with_timestep:
+        return
+    finer = worlds.with_timestep(worlds.timestep / 2)
+    require(finer.timestep == worlds.timestep / 2 == finer.dt, "with_timestep does not set timestep and dt")
+    require(finer.parameters == worlds.parameters and finer.effects == worlds.effects, "with_timestep drops parameters")
