@@ -10,7 +10,7 @@ from envs.cartpole import CartPole
 from envs.pendulum import Pendulum
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators import TorchSimulator
+from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 from onlinebayes.simulators.testing import check_simulator
 from tests.simulators.systems import CARTPOLE_EFFECTS, FREE, all_effects, draw, inputs, state_of
 
@@ -21,6 +21,30 @@ PRIOR = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.
 def test_contract(system: type[TorchSimulator]) -> None:
     check_simulator(system(PRIOR))
     check_simulator(system(PRIOR, dt=3 * system.timestep, dtype=torch.float32), scale=0.5)
+
+
+class Slider(TorchSimulator):
+    """A mass on a rail pushed by two motors: the example of docs/concepts/simulators.md, with a second motor."""
+
+    physical = ParameterSpace({"mass": Parameter(0.1, 10.0, "kg"), "kt": Parameter(0.0, 5.0, "N")})
+    defaults = {"mass": 1.0, "kt": 2.0}  # noqa: RUF012
+    joints = (Joint("carriage", "slide"),)
+    actuators = (Actuator("motor", "carriage", gear="kt"), Actuator("brake", "carriage", gear=-0.5, limit=1.0))
+    timestep = 0.01
+
+    def acceleration(self, parameters, q, v, tau):
+        return tau / parameters["mass"]
+
+
+def test_a_system_of_ones_own() -> None:
+    simulator = Slider(["mass", "kt"], worlds=2)
+    check_simulator(simulator)
+    theta = torch.tensor([[2.0, 3.0], [4.0, 0.0]], dtype=torch.float64)
+    simulator.reset(theta)
+    after = simulator.step(inputs(torch.tensor([[1.0, 7.0], [1.0, 7.0]])))
+    force = torch.tensor([[3.0 - 0.5], [-0.5]], dtype=torch.float64)  # the brake's command is cut off at 1
+    torch.testing.assert_close(after["qvel"], 0.01 * force / theta[:, :1])
+    assert simulator.joint_kinds == {"carriage": "slide"}
 
 
 def test_a_rollout_takes_rows_at_uneven_times_and_held_commands() -> None:
