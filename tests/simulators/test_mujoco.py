@@ -12,6 +12,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import ActuatorDelay
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.testing import check_simulator
 from tests.simulators.models import ARM, SLIDE, TUMBLER, UNSTABLE
@@ -149,8 +150,10 @@ def test_a_step_may_be_several_timesteps() -> None:
         (ARM, ARM_SPACE, ("geom.floor.friction[0]",)),
         (TUMBLER, TUMBLER_SPACE, ("geom.box.friction[0]",)),
         (SLIDE, ParameterSpace(), ()),
+        # The file's own delay: its buffer and the time at which it is read are parts of the state.
+        (SLIDE.replace("<motor ", '<motor delay="0.007" nsample="6" interp="linear" '), ParameterSpace(), ()),
     ],
-    ids=["arm", "tumbler", "no parameters"],
+    ids=["arm", "tumbler", "no parameters", "delay of its own"],
 )
 def test_conformance(xml: str, space: ParameterSpace, inert: tuple[str, ...]) -> None:
     check_simulator(MujocoSimulator(xml, space), inert=inert, steps=12)
@@ -183,6 +186,45 @@ def test_a_diverging_world_is_masked_and_the_others_go_on() -> None:
     simulator.reset(torch.full_like(theta, -1.0), start, simulator.failed)
     assert not bool(simulator.failed.any())
     assert float(_steps(simulator, command)["qpos"].abs().max()) < 1e3
+
+
+def test_a_world_that_diverged_stays_out_of_the_stretches_between_switches() -> None:
+    space = ParameterSpace({"actuator.blow.biasprm[1]": Parameter(-1e7, 1e7)})
+    simulator = MujocoSimulator(UNSTABLE, space)
+    theta = torch.tensor([[1e6], [-1.0], [-2.0]], dtype=torch.float64)
+    start = TensorDict({"qpos": torch.ones(3, 1).double(), "qvel": torch.zeros(3, 1).double()}, batch_size=[3])
+    enable = torch.ones(3, 40, 1)
+    enable[1, 20:30] = 0
+    inputs = TensorDict({"command": torch.zeros(3, 40, 1).double(), "enable": enable}, batch_size=[3, 40])
+    times = simulator.timestep * torch.arange(1, 41, dtype=torch.float64)
+    rolled = simulator.rollout(theta, start, inputs, times)
+    alone = simulator.rollout(theta[1:], start[1:], inputs[1:], times)
+    assert _same(rolled[1:].exclude("valid"), alone.exclude("valid"))
+    assert rolled["valid"].all(1).tolist() == [False, True, True]
+    assert float(rolled["qpos"][0, -1]) == float(rolled["qpos"][0, int(rolled["valid"][0].sum()) - 1])
+    # Switched off, mass 1 moves at the speed that it has.
+    coast = rolled["qpos"][1, 20:30, 0] - rolled["qpos"][1, 19, 0]
+    assert torch.allclose(coast, rolled["qvel"][1, 19] * times[:10], rtol=1e-12, atol=0)
+
+
+def test_more_worlds_than_memory_holds_go_in_several_calls(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulator = MujocoSimulator(ARM, ARM_SPACE, effects=(ActuatorDelay("lift", Parameter(0.0, 0.02, "s")),))
+    theta = simulator.parameters.from_unit(torch.rand(7, len(simulator.parameters), dtype=torch.float64))
+    start = simulator.with_worlds(7).state
+    inputs = TensorDict({"command": torch.randn(7, 30, 2, dtype=torch.float64)}, batch_size=[7, 30])
+    times = 0.004 * torch.arange(1, 31, dtype=torch.float64)
+    whole = simulator.rollout(theta, start, inputs, times)
+    monkeypatch.setattr("onlinebayes.simulators.mujoco.rollout.MEMORY", 30 * 12 * 3)
+    parts = simulator.rollout(theta, start, inputs, times)
+    assert _same(parts.exclude("effects"), whole.exclude("effects"))
+    assert torch.equal(parts["effects", "actuator_delay@lift", "past"], whole["effects", "actuator_delay@lift", "past"])
+
+
+def test_batches_that_do_not_match_are_named() -> None:
+    simulator = MujocoSimulator(SLIDE)
+    inputs = TensorDict({"command": torch.zeros(2, 3, 1).double()}, batch_size=[2, 3])
+    with pytest.raises(BadInput, match="theta has 1 rows, state 1, inputs 2 x 3, times 3"):
+        simulator.rollout(torch.zeros(1, 0).double(), simulator.state, inputs, torch.tensor([0.1, 0.2, 0.3]))
 
 
 def test_divergence_writes_no_log_and_prints_nothing(

@@ -31,6 +31,12 @@ def rollout(
     times: Float[Tensor, " T"],
 ) -> TensorDict:
     """See :meth:`onlinebayes.simulators.base.Simulator.rollout`."""
+    if not len(theta) == len(state) == len(inputs) or inputs.batch_size[1:] != times.shape:
+        shape = " x ".join(str(n) for n in inputs.batch_size)
+        raise BadInput(
+            f"theta has {len(theta)} rows, state {len(state)}, inputs {shape}, times {len(times)}",
+            "give one row of theta, state and inputs a world, and one column of inputs an instant",
+        )
     marks = _marks(times, system.model.opt.timestep)
     per_world = max(1, int(marks[-1])) * (system.model.nu + system.record.size)
     chunk = max(1, MEMORY // per_world)
