@@ -9,7 +9,7 @@ An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parame
 |-------------------------------|---------|-----------------------------------------------------------------------|
 | ``edit`` + ``fields``/``write`` | MuJoCo | structure before compiling; per-world fields of the compiled model     |
 | ``force``, ``friction_bound`` | torch   | generalised force; bound of a dry friction that the solver makes stick |
-| ``command``, ``rest``         | both    | the input stage, with its hidden state (MuJoCo: where ``fields`` is empty) |
+| ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state (MuJoCo: where ``fields`` is empty) |
 
 On MuJoCo an effect with ``fields`` is carried natively and its ``command`` is not called.
 """
