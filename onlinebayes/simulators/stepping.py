@@ -95,8 +95,8 @@ class Stepper:
         h = self.timestep
         for k in range(steps):
             tau = self._load(values, q, v, drive[..., k])
-            new = torch.add(v, self.acceleration(values, q, v, tau), alpha=h)
-            new = self._rub(values, q, v, tau, new)
+            a = self.acceleration(values, q, v, tau)
+            new = self._rub(values, q, v, tau, a, torch.add(v, a, alpha=h))
             for i, joint in enumerate(self.joints):
                 if joint.max_speed < math.inf:
                     new[i].clamp_(-joint.max_speed, joint.max_speed)
@@ -137,8 +137,8 @@ class Stepper:
                 tau[i] = tau[i] + force
         return torch.stack(tau)
 
-    def _rub(self, values: Values, q: Tensor, v: Tensor, tau: Tensor, free: Tensor) -> Tensor:
-        """Velocities after the step (J, N), from those without dry friction."""
+    def _rub(self, values: Values, q: Tensor, v: Tensor, tau: Tensor, a: Tensor, free: Tensor) -> Tensor:
+        """Velocities after the step (J, N), from the acceleration and the velocities without dry friction."""
         bounds: dict[int, Tensor] = {}
         for effect, i in self._on_joints():
             bound = effect.friction_bound(_own(effect, values))
@@ -146,13 +146,12 @@ class Stepper:
                 bounds[i] = bounds[i] + bound if i in bounds else bound
         if not bounds:
             return free
-        base = self.acceleration(values, q, v, tau)
         columns = []
         for i in bounds:
             # The acceleration is affine in tau, so a unit force at joint i shows column i of the inverse mass.
             unit = torch.zeros_like(tau)
             unit[i] = 1.0
-            columns.append(self.acceleration(values, q, v, tau + unit) - base)
+            columns.append(self.acceleration(values, q, v, tau + unit) - a)
         impulse = torch.stack([bound * self.timestep for bound in bounds.values()])
         return stick(free, torch.stack(columns, dim=1), impulse, list(bounds))
 

@@ -80,14 +80,11 @@ class TorchSimulator(Simulator):
         self._substeps = round(self.dt / self.timestep)
         if self._substeps < 1 or not math.isclose(self._substeps * self.timestep, self.dt, rel_tol=1e-6):
             raise BadInput(f"dt = {self.dt:g} s", f"it must be a whole number of timesteps of {self.timestep:g} s")
-        # With its index: "cuda" and "cuda:0" are one device and not equal.
-        self.dtype, self.device = dtype, torch.empty(0, device=device).device
+        self.dtype, self.device = dtype, torch.empty(0, device=device).device  # "cuda" becomes "cuda:0"
         self.commands = tuple(a.name for a in self.actuators)
         self.signals = tuple(f"{kind}.{j.name}" for kind in ("qpos", "qvel") for j in self.joints)
         self.effects: tuple[Effect, ...] = ()
         self._populate(worlds)
-
-    # --- the system ---------------------------------------------------------------------------------------------
 
     @abstractmethod
     def acceleration(
@@ -107,8 +104,6 @@ class TorchSimulator(Simulator):
             v: velocities [m/s, rad/s].
             tau: generalised forces of actuators and effects [N, N m].
         """
-
-    # --- Simulator ----------------------------------------------------------------------------------------------
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
@@ -234,6 +229,8 @@ class TorchSimulator(Simulator):
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
+        if not 0.0 < timestep < math.inf:
+            raise BadInput(f"timestep = {timestep:g} s", "it must be positive and finite")
         other = copy.copy(self)
         other.timestep, other.dt, other._substeps = timestep, timestep, 1
         other._populate(self.worlds)

@@ -112,11 +112,25 @@ def test_a_masked_reset_touches_its_worlds_only() -> None:
     assert torch.equal(simulator.theta, torch.where(mask[:, None], other_theta, theta))
 
 
+def test_a_finer_timestep_converges_to_the_same_motion() -> None:
+    # Euler's error is of first order in the step: a tenth of the step leaves a tenth of the error.
+    coarse = Pendulum(())
+    state = state_of([[0.5]], [[0.0]])
+    ends = []
+    for refine in (10, 100, 1000):
+        simulator = coarse.with_timestep(coarse.timestep / refine)
+        command = torch.full((1, 1, 1), 0.3, dtype=torch.float64)
+        ends.append(float(simulator.rollout(simulator.theta, state, inputs(command), torch.tensor([0.5]))["qpos"]))
+    assert abs(ends[1] - ends[2]) == pytest.approx(abs(ends[0] - ends[1]) / 10, rel=0.1)
+
+
 def test_bad_numbers_are_refused() -> None:
     with pytest.raises(BadInput, match="whole number of timesteps"):
         CartPole((), dt=0.03)
     with pytest.raises(BadInput, match="at least one world"):
         CartPole((), worlds=0)
+    with pytest.raises(BadInput, match="timestep = 0 s; it must be positive"):
+        CartPole(()).with_timestep(0.0)
     with pytest.raises(ValueError, match="theta has 3 columns, the space has 2 parameters"):
         CartPole(FREE).reset(torch.ones(1, 3, dtype=torch.float64))
 
