@@ -50,6 +50,8 @@ def send_motion(stream: RecordingStream, root: str, model: mujoco.MjModel, time:
     """
     import rerun as rr
 
+    if len(time) == 0:  # a run too short for a single window
+        return
     positions, quaternions = poses(model, qpos)
     for body in range(model.nbody):
         path = entity(root, _body(model, body))
