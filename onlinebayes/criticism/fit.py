@@ -2,8 +2,9 @@
 
     min over theta in bounds of |r~(theta)|^2,     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high
 
-with D^2 = diag(C~' C~) (Marquardt 1963). Each step is tried by linearising at the new point, so that an accepted one
-costs a single rollout; a world that diverges rejects it.
+with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an accepted
+one costs a single rollout; where it is rejected, all dampings are tried in one rollout of their own. A world that
+diverges rejects its step.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear
 from torch import Tensor
 
-from onlinebayes.criticism.projection import Projected, project, signal_rms, start_shift
+from onlinebayes.criticism.projection import Projected, noise_rows, project, signal_rms, start_misfit, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.sensitivities import Linearisation, linearise
 from onlinebayes.criticism.windows import Windows
@@ -24,8 +25,9 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 STEPS = 40
-TOLERANCE = 1e-5
-DAMPINGS = (0.0, 1e-3, 1e-2, 1e-1, 1.0, 1e1, 1e2, 1e4)
+TOLERANCE = 1e-5  # of the objective: what the last step may promise
+SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
+DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
 
 
 @dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Fit:
         simulator: with the effects it was fitted with.
         lin: the linearisation at the mode, whose ``theta`` it is.
         projected: the same with starts projected out, at the long horizon.
-        converged: whether the last step promised less than a hundred-thousandth of the objective.
+        converged: whether no step was left that lowers the objective noticeably.
     """
 
     simulator: Simulator
@@ -75,28 +77,43 @@ def fit(
             "the simulation diverges over the measured windows",
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
-    current = project(windows, lin, weight)
-    level, centred = 0, False
+    current, centred = project(windows, lin, weight), False
     for _ in range(STEPS):
-        step, promised = bounded_step(simulator, current, lin.theta, DAMPINGS[level])
         total = current.objective
+        step, promised = bounded_step(simulator, current, lin.theta, 0.0)
         moved = linearise_at(simulator, windows, lin, current, step)
         trial = project(windows, moved, weight)
-        if moved.valid and trial.objective <= total:
-            lin, current, level, centred = moved, trial, max(0, level - 2), True
-            if max(promised, total - trial.objective) <= TOLERANCE * total:
+        if not (moved.valid and trial.objective <= total):
+            if centred:
+                step = best_damped(simulator, windows, lin, current)
+            else:
+                # The sensitivities hold at the windows' best starts, and the starts are not there yet.
+                step, centred = torch.zeros_like(step), True
+            moved = linearise_at(simulator, windows, lin, current, step)
+            trial = project(windows, moved, weight)
+            if not moved.valid or (trial.objective > total and bool(step.any())):
                 return Fit(simulator, lin, current, True)
-        elif not centred:
-            # The sensitivities hold at the windows' best starts, and the starts are not there yet.
-            moved = linearise_at(simulator, windows, lin, current, torch.zeros_like(step))
-            trial, centred = project(windows, moved, weight), True
-            if moved.valid:
-                lin, current = moved, trial
-        elif promised <= TOLERANCE * total or level == len(DAMPINGS) - 1:
-            return Fit(simulator, lin, current, promised <= TOLERANCE * total)
-        else:
-            level += 1
+            lin, current = moved, trial
+            continue
+        lin, current, centred = moved, trial, True
+        if promised <= TOLERANCE * total and total - trial.objective <= SLACK * total:
+            return Fit(simulator, lin, current, True)
     return Fit(simulator, lin, current, False)
+
+
+def best_damped(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+) -> Float[Tensor, " P"]:
+    """The best of several damped steps, all replayed at once with the starts that go with them."""
+    steps = torch.stack([bounded_step(simulator, projected, lin.theta, damping)[0] for damping in DAMPINGS])
+    theta = simulator.parameters.clamp(lin.theta + steps)
+    starts = torch.stack([lin.starts + start_shift(windows, lin, projected, step) for step in steps])
+    signals, valid = replay(simulator, windows, theta, starts)
+    wrong = windows.bin(windows.value) - windows.bin(signals)
+    rows = torch.stack([noise_rows(windows, one[..., None])[..., 0] for one in wrong])
+    rows[..., -starts.shape[-1] :] = start_misfit(windows, starts)
+    error = torch.where(valid.all(-1), (rows * projected.row_weight).square().sum((1, 2)), float("inf"))
+    return steps[int(error.argmin())]
 
 
 def linearise_at(

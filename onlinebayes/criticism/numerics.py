@@ -44,8 +44,9 @@ def settle(
     measurement: Measurement,
     horizon: float,
     noise: Float[Tensor, " S"],
-    theta: Float[Tensor, " P"] | None = None,
-    coarsest: float | None = None,
+    begin: Float[Tensor, " P"] | None = None,
+    before: Grounds | None = None,
+    fitted: Fit | None = None,
 ) -> Grounds:
     """Fit at the coarsest step of the ladder at which the numerics do not matter.
 
@@ -54,23 +55,29 @@ def settle(
         measurement: the fit runs.
         horizon: H [s].
         noise: floor of each signal [SI].
-        theta: where the fit begins; searched in the box when None.
-        coarsest: the ladder's first step [s], or None for the coarsest possible.
+        begin: theta at which the fit begins; searched in the box when None.
+        before: the grounds of the model that this one grew from: its step is the ladder's first.
+        fitted: a fit of this model to those grounds' windows, if there is one.
     """
     grounds: Grounds | None = None
+    starts: Float[Tensor, "W J2"] | None = None
     for timestep in ladder(simulator, measurement, horizon):
-        if coarsest is not None and timestep > coarsest * (1 + 1e-9):
+        if before is not None and timestep > before.fitted.simulator.timestep * (1 + 1e-9):
             continue
-        stepped = at_step(simulator, timestep)
-        windows = make_windows(stepped, measurement, horizon, DEAD_TIME * horizon, noise)
-        begin = starting_theta(stepped, windows) if theta is None else theta
+        if before is not None and timestep == before.fitted.simulator.timestep:
+            stepped, windows = at_step(simulator, timestep), before.windows
+        else:
+            stepped = at_step(simulator, timestep)
+            windows = make_windows(stepped, measurement, horizon, DEAD_TIME * horizon, noise)
+            fitted = None
+        begin = starting_theta(stepped, windows) if begin is None else begin
         try:
-            fitted = fit(stepped, windows, begin)
+            fitted = fitted or fit(stepped, windows, begin, starts=starts)
         except BadInput:
             if timestep <= simulator.timestep:
                 raise
             continue
-        theta = fitted.theta
+        begin, starts = fitted.theta, fitted.lin.starts
         grounds = Grounds(windows, fitted, check(simulator, measurement, windows, fitted))
         if grounds.numerics.sufficient:
             return grounds

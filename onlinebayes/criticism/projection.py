@@ -82,8 +82,7 @@ def project(
     J2 = windows.start.shape[1]
     scale = torch.where(seen, 1 / noise, torch.zeros_like(noise))
     free = torch.cat([windows.free, windows.free], -1).to(scale)
-    prior_sd = START_LOOSENESS * windows.start_sd
-    looseness = torch.where(free > 0, prior_sd, torch.ones_like(prior_sd))
+    looseness = start_looseness(windows)
 
     def cut(rows: Tensor) -> Tensor:
         """(W, bins, S, *) -> (W * pieces, n S, *)."""
@@ -99,7 +98,7 @@ def project(
     )
     basis, triangle = torch.linalg.qr(starts)
     # A piece has a start of its own, about which the long window's prior says nothing beyond its width.
-    shift = (windows.start - lin.starts) / looseness if pieces == 1 else windows.start.new_zeros(starts.shape[0], J2)
+    shift = start_misfit(windows, lin.starts) if pieces == 1 else windows.start.new_zeros(starts.shape[0], J2)
     residual = torch.cat([cut(lin.residual) * scaled, shift], dim=1)
     row_weight = torch.cat([cut(seen * weight), weight.mean().expand(starts.shape[0], J2)], dim=1)
     projected = Projected(
@@ -113,6 +112,18 @@ def project(
         len(windows.noise),
     )
     return replace_columns(projected, windows, lin.by_theta, pieces)
+
+
+def start_looseness(windows: Windows) -> Float[Tensor, "W J2"]:
+    """Prior sd of the starts [SI]; 1 for those of still joints, which are not freed."""
+    free = torch.cat([windows.free, windows.free], -1)
+    prior_sd = START_LOOSENESS * windows.start_sd
+    return torch.where(free, prior_sd, torch.ones_like(prior_sd))
+
+
+def start_misfit(windows: Windows, starts: Float[Tensor, "*batch W J2"]) -> Float[Tensor, "*batch W J2"]:
+    """The priors' rows: how far the starts are below the smoothed ones, in prior sd."""
+    return (windows.start - starts) / start_looseness(windows)
 
 
 def noise_rows(windows: Windows, by_theta: Float[Tensor, "W n S C"], pieces: int = 1) -> Float[Tensor, "V m C"]:
@@ -136,9 +147,7 @@ def start_shift(
     """How the starts move when theta moves by ``step``: the least-squares starts of the linearised replay."""
     rows = noise_rows(windows, lin.residual[..., None] - (lin.by_theta @ step)[..., None])[..., 0]
     free = torch.cat([windows.free, windows.free], -1)
-    prior_sd = START_LOOSENESS * windows.start_sd
-    looseness = torch.where(free, prior_sd, torch.ones_like(prior_sd))
-    rows[:, -windows.start.shape[1] :] = (windows.start - lin.starts) / looseness
+    rows[:, -windows.start.shape[1] :] = start_misfit(windows, lin.starts)
     right = projected.basis.mT @ rows[..., None]
     shift = torch.linalg.solve_triangular(projected.triangle, right, upper=True)[..., 0]
     return torch.where(free, shift, torch.zeros_like(shift))

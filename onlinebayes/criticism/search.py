@@ -121,7 +121,8 @@ def _resettled(
         selection.horizon_s,
         current.windows.noise,
         best.fitted.theta,
-        coarsest=current.fitted.simulator.timestep,
+        before=current,
+        fitted=best.fitted,
     )
 
 
@@ -141,8 +142,7 @@ def _without_idle(
             kept = [item for item in accepted if item is not idle]
             model = grown(simulator, [judged.effect for _, judged in kept])
             theta = carried(current.fitted.simulator, current.fitted.theta, model)
-            timestep = current.fitted.simulator.timestep
-            return settle(model, measurement, selection.horizon_s, current.windows.noise, theta, timestep), kept
+            return settle(model, measurement, selection.horizon_s, current.windows.noise, theta, current), kept
     return None
 
 
