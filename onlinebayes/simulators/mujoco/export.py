@@ -7,6 +7,7 @@ file's unit, a changed body to an explicit inertial, an ``actuator_delay`` to Mu
 from __future__ import annotations
 
 import ctypes
+import itertools
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -139,7 +140,9 @@ def _write_delay(spec: mujoco.MjSpec, target: str, delay: float, timestep: float
 
 @contextmanager
 def _precision(digits: int) -> Iterator[None]:
-    library = ctypes.CDLL(str(next(Path(mujoco.__file__).parent.glob("libmujoco*"))))
+    # MuJoCo has this setting but no public function for it.
+    folder = Path(mujoco.__file__).parent
+    library = ctypes.CDLL(str(next(itertools.chain(folder.glob("libmujoco*"), folder.glob("mujoco.dll")))))
     before = library._mjPRIVATE__get_xml_precision()
     library._mjPRIVATE__set_xml_precision(digits)
     try:
