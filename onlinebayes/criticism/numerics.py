@@ -64,14 +64,15 @@ def settle(
     for timestep in ladder(simulator, measurement, horizon):
         if before is not None and timestep > before.fitted.simulator.timestep * (1 + 1e-9):
             continue
-        if before is not None and timestep == before.fitted.simulator.timestep:
-            stepped, windows = at_step(simulator, timestep), before.windows
-        else:
-            stepped = at_step(simulator, timestep)
-            windows = make_windows(stepped, measurement, horizon, DEAD_TIME * horizon, noise)
-            fitted = None
-        begin = starting_theta(stepped, windows) if begin is None else begin
+        stepped = at_step(simulator, timestep)
         try:
+            if before is not None and timestep == before.fitted.simulator.timestep:
+                windows = before.windows
+            else:
+                windows, fitted = make_windows(stepped, measurement, horizon, DEAD_TIME * horizon, noise), None
+            begin = starting_theta(stepped, windows) if begin is None else begin
+            if starts is not None and starts.shape != windows.start.shape:
+                starts = None  # a finer clock fits another window into a run
             fitted = fitted or fit(stepped, windows, begin, starts=starts)
         except BadInput:
             if timestep <= simulator.timestep:

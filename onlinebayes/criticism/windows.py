@@ -180,6 +180,11 @@ def make_windows(
         rows, bin_rows = like.rows * ratio, like.bin_rows * ratio
         places = [(r, g * ratio) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)]
         start, start_sd, free, noise = like.start, like.start_sd, like.free, like.noise
+    if not places:
+        raise BadInput(
+            f"the longest run has {max(grid.rows for grid in grids)} steps of {step:g} s, too few to compare anything",
+            "record longer runs; a run lasts from its first row to its last",
+        )
     history_rows = max(0, round(memory / step))
     cut = [_cut(grids[r], g, rows, history_rows) for r, g in places]
     command, enable, history, history_enable, value, measured, inside = (
