@@ -1,0 +1,157 @@
+"""Hidden effects and null sets: does refine name what is missing, and nothing where nothing is.
+
+A rig with its own integrator (envs/driven_pendulum) hides dry friction, quadratic drag, a spring or a delay, 10 each,
+and nothing in 60 sets; an engineer's MJCF is fitted to what its encoder read. Two processes share the sets.
+
+    python -m recipes.studies.blind                 all 100 sets -> docs/results/blind.json
+    python -m recipes.studies.blind --hidden 1 --null 2 --out /tmp/blind
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+import tyro
+
+from onlinebayes.criticism import Criticism, refine
+from onlinebayes.runs import Progress, ResultTable
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from recipes.studies.blind_data import FREE, KINDS, MODEL, BlindCase, cases
+
+SIGNAL = "qpos.hinge"
+HIDDEN = tuple(kind for kind in KINDS if kind != "null")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run.
+
+    Args:
+        hidden: sets of each of the four hidden effects.
+        null: sets without one.
+        workers: processes.
+        out: folder of the result.
+    """
+
+    hidden: int = 10
+    null: int = 60
+    workers: int = 2
+    out: Path = Path("docs/results")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One set judged.
+
+    Args:
+        kind, seed: which set.
+        verdict, first, accepted: what refine said, the candidate it ranked first, and what it added.
+        named: whether the hidden effect was ranked first and accepted (null set: whether nothing was).
+        before, after: held-out error over its noise floor.
+        seconds: wall time.
+    """
+
+    kind: str
+    seed: int
+    verdict: str
+    first: str
+    accepted: str
+    named: bool
+    before: float
+    after: float
+    seconds: float
+
+    @property
+    def improved(self) -> bool:
+        """Whether the held-out error fell by half or reached 1.2 times the floor."""
+        return self.after <= 0.5 * self.before or self.after <= 1.2
+
+
+def judge(case: BlindCase) -> Outcome:
+    """Refine one set, as a user would with the engineer's model."""
+    began = time.monotonic()
+    result = refine(MujocoSimulator(MODEL, FREE, threads=1), case.measurement, holdout=case.holdout)
+    return outcome(case, result, time.monotonic() - began)
+
+
+def outcome(case: BlindCase, result: Criticism, seconds: float) -> Outcome:
+    """Compare what refine found with the truth."""
+    first = next((c.effect for c in result.candidates if c.rank == 1), "")
+    named = first == case.hidden and case.hidden in result.accepted if case.hidden else not result.accepted
+    floor = result.heldout_error.noise_floor[SIGNAL]
+    return Outcome(
+        case.kind,
+        case.seed,
+        result.verdict or "",
+        first,
+        ", ".join(result.accepted),
+        named,
+        result.heldout_error.before[SIGNAL] / floor,
+        result.heldout_error.after[SIGNAL] / floor,
+        seconds,
+    )
+
+
+def run(study: Study) -> list[Outcome]:
+    """All sets, in the order of kind and seed."""
+    sets = cases(HIDDEN, range(study.hidden)) + cases(("null",), range(study.null))
+    found: list[Outcome] = []
+    context = multiprocessing.get_context("spawn")
+    with (
+        Progress("blind", len(sets)) as progress,
+        ProcessPoolExecutor(study.workers, context, initializer=torch.set_num_threads, initargs=(1,)) as pool,
+    ):
+        waiting = [pool.submit(judge, case) for case in sets]
+        for done in as_completed(waiting):
+            found.append(done.result())
+            progress.update(len(found), f"{found[-1].kind} {found[-1].seed}: {found[-1].accepted or 'nothing'}")
+    order = {kind: k for k, kind in enumerate(KINDS)}
+    return sorted(found, key=lambda o: (order[o.kind], o.seed))
+
+
+def table(found: list[Outcome], study: Study) -> ResultTable:
+    """The counts with their goals, then every set."""
+    results = ResultTable("blind", "make blind", range(max(study.hidden, study.null)))
+    hidden, null = [o for o in found if o.kind != "null"], [o for o in found if o.kind == "null"]
+    named, false = sum(o.named for o in hidden), sum(not o.named for o in null)
+    most = len(hidden) - round(len(hidden) / 20)
+    results.add("hidden effect ranked first and accepted", named, unit=f"of {len(hidden)}", goal=f"at least {most}",
+                holds=named >= most)  # fmt: skip
+    improved = sum(o.improved for o in hidden if o.named)
+    results.add("of these, held-out error halved or within 1.2 floors", improved, unit=f"of {named}", goal="all",
+                holds=improved == named)  # fmt: skip
+    results.add("null sets with something accepted", false, unit=f"of {len(null)}", goal="at most 1", holds=false <= 1)
+    ratios = [o.before for o in hidden]
+    if ratios:
+        results.add("base error over the floor, least", min(ratios), unit="floors", goal="at least 2",
+                    holds=min(ratios) >= 2)  # fmt: skip
+        results.add("base error over the floor, greatest", max(ratios), unit="floors", goal="at most 10",
+                    holds=max(ratios) <= 10)  # fmt: skip
+    results.add("time a set, mean", sum(o.seconds for o in found) / max(len(found), 1), unit="s")
+    for o in found:
+        results.add(f"{o.kind} {o.seed}", o.accepted or "nothing", spread=f"{o.before:.2f} -> {o.after:.2f}",
+                    unit="effects accepted, held-out error in floors", goal=o.verdict, holds=None)  # fmt: skip
+    return results
+
+
+def main(study: Study) -> None:
+    """Run the study, write its table and print the counts."""
+    found = run(study)
+    results = table(found, study)
+    path = results.write(study.out)
+    for row in results.rows[: len(results.rows) - len(found)]:
+        held = {None: "", True: "holds", False: "MISSED"}[row.holds]
+        print(f"{row.name}: {row.value} {row.unit} ({row.goal or 'no goal'}) {held}")
+    for o in found:
+        if not o.named or (o.kind != "null" and not o.improved):
+            print("  ", asdict(o))
+    print(f"written: {path}")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Study))
