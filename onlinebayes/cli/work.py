@@ -13,8 +13,7 @@ from pathlib import Path
 from onlinebayes.cli.problem import Problem, load_problem
 from onlinebayes.cli.summary import summary
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
-from onlinebayes.criticism.report import write_refined, write_report
-from onlinebayes.criticism.report.refined import refined_files
+from onlinebayes.criticism.report import write_report
 from onlinebayes.runs import BadInput, Interrupt
 
 
@@ -37,10 +36,8 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
-        if command == "refine":
-            write_refined(result, folder, problem.path)
-        write_report(result, folder, title=problem.path.stem)
-    print(summary(result, folder, refined_files(result)))
+        files = write_report(result, folder, title=problem.path.stem, problem=problem.path)
+    print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:
         _log("stopped by Ctrl-C; the report holds what was found until then")
         return 130

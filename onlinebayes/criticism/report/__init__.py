@@ -1,6 +1,6 @@
-"""The result of criticism as files: report.json, report.html, run.rrd; refined.toml and refined.xml."""
+"""The result of criticism as files: report.json, report.html, run.rrd; refined.toml and refined.xml; a picture."""
 
-from onlinebayes.criticism.report.refined import write_refined
+from onlinebayes.criticism.report.picture import write_picture
 from onlinebayes.criticism.report.write import write_report
 
-__all__ = ["write_refined", "write_report"]
+__all__ = ["write_picture", "write_report"]

@@ -21,37 +21,35 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.export import to_xml
 
 
-def refined_files(result: Criticism) -> tuple[str, ...]:
-    """Names of the files that :func:`write_refined` writes for this result."""
-    if result.command != "refine":
-        return ()
-    mujoco = isinstance(result.final.simulator, MujocoSimulator)
-    return ("refined.toml", "refined.xml") if mujoco else ("refined.toml",)
-
-
 def left_out(result: Criticism) -> tuple[str, ...]:
     """Keys of the effects that refined.xml cannot hold, because plain MuJoCo has no term for them."""
     simulator = result.final.simulator
     return simulator.foreign(result.final.theta) if isinstance(simulator, MujocoSimulator) else ()
 
 
-def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path) -> None:
-    """Write refined.toml, and refined.xml for a MuJoCo model, each atomically.
+def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | None = None) -> tuple[str, ...]:
+    """Write refined.toml where there is a problem file, and refined.xml for a MuJoCo model, each atomically.
 
     Args:
         result: what ``refine`` returned.
         out_dir: folder of the report.
         problem: the problem file that was refined.
 
+    Returns:
+        Names of the files written.
+
     Raises:
         BadInput: the folder cannot be written.
     """
-    folder, problem = Path(out_dir), Path(problem)
-    content = tomllib.loads(problem.read_text(encoding="utf-8-sig"))
-    write_atomic(folder / "refined.toml", refined_toml(content, problem.parent, folder, result))
-    simulator = result.final.simulator
+    folder, simulator, written = Path(out_dir), result.final.simulator, []
+    if problem is not None:
+        content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
+        write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
+        written.append("refined.toml")
     if isinstance(simulator, MujocoSimulator):
         write_atomic(folder / "refined.xml", refined_xml(result, simulator, folder))
+        written.append("refined.xml")
+    return tuple(written)
 
 
 def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result: Criticism) -> str:

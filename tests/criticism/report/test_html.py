@@ -69,7 +69,7 @@ def test_the_first_screen_answers_the_four_questions() -> None:
     assert "Held-out error over 1 s: 6.6 mm → 2.0 mm (3.3 times better); noise explains 0.20 mm." in text
     for question in ("How wrong is the model?", "Where?", "What is missing?", "How much better now?"):
         assert question in text
-    assert "frictionloss 22.0 ± 0.9 N" in text
+    assert "22.0 ± 0.9 N" in text
     assert "60 % of the squared error" in text
     assert page.index("<svg") < page.index("What to do next")
 

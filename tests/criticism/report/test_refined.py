@@ -12,7 +12,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.report.refined import left_out, refined_files, write_refined
+from onlinebayes.criticism.report.refined import left_out, write_refined
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -126,8 +126,7 @@ def test_what_mujoco_lacks_is_named(folder: Path) -> None:
     assert mujoco.MjModel.from_xml_string(text).dof_frictionloss[0] == pytest.approx(22.04)
 
 
-def test_only_refine_writes_them() -> None:
-    result = criticism(simulator=drive())
-    assert refined_files(result) == ("refined.toml", "refined.xml")
-    assert refined_files(dataclasses.replace(result, command="diagnose")) == ()
-    assert refined_files(criticism()) == ("refined.toml",)
+def test_there_is_no_xml_without_mujoco_and_no_toml_without_a_problem(folder: Path) -> None:
+    assert write_refined(criticism(), folder / "a", folder / "drive.toml") == ("refined.toml",)
+    assert write_refined(criticism(simulator=drive()), folder / "b") == ("refined.xml",)
+    assert write_refined(criticism(), folder / "c") == ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -10,13 +11,24 @@ import pytest
 from onlinebayes.criticism.report import recording as recording_module
 from onlinebayes.criticism.report import write_report
 from onlinebayes.runs import BadInput
-from tests.criticism.report.synthetic import criticism
+from tests.criticism.report.synthetic import criticism, drive
 
 
 def test_three_files_and_nothing_else(tmp_path: Path) -> None:
-    write_report(criticism(), tmp_path / "new" / "folder", title="drive.toml")
+    written = write_report(criticism(), tmp_path / "new" / "folder", title="drive.toml")
     assert sorted(p.name for p in (tmp_path / "new" / "folder").iterdir()) == ["report.html", "report.json", "run.rrd"]
+    assert sorted(written) == ["report.html", "report.json", "run.rrd"]
     assert json.loads((tmp_path / "new" / "folder" / "report.json").read_text())["schema"] == 1
+
+
+@pytest.mark.parametrize(("command", "more"), [("refine", ("refined.xml",)), ("diagnose", ())])
+def test_only_refine_writes_a_refined_model(tmp_path: Path, command: str, more: tuple[str, ...]) -> None:
+    result = dataclasses.replace(criticism(simulator=drive()), command=command)
+    assert write_report(result, tmp_path)[:-3] == more
+    page = (tmp_path / "report.html").read_text()
+    assert ("from_xml_path" in page) == (command == "refine")
+    assert "onlinebayes compare refined.toml" not in page
+    assert ("onlinebayes refine adds it" in page) == (command == "diagnose")
 
 
 def test_a_failure_leaves_the_old_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

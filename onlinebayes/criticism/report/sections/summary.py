@@ -122,9 +122,14 @@ def _missing(result: Criticism) -> Html:
     if not result.accepted:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
-    by_effect = {candidate.effect: candidate for candidate in result.candidates}
-    sizes = [words.size(result, by_effect[effect]) for effect in result.accepted if effect in by_effect]
-    return _tile(question, words.together(result.accepted), "; ".join(size for size in sizes if size))
+    by_effect = {c.effect: c for c in result.candidates if c.accepted}
+    sizes = [
+        tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
+        for effect in result.accepted
+        if effect in by_effect
+        for name, value in words.sizes(result, by_effect[effect]).items()
+    ]
+    return _tile(question, words.together(result.accepted), join(*sizes))
 
 
 def _better(result: Criticism) -> Html:

@@ -20,6 +20,8 @@ NEXT = {
     "adequate": "Use the model: these data cannot improve it.",
 }
 
+ADD = "onlinebayes refine adds it, refits, and looks for more."
+
 
 def advice(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...]) -> Html:
     """The next step, and the refined model in use.
@@ -35,7 +37,8 @@ def advice(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...])
 def _next(result: Criticism) -> Html:
     """What to do with this verdict."""
     record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
-    return section("What to do next", tag("p", NEXT[result.verdict]), record, *_notes(result))
+    advice = ADD if result.command == "diagnose" and result.accepted else NEXT[result.verdict]
+    return section("What to do next", tag("p", advice), record, *_notes(result))
 
 
 def _notes(result: Criticism) -> list[Html]:

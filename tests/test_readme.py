@@ -1,0 +1,40 @@
+"""The README's example is taken out of it and run as a reader would run it; its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+
+
+def test_the_example_does_what_the_readme_says(tmp_path: Path) -> None:
+    (code,) = blocks(ROOT / "README.md", "python")
+    script = tmp_path / "example.py"
+    script.write_text(code)
+    done = subprocess.run(
+        [sys.executable, "-W", "error", script], cwd=tmp_path, capture_output=True, text=True, timeout=200, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("missing_effect ('quadratic_drag@arm',)")
+    before, after = (float(value) for value in re.findall(r"{'qpos.arm': ([\d.e-]+)}", done.stdout))
+    assert before == pytest.approx(0.086, abs=0.001)
+    assert after == pytest.approx(0.006, abs=0.001)
+    assert {path.name for path in (tmp_path / "out" / "arm").iterdir()} == {
+        "report.html", "report.json", "run.rrd", "refined.xml",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("page", sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")]), ids=lambda p: p.name)
+def test_links_between_the_documents_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+        if "://" not in target:
+            assert (page.parent / target).exists(), f"{page.name} links to {target}"
