@@ -3,8 +3,8 @@
     m x'' = gear u - d x'          x the carriage's position [m], u the controller's output [V]
 
 The model is rigid with viscous friction only; the real drive has dry friction and a constant load besides, which is
-what makes it a test of criticism. Benchmark: Janot, Gautier and Brunot, "Data Set and Reference Models of EMPS", Workshop on
-Nonlinear System Identification Benchmarks, 2019.
+what makes it a test of criticism. Benchmark: Janot, Gautier and Brunot, "Data Set and Reference Models of EMPS",
+Workshop on Nonlinear System Identification Benchmarks, 2019.
 """
 
 from __future__ import annotations

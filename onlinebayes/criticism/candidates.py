@@ -100,7 +100,7 @@ def target_scales(simulator: Simulator, windows: Windows, kind: str, target: str
         speed=max(speed, 1e-9),
         travel=max(travel, 1e-9),
         time=time,
-        unit=_unit(simulator, target),
+        unit=simulator.joint_kinds.get(target, "hinge"),
         centre=float(position.max() + position.min()) / 2,
     )
 
@@ -178,9 +178,3 @@ def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, fl
     inertia = load * dt / response if response > 0 else 1.0
     drive = float((v[2:] - v[0]).abs().max()) / dt if U else 0.0
     return inertia, drive
-
-
-def _unit(simulator: Simulator, joint: str) -> str:
-    """Slide or hinge, from the unit that the effect registry gives a load there; hinge where nothing tells."""
-    kinds = getattr(simulator, "joint_kinds", None)
-    return kinds[joint] if kinds else "hinge"

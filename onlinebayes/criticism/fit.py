@@ -2,9 +2,9 @@
 
     min over theta in bounds of |r~(theta)|^2,     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high
 
-with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an accepted
-one costs a single rollout; where it is rejected, all dampings are tried in one rollout of their own. A world that
-diverges rejects its step.
+with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an
+accepted one costs a single rollout; where it is rejected, all dampings are tried in one rollout of their own. A world
+that diverges rejects its step.
 """
 
 from __future__ import annotations

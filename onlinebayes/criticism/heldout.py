@@ -56,7 +56,7 @@ def replay_runs(
 
 
 def replay_error(replays: tuple[ReplayedRun, ...], signals: tuple[str, ...]) -> dict[str, float]:
-    """RMS over all rows of these replays, signal -> value [its unit]; inf where the model diverged, nan without rows."""
+    """RMS over all rows of these replays, signal -> value [its unit]; inf where it diverged, nan without rows."""
     measured = torch.cat([run.measured for run in replays])
     simulated = torch.cat([run.simulated for run in replays])
     seen = ~torch.isnan(measured)

@@ -3,9 +3,10 @@
     alpha_g = 1 + sum_g c~ r / sum_g c~^2,      se_g = s sqrt(tau / Delta) / |c~_g|,     g a block or a half of the data
 
 c~ is the sensitivity to scaling the whole effect, starts projected out; alpha may become negative, whatever the
-effect's bounds. Homogeneous: among the parts with se < half the mean size, 80 % share the mean's sign, and the sd between
-parts (DerSimonian and Laird 1986) is at most half the mean. The parts are the blocks, and besides v > 0 and v < 0, abs(v)
-and q above and below their medians, these at the short horizon, where a row's error comes from its own neighbourhood.
+effect's bounds. Homogeneous: among the parts with se < half the mean size, 80 % share the mean's sign, and the sd
+between parts (DerSimonian and Laird 1986) is at most half the mean. The parts are the blocks, and besides v > 0 and
+v < 0, abs(v) and q above and below their medians, these at the short horizon, where a row's error comes from its own
+neighbourhood.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the data determine: parameters with intervals, and the directions of theta that they leave flat.
 
-    J = C~ diag(range) / s_eff,     J = U S V',     a direction v_k is flat where S_k < 3: its sd fills a third of the prior
+    J = C~ diag(range) / s_eff,   J = U S V',   a direction v_k is flat where S_k < 3: its sd fills a third of the prior
 
 C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual's variance times its correlation. A
 parameter is identifiable when less than a tenth of it lies in flat directions. Intervals are the leave-one-block-out

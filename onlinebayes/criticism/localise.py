@@ -1,7 +1,7 @@
-"""Where the error concentrates: the region of speed, position, command, run or time that holds most of it for its size.
+"""Where the error concentrates: regions of speed, position, command, run or time that hold most of it for their size.
 
-Error is the start-projected residual over short windows, so that a row's error comes from its own neighbourhood; regions
-are compared by share of squared error over share of time, those that hold a fifth of the error at least.
+Error is the start-projected residual over short windows, so that a row's error comes from its own neighbourhood;
+regions are compared by share of squared error over share of time, those that hold a fifth of the error at least.
 """
 
 from __future__ import annotations

@@ -46,7 +46,7 @@ def sensor_sd(grids: Sequence[RunGrid], signal: int, clip: float = 4.0) -> float
 
 
 def floors(signals: Sequence[Signal], grids: Sequence[RunGrid]) -> Float[Tensor, " S"]:
-    """Noise floor of each signal [its unit]: the largest of its sd (estimated when not given) and resolution / sqrt(12)."""
+    """Noise floor of each signal [its unit]: its sd, estimated when not given, at least resolution / sqrt(12)."""
     values = []
     for s, signal in enumerate(signals):
         sd = sensor_sd(grids, s) if signal.sd is None else signal.sd

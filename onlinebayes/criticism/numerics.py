@@ -1,6 +1,6 @@
 """Is the integration step fine enough to judge by: the replay at a quarter of it must hardly move.
 
-    e = RMS of the start-projected difference between the replays at h and h / 4;    fine enough: e < RMS of residual / 10
+    e = RMS of the start-projected difference between the replays at h and h / 4,    fine enough: e < RMS residual / 10
 
 Criticism begins at a coarse step, where that is cheap, and goes down a ladder of steps as the model improves and its
 residual shrinks. Steps longer than the rows are only taken while the residual is far above the sensors' noise, for they

@@ -8,8 +8,8 @@ Per window, in units of sensor noise, with the start's prior as further rows,
 so that least squares on x~ is the joint least squares over theta and all starts (variable projection, Golub and Pereyra
 1973). Then each signal is weighed by 1 / RMS of the current residual, at least its noise.
 
-A short horizon needs no simulation of its own: the start columns of the long window, restricted to some of its bins, span
-what a start of those bins would do. ``pieces`` cuts each window into that many short ones.
+A short horizon needs no simulation of its own: the start columns of the long window, restricted to some of its bins,
+span what a start of those bins would do. ``pieces`` cuts each window into that many short ones.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The candidates as the report lists them: accepted ones in the order of acceptance, then by what they would add now."""
+"""The candidates as the report lists them: accepted ones in their order, then the others by what they would add now."""
 
 from __future__ import annotations
 

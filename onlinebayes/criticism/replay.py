@@ -70,7 +70,7 @@ def _drive(
     step: float,
     copies: int,
 ) -> TensorDict:
-    W, K, U = command.shape
+    W, K, _ = command.shape
     inputs = TensorDict({"command": _repeat(command, copies)}, batch_size=(copies * W, K))
     if not bool((enable == 1).all()):
         inputs["enable"] = _repeat(enable, copies)

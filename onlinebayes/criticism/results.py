@@ -69,7 +69,7 @@ class Candidate:
         p_value: of the maximum over all candidates, in the stage in which it was last screened; None if confounded.
         score_gain, score_gain_se: cross-validated log score over the model without it, nats; None if not refitted.
         n_blocks: number of blocks B.
-        rms_fall: share by which the cross-validated error falls at the long and the short horizon; None if not refitted.
+        rms_fall: share by which the cross-validated error falls at the long and the short horizon; None likewise.
         homogeneous: whether its size is the same law in all blocks, speeds and positions; None if not refitted.
         accepted: whether it stands in the final model.
         refused_because: the rules it failed, in words; empty for accepted and unranked ones.

@@ -1,6 +1,7 @@
 """Which candidates could explain the residual: a score test for all of them at once, calibrated by flipping blocks.
 
-    c~  the candidate's sensitivity, projected off the starts and the fitted parameters (P their projector);   r the residual
+    c~  the candidate's sensitivity, projected off the starts and the fitted parameters (P their projector)
+    r   the residual, its scale s
     z = sum_b g_b / (s |c~|),     g_b = sum over block b of c~ r
     under the flips F = diag(+-1 per block):    z_F = sum_b +-g_b / (s sqrt(c~' F (I - P) F c~))
     p = share of the 2^B flips whose largest z_F, over all candidates, starting values and horizons, reaches z
@@ -110,7 +111,7 @@ def p_values(
     """z, p and the best column of each candidate; a confounded column takes no part.
 
     Returns:
-        z of the best column, p of the maximum test, index of that column (-1 where a candidate has none), per candidate.
+        Per candidate: z of its best column, p of the maximum test, index of that column (-1 where it has none).
     """
     signs = _flips(horizons[0].g.shape[0], horizons[0].g)
     two_sided = torch.tensor([column.two_sided for column in columns], device=signs.device)

@@ -75,7 +75,7 @@ def columns(
     moved: Float[Tensor, "M P"],
     starts: Float[Tensor, "W J2"],
 ) -> tuple[Float[Tensor, "M W n S"], Float[Tensor, " M"]]:
-    """How the binned replay differs between ``base`` and each row of ``moved``, and 1 where all worlds stayed finite."""
+    """How the binned replay differs between ``base`` and each row of ``moved``; 1 where all worlds stayed finite."""
     theta = torch.cat([base[None], moved])
     signals, valid = replay(simulator, windows, theta, starts.expand(len(theta), *starts.shape))
     binned = windows.bin(signals)

@@ -1,4 +1,4 @@
-"""One round of the search: the current model against every candidate, screened together, the best refitted and judged."""
+"""One round of the search: every candidate screened against the current model, the best refitted and judged."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
 """Effects that the data do not tell apart: could another one stand in the accepted one's place?
 
 The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
-judged; a later one is compared with its rivals in the round that added it. What is not parted (see ``verdict``) is tied.
+judged; a later one is compared with its rivals in the round that added it. What is not parted (see ``verdict``) is
+tied.
 """
 
 from __future__ import annotations

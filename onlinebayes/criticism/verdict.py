@@ -1,8 +1,8 @@
 """The verdict in one word, and what is left.
 
-In this order: insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped for
-another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the floor, or
-reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
+In this order: insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped
+for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the
+floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
@@ -102,6 +102,6 @@ def what_to_record(blocks: int, moves: bool, windows: Windows, tau: float) -> st
     block = max(windows.horizon, 10 * tau)
     needed = FEWEST * block
     return (
-        f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST} separate runs: these data hold {blocks} "
-        f"independent blocks of {block:.3g} s and {FEWEST} are needed to tell a law from chance"
+        f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST} separate runs: these data hold "
+        f"{blocks} independent blocks of {block:.3g} s and {FEWEST} are needed to tell a law from chance"
     )

@@ -10,7 +10,6 @@ starts at the window's median, at rest, is not freed, and its signals are not sc
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -19,13 +18,12 @@ from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, even_step, row_step, run_grids
 from onlinebayes.criticism.noise import floors
-from onlinebayes.criticism.smoother import half_window, local_cubic
+from onlinebayes.criticism.starts import window_starts
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 START_LOOSENESS = 20.0
-STILL = 8.0
 BINS = 100
 
 
@@ -174,7 +172,7 @@ def make_windows(
         places = [(r, g) for r, grid in enumerate(grids) for g in _starts(grid.rows, rows)]
         sensor = run_grids(measurement, row_step(measurement))
         cuts = [(r, g * step, (g + rows) * step) for r, g in places]
-        start, start_sd, free = _window_starts(sensor, cuts, names, joint_names(simulator), noise)
+        start, start_sd, free = window_starts(sensor, cuts, names, joint_names(simulator), noise)
     else:
         ratio = round(like.step / step)
         rows, bin_rows = like.rows * ratio, like.bin_rows * ratio
@@ -272,38 +270,3 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
         grid.observed[after] & inside[:, None],
         inside,
     )
-
-
-def _window_starts(
-    grids: Sequence[RunGrid],
-    cuts: Sequence[tuple[int, float, float]],
-    names: Sequence[str],
-    joints: Sequence[str],
-    noise: Float[Tensor, " S"],
-) -> tuple[Float[Tensor, "W J2"], Float[Tensor, "W J2"], Bool[Tensor, "W J"]]:
-    """Smoothed starts, their sd, and which joints move, for windows (run, from, to) [s] and all joints."""
-    W, J = len(cuts), len(joints)
-    start = torch.zeros(W, 2 * J, dtype=noise.dtype, device=noise.device)
-    sd, free = torch.zeros_like(start), torch.zeros(W, J, dtype=torch.bool, device=noise.device)
-    for j, joint in enumerate(joints):
-        s = names.index(f"qpos.{joint}")
-        m = half_window(grids, s)
-        for r, grid in enumerate(grids):
-            mine = [w for w, cut in enumerate(cuts) if cut[0] == r]
-            begins = torch.tensor([cuts[w][1] for w in mine], dtype=noise.dtype, device=noise.device)
-            local, spread, _, _ = local_cubic(grid.value[:, s], grid.observed[:, s], begins, m, grid.step)
-            for k, w in enumerate(mine):
-                rows = slice(round(cuts[w][1] / grid.step), round(cuts[w][2] / grid.step) + 1)
-                y = grid.value[rows, s][grid.observed[rows, s]]
-                moved = float(y.max() - y.min()) if len(y) else 0.0
-                if moved >= STILL * float(noise[s]):
-                    known = bool(torch.isfinite(spread[k]).all())
-                    # With too few rows about the start, all that is known is where in the window's range it lies.
-                    vague = torch.tensor([moved, moved / (cuts[w][2] - cuts[w][1])]).to(noise)
-                    guess = torch.stack([y[0], torch.zeros_like(y[0])])
-                    start[w, [j, J + j]], free[w, j] = (local[k] if known else guess), True
-                    sd[w, [j, J + j]] = spread[k] * noise[s] if known else vague
-                elif len(y):
-                    start[w, j] = y.median()
-                    sd[w, [j, J + j]] = noise[s]
-    return start, sd, free

@@ -19,7 +19,8 @@ Inputs are a TensorDict: ``"command"`` (N, U) in the order of :attr:`Simulator.c
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Self
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Literal, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -56,6 +57,11 @@ class Simulator(ABC):
     effects: tuple[Effect, ...]
     device: torch.device
     dtype: torch.dtype
+
+    @property
+    def joint_kinds(self) -> Mapping[str, Literal["slide", "hinge"]]:
+        """Kind of each slide and hinge joint, which decides units; joints that it lacks are taken for hinges."""
+        return {}
 
     @property
     @abstractmethod
