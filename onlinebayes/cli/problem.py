@@ -226,10 +226,9 @@ def _check_measured(measurement: Measurement, what: str, path: Path) -> None:
 
 def _check_clock(measurement: Measurement, selection: Selection, path: Path) -> None:
     """A clock in milliseconds that was taken for seconds leaves windows without rows: say so."""
-    for run, duration, length in zip(
-        measurement.runs, measurement.durations, measurement.lengths.tolist(), strict=True
-    ):
-        step = duration / (length - 1)
+    times = measurement.data["time"]
+    for run, time, rows in zip(measurement.runs, times, measurement.lengths.tolist(), strict=True):
+        step = float(time[:rows].diff().median())
         if 4 * step > selection.horizon_s:
             raise BadInput(
                 f"run '{run}' has a row every {step:g} s, a window of {selection.horizon_s:g} s has too few of them",

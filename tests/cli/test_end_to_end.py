@@ -26,6 +26,10 @@ def with_a_gap(rows: Rows) -> Rows:
     return [row for row in rows if not 0.8 < float(row[1]) < 1.2]
 
 
+def with_a_long_pause(rows: Rows) -> Rows:
+    return [[run, t if float(t) < 1 else f"{float(t) + 300:.2f}", u, q] for run, t, u, q in rows]
+
+
 def since_1970(rows: Rows) -> Rows:
     return [[run, f"{float(t) + 1.7e9:.2f}", u, q] for run, t, u, q in rows]
 
@@ -43,7 +47,7 @@ def off_at_the_end(rows: Rows) -> Rows:
 
 
 @pytest.mark.parametrize(
-    "change", [jittering, with_a_gap, since_1970, with_a_slow_sensor, of_odd_steps, off_at_the_end]
+    "change", [jittering, with_a_gap, with_a_long_pause, since_1970, with_a_slow_sensor, of_odd_steps, off_at_the_end]
 )
 def test_compare_takes_clocks_as_they_come(folder: Path, capsys, change: Callable[[Rows], Rows]):
     head, *lines = (folder / "carriage.csv").read_text().splitlines()
