@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism.report import quantities, words
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.results import Candidate, Criticism
 
 SHOWN = 15
 
@@ -37,7 +37,20 @@ def ranking(result: Criticism) -> str:
         )
         p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
         lines.append(
-            f"| {candidate.rank or ''} | {words.plain(candidate.effect)} | {gain} | {p} | {words.outcome(candidate)} |"
+            f"| {candidate.rank or ''} | {words.plain(candidate.effect)} | {gain} | {p} | {_short(candidate)} |"
         )
     lines += ["", *(f"{sentence}\n" for sentence in words.ties(result))]
     return "\n".join(lines)
+
+
+def _short(candidate: Candidate) -> str:
+    """The outcome in a column's width."""
+    if candidate.accepted:
+        return "accepted"
+    if candidate.indistinguishable_from:
+        return "a tie, see below"
+    if candidate.confounded_with:
+        first, *more = candidate.confounded_with
+        return f"the same as {first}{' and others' if more else ''}"
+    refused = candidate.refused_because if candidate.score_gain is not None else ()
+    return refused[0] if refused else words.outcome(candidate)

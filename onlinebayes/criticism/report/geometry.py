@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rerun import RecordingStream
 
 Array = NDArray[np.float64]
-Colour = tuple[int, int, int]
+Colour = tuple[int, int, int, int]
 _VISIBLE_GROUPS = 3  # as in MuJoCo's own viewer: groups 0, 1, 2
 
 
@@ -149,7 +149,7 @@ def _shape(model: mujoco.MjModel, geom: int, ghost: Colour | None) -> Any:
 
     size, centre = model.geom_size[geom], model.geom_pos[geom]
     quaternion = model.geom_quat[geom][[1, 2, 3, 0]]
-    colour = np.uint8(255 * _rgba(model, geom)) if ghost is None else (*ghost, 255)
+    colour = np.uint8(255 * _rgba(model, geom)) if ghost is None else ghost
     fill = rr.components.FillMode.Solid if ghost is None else rr.components.FillMode.MajorWireframe
     style: dict[str, Any] = {"colors": [colour], "fill_mode": fill, "quaternions": [quaternion]}
     at: dict[str, Any] = {"centers": [centre]}
@@ -167,7 +167,7 @@ def _shape(model: mujoco.MjModel, geom: int, ghost: Colour | None) -> Any:
             start = centre - _rotated(model.geom_quat[geom], np.array([0.0, 0.0, size[1]]))
             return rr.Capsules3D(lengths=[2 * size[1]], radii=[size[0]], translations=[start], **style)
         case mujoco.mjtGeom.mjGEOM_MESH:
-            return _mesh(model, geom, colour if ghost is None else (*ghost, 90))
+            return _mesh(model, geom, colour if ghost is None else (*ghost[:3], 90))
     return None
 
 

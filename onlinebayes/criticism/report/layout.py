@@ -78,7 +78,8 @@ def _run(result: Criticism, run: str, name: str, model: mujoco.MjModel | None) -
     if result.commands:
         command = next(replay.command for replay in result.base.replays if replay.run == run).cpu().numpy()
         views.append(rrb.TimeSeriesView(origin=f"{root}/commands", name="commands", axis_y=_axis(command)))
-    return rrb.Vertical(*views, name=name)
+    shares = [1.5 if isinstance(view, rrb.Spatial3DView) else 1.0 for view in views]
+    return rrb.Vertical(*views, name=name, row_shares=shares)
 
 
 def _axis(*values: np.ndarray) -> Any:
@@ -99,7 +100,7 @@ def _eye(model: mujoco.MjModel, qpos: np.ndarray) -> Any:
 
     low, high = geometry.bounds(model, qpos[:: max(1, len(qpos) // 50)])
     centre, (wide, deep, tall) = (low + high) / 2, high - low
-    distance = 0.6 * deep + max(1.5 * tall, 0.55 * wide, 1e-3)
+    distance = 0.6 * deep + max(1.25 * tall, 0.5 * wide, 1e-3)
     return rrb.EyeControls3D(
         position=centre + distance * np.array([0.25, -0.9, 0.4]), look_target=centre, eye_up=(0.0, 0.0, 1.0)
     )

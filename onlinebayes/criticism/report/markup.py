@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from html import escape
 
@@ -15,6 +16,11 @@ class Html(str):
 def text(content: str) -> Html:
     """``content`` as HTML; what is HTML already stays."""
     return content if isinstance(content, Html) else Html(escape(content, quote=True))
+
+
+def prose(content: str) -> Html:
+    """A sentence whose numbers stay with their units when the line breaks."""
+    return Html(re.sub(r"(?<=\d) (?=[a-zA-Zµ%])", "&nbsp;", text(content)))
 
 
 def tag(name: str, *content: str, kind: str = "") -> Html:

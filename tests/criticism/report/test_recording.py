@@ -145,8 +145,8 @@ SHAPES = """
 """
 
 
-@pytest.mark.parametrize("ghost", [None, (255, 140, 66)])
-def test_every_visible_shape_is_drawn(tmp_path: Path, ghost: tuple[int, int, int] | None) -> None:
+@pytest.mark.parametrize("ghost", [None, (255, 140, 66, 255)])
+def test_every_visible_shape_is_drawn(tmp_path: Path, ghost: tuple[int, int, int, int] | None) -> None:
     import rerun as rr
 
     model = mujoco.MjModel.from_xml_string(SHAPES)

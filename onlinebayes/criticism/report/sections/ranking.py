@@ -32,7 +32,7 @@ def _table(result: Criticism) -> Html:
         "cross-validated error over long and short windows. p: chance of so strong a lead among all candidates if "
         "nothing were missing. Same law: whether one size fits all parts of the data."
     )
-    tied = [tag("p", sentence, kind="tie") for sentence in words.ties(result)]
+    tied = [tag("p", sentence, kind="equals") for sentence in words.ties(result)]
     more = _folded(table(head, rows[SHOWN:], kinds[SHOWN:]), len(rows) - SHOWN)
     title = f"Ranking of {result.candidates_tried} candidate effects"
     return section(title, table(head, rows[:SHOWN], kinds[:SHOWN]), more, *tied, note=note)

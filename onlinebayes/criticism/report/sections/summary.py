@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from onlinebayes.criticism.report import quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, bar, join, section, table, tag
+from onlinebayes.criticism.report.markup import Html, bar, join, prose, section, table, tag
 from onlinebayes.criticism.results import Criticism
 
 
 def render(result: Criticism) -> Html:
     """Headline, four tiles, picture."""
-    lead = tag("p", words.improvement(result), " ", words.remainder(result), kind="lead")
+    lead = tag("p", prose(f"{words.improvement(result)} {words.remainder(result)}"), kind="lead")
     notes = tag("p", "The search was stopped before its end; this is what it had found.", kind="warning")
     return join(
         tag("p", tag("span", words.VERDICTS[result.verdict], kind=f"badge {result.verdict or 'compared'}")),
-        tag("h1", words.headline(result)),
+        tag("h1", prose(words.headline(result))),
         lead,
         notes if result.interrupted else "",
         tag("div", _wrong(result), _where(result), _missing(result), _better(result), kind="tiles"),
@@ -89,7 +89,7 @@ _LABELS = {
 
 
 def _tile(question: str, answer: str, detail: str) -> Html:
-    return tag("div", tag("h3", question), tag("p", answer, kind="answer"), tag("p", detail), kind="tile")
+    return tag("div", tag("h3", question), tag("p", prose(answer), kind="answer"), tag("p", prose(detail)), kind="tile")
 
 
 def _wrong(result: Criticism) -> Html:
@@ -115,10 +115,12 @@ def _where(result: Criticism) -> Html:
 def _missing(result: Criticism) -> Html:
     question = "What is missing?"
     if result.command == "compare":
-        return _tile(question, "not asked", "onlinebayes diagnose ranks the effects that could be missing")
+        return _tile(question, "not asked", "onlinebayes diagnose ranks what could be missing, refine adds it")
     if result.verdict == "tie":
         members = words.together(words.tie_members(result), "or")
         return _tile(question, members, "the data cannot tell these apart")
+    if result.verdict == "insufficient_data":
+        return _tile(question, "not decided", result.what_to_record or "the measurements are too few")
     if not result.accepted:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
@@ -136,6 +138,8 @@ def _better(result: Criticism) -> Html:
     signal = words.worst_signal(result)
     errors, unit = result.heldout_error, result.units[signal]
     before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
+    if result.command == "compare":
+        return Html("")
     if not result.accepted:
         ratio = result.remainder.rms_over_floor.get(signal, float("nan"))
         return _tile(
