@@ -2,7 +2,7 @@
 
     m = mean_t f_t                                     the statistics of BayesSim's kind (Eq 4.20 of the thesis)
     delta = (mean_t H_t + l I)^-1 mean_t s_t           one Gauss-Newton step from the reference's parameters
-    e = squash((x - mean) / sd),    x = [m, delta]
+    e = 3 asinh((x - mean) / 3 sd),    x = [m, delta]    (straight within 3 sd, logarithmic in the tails)
 
 delta is a score compressed to one number a parameter (Alsing and Wandelt 2018): where the model is linear in the
 parameters near the reference, nothing is lost in it. It need not be right; the estimator learns from simulations what
@@ -20,6 +20,8 @@ from onlinebayes.embeddings.features import TransitionFeatures
 
 RIDGE = 1e-6
 """l, in units of the mean diagonal of H."""
+STRAIGHT = 3.0
+"""Standard deviations up to which a summary is passed on straight."""
 
 
 class SummaryEmbedding(Embedding):
@@ -74,7 +76,7 @@ class SummaryEmbedding(Embedding):
 
     def _vector(self, mean: Tensor) -> Tensor:
         x = (self._summary(mean) - self.centre) / self.spread
-        return x.sign() * x.abs().log1p()
+        return STRAIGHT * torch.asinh(x / STRAIGHT)
 
     def _summary(self, mean: Tensor) -> Tensor:
         """x of the mean terms (B, F + S)."""

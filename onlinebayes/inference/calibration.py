@@ -11,7 +11,7 @@ by parameter, are uniform for an exact posterior (simulation-based calibration, 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
@@ -19,6 +19,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 
+@runtime_checkable
 class Density(Protocol):
     """What calibration needs of a posterior."""
 

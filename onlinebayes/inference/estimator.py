@@ -56,8 +56,10 @@ class MixtureEstimator(TensorDictModuleBase):
         self.trunk = nn.Sequential(nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
         self.logits = nn.Linear(hidden, components)
         self.mean = nn.Linear(hidden, components * size)
+        self.straight = nn.Linear(embedding, components * size, bias=False)
         self.scale = nn.Linear(hidden, components * size)
-        self.shear = nn.Linear(hidden, components * self._below.shape[1])
+        # One parameter has nothing to shear with.
+        self.shear = nn.Linear(hidden, components * self._below.shape[1]) if size > 1 else None
 
     def parameters_of(
         self, embedding: Float[Tensor, "B E"]
@@ -65,10 +67,11 @@ class MixtureEstimator(TensorDictModuleBase):
         """Logits, means and Cholesky factors of the components."""
         batch, size = embedding.shape[0], len(self.space)
         h = self.trunk(embedding)
-        mean = 0.5 + REACH * torch.tanh(self.mean(h).view(batch, self.components, size))
+        # A straight path beside the trunk: what is already an estimate of a parameter need not be learnt again.
+        mean = 0.5 + _held(self.mean(h) + self.straight(embedding)).view(batch, self.components, size)
         diagonal = SHARPEST + BROADEST * torch.sigmoid(self.scale(h).view(batch, self.components, size) - 2)
         scale_tril = torch.diag_embed(diagonal)
-        if size > 1:
+        if self.shear is not None:
             # A shear counts in units of its row's own scale, so that a ridge is as easy to say as a ball.
             row, column = self._below.to(h.device)
             shear = self.shear(h).view(batch, self.components, -1) * diagonal[..., row]
@@ -85,6 +88,11 @@ class MixtureEstimator(TensorDictModuleBase):
     def distribution(self, embedding: Float[Tensor, "B E"]) -> TruncatedMixture:
         """The batch of mixtures that the embeddings stand for."""
         return TruncatedMixture(*self.parameters_of(embedding), self.box)
+
+
+def _held(x: Tensor) -> Tensor:
+    """Within (-REACH, REACH): x itself well inside, smoothly bent towards the limits."""
+    return x * (1 + (x / REACH) ** 4) ** -0.25
 
 
 def _with_shear(scale_tril: Tensor, shear: Tensor, row: Tensor, column: Tensor) -> Tensor:

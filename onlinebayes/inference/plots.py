@@ -1,19 +1,25 @@
-"""A corner plot: each parameter's marginal on the diagonal, each pair's density below it, truth and prior marked."""
+"""A corner plot: each parameter's marginal on the diagonal, each pair's density below it, truth and prior marked.
+
+A log-scale parameter has a log axis, and its density counts per decade: on that axis its prior is flat. The contours
+hold 68 and 95 % of the pair's mass.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
 from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 from torch import Tensor
 
+from onlinebayes.inference.distributions import BoxUniform
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import atomic_path
 
@@ -21,6 +27,7 @@ POSTERIOR, PRIOR, TRUTH = "#2a6f97", "#8a8f98", "#d1495b"
 LEVELS = (0.95, 0.68)
 
 
+@runtime_checkable
 class Sampler(Protocol):
     """What a corner plot needs of a distribution: draws."""
 
@@ -35,7 +42,7 @@ def corner(
     posterior: Sampler,
     *,
     truth: Float[Tensor, " P"] | None = None,
-    prior: Sampler | None = None,
+    prior: BoxUniform | None = None,
     zoom: bool = True,
     samples: int = 20_000,
     title: str = "",
@@ -45,7 +52,7 @@ def corner(
     Args:
         posterior: a :class:`~onlinebayes.inference.Posterior` or any distribution over its ``space``.
         truth: true parameters (P,) [units], drawn as lines, where they are known.
-        prior: drawn in grey on the diagonal.
+        prior: drawn as a dashed line on the diagonal.
         zoom: show where the posterior (and the truth) is; otherwise the parameters' whole bounds.
         samples: draws behind the densities.
         title: over the figure.
@@ -54,15 +61,20 @@ def corner(
         a matplotlib figure of its own; nothing global is touched. Save it with :func:`save`.
     """
     space = posterior.space
-    draws = posterior.sample((samples,), torch.Generator().manual_seed(0)).cpu().numpy()
-    before = prior.sample((samples,), torch.Generator().manual_seed(1)).cpu().numpy() if prior is not None else None
-    at = truth.cpu().numpy() if truth is not None else None
+    parameters = list(space.values())
+    draws = _shown(posterior.sample((samples,), torch.Generator().manual_seed(0)), parameters)
+    at = _shown(truth.reshape(1, -1), parameters)[0] if truth is not None else None
+    edges = (
+        _shown(prior.box.from_frame(torch.tensor([[0.0] * len(space), [1.0] * len(space)])), parameters).T
+        if prior
+        else None
+    )
+    windows = [_window(p, draws[:, i], None if at is None else at[i], zoom) for i, p in enumerate(parameters)]
     size = len(space)
     side = 2.1 if size > 1 else 3.2
     figure = Figure(figsize=(0.9 + side * size, 0.7 + side * size + (0.35 if title else 0)), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(size, size, squeeze=False)
-    ranges = [_range(space[name], draws[:, i], None if at is None else at[i], zoom) for i, name in enumerate(space)]
     for row in range(size):
         for column in range(size):
             axis = axes[row, column]
@@ -70,9 +82,9 @@ def corner(
                 axis.set_visible(False)
                 continue
             if row == column:
-                _single(axis, draws[:, row], None if before is None else before[:, row], ranges[row])
+                _single(axis, draws[:, row], windows[row], None if edges is None else edges[row])
             else:
-                _pair(axis, draws[:, column], draws[:, row], ranges[column], ranges[row])
+                _pair(axis, draws[:, column], draws[:, row], windows[column], windows[row])
             _truth(axis, at, row, column)
             _label(axis, space, row, column)
     _legend(figure, axes[0, 0], prior is not None, truth is not None, title)
@@ -85,28 +97,38 @@ def save(figure: Figure, path: str | Path, *, dpi: int = 150) -> None:
         figure.savefig(temporary, dpi=dpi)
 
 
-def _range(parameter: Parameter, draws: np.ndarray, truth: float | None, zoom: bool) -> tuple[float, float]:
+def _shown(theta: Tensor, parameters: list[Parameter]) -> np.ndarray:
+    """Theta (N, P) as plotted: the decimal logarithm of log-scale parameters."""
+    values = theta.double().cpu().numpy().copy()
+    for i, parameter in enumerate(parameters):
+        if parameter.scale == "log":
+            values[:, i] = np.log10(values[:, i])
+    return values
+
+
+def _window(parameter: Parameter, draws: np.ndarray, truth: float | None, zoom: bool) -> tuple[float, float]:
+    bounds = (parameter.low, parameter.high)
+    if parameter.scale == "log":
+        bounds = (float(np.log10(parameter.low)), float(np.log10(parameter.high)))
     if not zoom:
-        return parameter.low, parameter.high
+        return bounds
     low, high = np.quantile(draws, [0.001, 0.999])
     if truth is not None:
         low, high = min(low, truth), max(high, truth)
-    margin = 0.15 * (high - low) + 1e-12 * max(abs(low), abs(high), 1e-300)
-    return max(parameter.low, low - margin), min(parameter.high, high + margin)
+    margin = 0.15 * (high - low) + 1e-9 * (bounds[1] - bounds[0])
+    return max(bounds[0], low - margin), min(bounds[1], high + margin)
 
 
-def _single(axis: Axes, draws: np.ndarray, before: np.ndarray | None, limits: tuple[float, float]) -> None:
-    edges = np.linspace(*limits, 61)
-    width = edges[1] - edges[0]
-    density = np.histogram(draws, edges)[0] / (len(draws) * width)
-    axis.fill_between(edges, np.append(density, density[-1]), step="post", color=POSTERIOR, alpha=0.35, lw=0)
-    axis.step(edges, np.append(density, density[-1]), where="post", color=POSTERIOR, lw=1.2)
-    if before is not None:
-        # Few prior draws fall into a narrow window: a coarse histogram of them, by their own counts.
-        coarse = np.linspace(*limits, 7)
-        level = np.histogram(before, coarse)[0] / (len(before) * (coarse[1] - coarse[0]))
-        axis.step(coarse, np.append(level, level[-1]), where="post", color=PRIOR, lw=1.2, ls="--")
-    axis.set_xlim(*limits)
+def _single(axis: Axes, draws: np.ndarray, window: tuple[float, float], prior: np.ndarray | None) -> None:
+    edges = np.linspace(*window, 61)
+    density = _smoothed(np.histogram(draws, edges)[0] / (len(draws) * (edges[1] - edges[0])))
+    centres = (edges[1:] + edges[:-1]) / 2
+    axis.fill_between(centres, density, color=POSTERIOR, alpha=0.3, lw=0)
+    axis.plot(centres, density, color=POSTERIOR, lw=1.4)
+    if prior is not None:
+        low, high = max(prior[0], window[0]), min(prior[1], window[1])
+        axis.plot([low, high], [1 / (prior[1] - prior[0])] * 2, color=PRIOR, lw=1.2, ls="--")
+    axis.set_xlim(*window)
     axis.set_ylim(0, 1.08 * max(density.max(), 1e-300))
     axis.set_yticks([])
 
@@ -130,9 +152,9 @@ def _pair(
 
 def _smoothed(counts: np.ndarray) -> np.ndarray:
     kernel = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16
-    for axis in (0, 1):
+    for axis in range(counts.ndim):
         # Reflected at the rim, so that a density that ends at a bound is not drawn fading towards it.
-        padded = np.pad(counts, [(2, 2) if a == axis else (0, 0) for a in (0, 1)], mode="symmetric")
+        padded = np.pad(counts, [(2, 2) if a == axis else (0, 0) for a in range(counts.ndim)], mode="symmetric")
         counts = np.apply_along_axis(lambda line: np.convolve(line, kernel, mode="valid"), axis, padded)
     return counts
 
@@ -147,17 +169,25 @@ def _truth(axis: Axes, truth: np.ndarray | None, row: int, column: int) -> None:
 
 
 def _label(axis: Axes, space: ParameterSpace, row: int, column: int) -> None:
-    last, names = row == len(space) - 1, [_title(name, space[name]) for name in space]
-    axis.xaxis.set_major_locator(MaxNLocator(3))
+    last, names = row == len(space) - 1, list(space)
+    _ticks(axis.xaxis, axis.get_xlim(), 3, space[names[column]])
     axis.tick_params(labelsize=8, labelbottom=last, labelleft=column == 0 and row > 0)
     if last:
-        axis.set_xlabel(names[column], fontsize=9)
+        axis.set_xlabel(_title(names[column], space[names[column]]), fontsize=9)
     if row != column:
-        axis.yaxis.set_major_locator(MaxNLocator(4))
+        _ticks(axis.yaxis, axis.get_ylim(), 4, space[names[row]])
         if column == 0:
-            axis.set_ylabel(names[row], fontsize=9)
+            axis.set_ylabel(_title(names[row], space[names[row]]), fontsize=9)
     for side in ("top", "right") + (("left",) if row == column else ()):
         axis.spines[side].set_visible(False)
+
+
+def _ticks(axis: Axis, window: tuple[float, float], count: int, parameter: Parameter) -> None:
+    logarithmic = parameter.scale == "log"
+    # Whole decades where the window holds at least two of them.
+    axis.set_major_locator(MaxNLocator(count, integer=logarithmic and window[1] - window[0] > 2))
+    if logarithmic:
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{10**value:.3g}"))
 
 
 def _title(name: str, parameter: Parameter) -> str:

@@ -1,6 +1,6 @@
 """Where to simulate next: the prior, cut to the highest-density region of what is known so far.
 
-    R = {u in [0, 1]^P : q_w(u) >= c},    P_{q_w}(R) = mass
+    R = {u : q_w(u) >= c},    P_{q_w}(R) = mass
 
 q_w is the posterior given each real trajectory, united over the trajectories, with every component widened. Drawing
 uniformly from R keeps the next round's target the posterior itself, with no correction (Deistler, Goncalves and Macke
@@ -25,19 +25,21 @@ from onlinebayes.inference.posterior import Posterior
 from onlinebayes.parameters import ParameterSpace
 
 TRIAL, TRIES = 4096, 200
+TINY = 1e-9  # shortest side of a box
+ROUNDING = 1e-6  # of z and log densities, so that a draw that went through theta still counts as inside
 
 
 class TruncatedProposal:
     """Uniform (on the unit cube's scale) over the region where a mixture is dense enough.
 
     Args:
-        mixture: over the prior's whole box.
-        threshold: log density in u above which a point belongs to the region.
-        samples: points of the region (M, P) in u, M >= 1, from which its box is found.
+        mixture: q_w; the region lies within its box.
+        threshold: log density c in the coordinates z of the mixture's box; the region is where q_w is no smaller.
+        samples: points z (M, P) of the region, M >= 1, from which its box is found.
         generator: for the trial that chooses the sampler and estimates the volume.
 
     Attributes:
-        box: a box in the unit cube around the region; the next estimator's frame.
+        box: a box in the unit cube around the region; the next estimator's.
         log_volume: log of the share of the unit cube that the region fills (estimate).
         acceptance: share of candidates that the sampler keeps (estimate).
     """
@@ -47,20 +49,26 @@ class TruncatedProposal:
     ) -> None:
         self.space: ParameterSpace = mixture.space
         self._mixture, self._threshold, self._known = mixture, threshold, samples
-        self.box = _around(self.space, samples)
-        in_a_box = self._inside(self._from_box(TRIAL, generator)).double().mean()
-        candidates = self._from_mixture(TRIAL, generator)
-        in_mixture = self._keep_probability(candidates).mean()
-        # The share kept of draws from q_w is c |R| / Z, which gives the volume without a box.
-        self._use_box = bool(in_a_box >= in_mixture)
-        self.acceptance = float(max(in_a_box, in_mixture))
-        by_box = math.log(max(float(in_a_box), 1e-300)) + self.box.log_volume
-        by_mixture = math.log(max(float(in_mixture), 1e-300)) - threshold
-        self.log_volume = min(0.0, by_box if self._use_box else by_mixture)
+        self._low, self._high = _around(samples)
+        outer = mixture.box
+        width = outer.high - outer.low
+        low, high = (outer.low + z * width for z in (self._low, self._high))
+        self.box = Box(self.space, low.clamp(0, 1 - TINY), torch.maximum(high, low + TINY).clamp(TINY, 1))
+        in_a_box = float(self._inside(self._from_box(TRIAL, generator)).double().mean())
+        # The share kept of draws from q_w is c |R|, which gives the volume without a box.
+        in_mixture = float(self._keep_probability(self._from_mixture(TRIAL, generator)).mean())
+        self._use_box = in_a_box >= in_mixture
+        self.acceptance = max(in_a_box, in_mixture)
+        log_share = (
+            math.log(in_a_box) + float(torch.log(self._high - self._low).sum())
+            if self._use_box
+            else math.log(max(in_mixture, 1e-300)) - threshold
+        )
+        self.log_volume = min(0.0, log_share + outer.log_volume)
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
         """Whether theta lies in the region."""
-        return self._inside(self.space.to_unit(theta.double()))
+        return self._inside(self._mixture.box.to_frame(theta))
 
     def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
         """Log density on the original scale [1 / units], by the estimated volume; -inf outside."""
@@ -82,37 +90,35 @@ class TruncatedProposal:
             if count >= wanted:
                 break
             size = int(min(200_000, max(256, 1.3 * (wanted - count) / max(self.acceptance, 1e-3))))
-            points = self._draw(size, generator)
-            found.append(points)
-            count += len(points)
+            found.append(self._draw(size, generator))
+            count += len(found[-1])
         if count < wanted:
-            index = torch.randint(len(self._known), (wanted - count,), generator=generator)
-            found.append(self._known[index])
-        u = torch.cat(found)[:wanted]
-        return self.space.from_unit(u).reshape(*shape, len(self.space))
+            found.append(self._known[torch.randint(len(self._known), (wanted - count,), generator=generator)])
+        z = torch.cat(found)[:wanted] if found else self._known[:0]
+        return self._mixture.box.from_frame(z).reshape(*shape, len(self.space))
 
     def _draw(self, size: int, generator: torch.Generator | None) -> Tensor:
         if self._use_box:
-            u = self._from_box(size, generator)
-            return u[self._inside(u)]
-        u = self._from_mixture(size, generator)
+            z = self._from_box(size, generator)
+            return z[self._inside(z)]
+        z = self._from_mixture(size, generator)
         uniform = torch.rand(size, dtype=torch.float64, generator=generator)
-        return u[uniform < self._keep_probability(u)]
+        return z[uniform < self._keep_probability(z)]
 
     def _from_box(self, size: int, generator: torch.Generator | None) -> Tensor:
         z = torch.rand(size, len(self.space), dtype=torch.float64, generator=generator)
-        return self.box.low + z * (self.box.high - self.box.low)
+        return self._low + z * (self._high - self._low)
 
     def _from_mixture(self, size: int, generator: torch.Generator | None) -> Tensor:
         return self._mixture.sample_frame((size,), generator)
 
-    def _keep_probability(self, u: Tensor) -> Tensor:
-        log_q = self._mixture.log_prob_frame(u)
+    def _keep_probability(self, z: Tensor) -> Tensor:
+        log_q = self._mixture.log_prob_frame(z)
         return torch.where(log_q >= self._threshold, torch.exp(self._threshold - log_q), 0.0)
 
-    def _inside(self, u: Tensor) -> Tensor:
-        within = ((u >= 0) & (u <= 1)).all(-1)
-        return within & (self._mixture.log_prob_frame(u) >= self._threshold)
+    def _inside(self, z: Tensor) -> Tensor:
+        within = ((z >= -ROUNDING) & (z <= 1 + ROUNDING)).all(-1)
+        return within & (self._mixture.log_prob_frame(z) >= self._threshold - ROUNDING)
 
 
 def truncated(
@@ -121,6 +127,7 @@ def truncated(
     generator: torch.Generator,
     mass: float = 0.997,
     dilation: float = 1.3,
+    growth: float = 0.25,
     samples: int = 20_000,
 ) -> TruncatedProposal | BoxUniform:
     """The next proposal from a posterior (conditioned on the union of the real trajectories).
@@ -130,25 +137,34 @@ def truncated(
         generator: for the region's threshold and its sampler's trial.
         mass: share of the widened posterior that the region holds.
         dilation: factor on the components' scales, at least 1: insurance against an overconfident posterior.
+        growth: how far the region may reach beyond the box of the simulations that the posterior was trained on, in
+            widths of that box: out to where the posterior leans, but not back to where earlier rounds ruled out.
         samples: points by which the threshold is found.
 
     Raises:
-        ValueError: a mass outside (0, 1) or a dilation below 1.
+        ValueError: a mass outside (0, 1), a dilation below 1 or a negative growth.
     """
-    if not 0 < mass < 1 or dilation < 1:
-        raise ValueError(f"mass = {mass}, dilation = {dilation}: needs 0 < mass < 1 and dilation >= 1")
+    if not 0 < mass < 1 or dilation < 1 or growth < 0:
+        raise ValueError(
+            f"mass = {mass}, dilation = {dilation}, growth = {growth}: needs 0 < mass < 1, dilation >= 1, growth >= 0"
+        )
     if isinstance(posterior.distribution, BoxUniform):
         return posterior.distribution
-    # Over the whole prior, not over the last box: a posterior that leans on the box's side grows beyond it again.
-    wide = widened(in_box(posterior.distribution, Box.whole(posterior.space)), dilation)
+    wide = widened(in_box(posterior.distribution, _grown(posterior.distribution.box, growth)), dilation)
     points = wide.sample_frame((samples,), generator)
     log_q = wide.log_prob_frame(points)
     threshold = float(torch.quantile(log_q, 1 - mass))
     return TruncatedProposal(wide, threshold, points[log_q >= threshold], generator)
 
 
-def _around(space: ParameterSpace, u: Tensor) -> Box:
-    """A box around points of the unit cube, a little larger, with sides that cannot vanish."""
-    low, high = u.amin(0), u.amax(0)
-    margin = 0.05 * (high - low) + 1e-9
-    return Box(space, (low - margin).clamp(0, 1 - 1e-9), (high + margin).clamp(1e-9, 1))
+def _grown(box: Box, growth: float) -> Box:
+    """The box with every side moved out by ``growth`` of its width, inside the unit cube."""
+    margin = growth * (box.high - box.low)
+    return Box(box.space, (box.low - margin).clamp(min=0), (box.high + margin).clamp(max=1))
+
+
+def _around(z: Tensor) -> tuple[Tensor, Tensor]:
+    """Lowest and highest corner of a box around points of [0, 1]^P, a little larger, with sides that cannot vanish."""
+    low, high = z.amin(0), z.amax(0)
+    margin = 0.05 * (high - low) + TINY
+    return (low - margin).clamp(0, 1 - TINY), (high + margin).clamp(TINY, 1)
