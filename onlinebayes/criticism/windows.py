@@ -170,6 +170,8 @@ def make_windows(
         bin_rows = max(1, rows // BINS)
         rows -= rows % bin_rows
         places = [(r, g) for r, grid in enumerate(grids) for g in _starts(grid.rows, rows)]
+        # A long pause in a log would be windows that nothing is compared in.
+        places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
         sensor = run_grids(measurement, row_step(measurement))
         cuts = [(r, g * step, (g + rows) * step) for r, g in places]
         start, start_sd, free = window_starts(sensor, cuts, names, joint_names(simulator), noise)
