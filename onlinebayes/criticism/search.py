@@ -18,6 +18,7 @@ from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import FEWEST_REFITS, Stage, blocks_for, run_stage
 from onlinebayes.measurements import Measurement
@@ -86,7 +87,7 @@ def search(
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
         left = [effect for effect in effects if effect.key not in present]
-        fewest = FEWEST_REFITS if not stages else 1
+        fewest = FEWEST_REFITS if not stages else int(not _at_floor(current, selection.tolerance))
         stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, fewest)
         stages.append(stage)
         admissible = [judged for judged in stage.judged if judged.admissible]
@@ -103,6 +104,11 @@ def search(
         if len(accepted) >= most:
             break
     return Found(base, current, effects, tuple(stages), tuple(accepted))
+
+
+def _at_floor(grounds: Grounds, tolerance: float) -> bool:
+    """Whether the residual is the sensors' noise already, so that only a significant candidate is worth a refit."""
+    return float(signal_rms(grounds.fitted.projected).max()) <= tolerance
 
 
 def _resettled(

@@ -1,0 +1,71 @@
+"""A small slide whose truth is known, and what a noisy sensor reads off it."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.mujoco import MujocoSimulator
+
+SLIDE = """
+<mujoco><option timestep="0.01" integrator="RK4" gravity="0 0 -9.81"/><worldbody><body name="cart">
+  <joint name="rail" type="slide" axis="1 0 0" damping="1"/><inertial pos="0 0 0" mass="2" diaginertia="1 1 1"/>
+</body></worldbody><actuator><motor name="motor" joint="rail"/></actuator></mujoco>"""
+
+FREE = ParameterSpace(
+    {"body.cart.mass": Parameter(0.5, 8.0, "kg"), "joint.rail.damping": Parameter(0.0, 10.0, "N s/m")}
+)
+TRUTH = (2.5, 1.4)
+NOISE = 1e-3
+
+
+def model(parameters: ParameterSpace = FREE) -> MujocoSimulator:
+    return MujocoSimulator(SLIDE, parameters, threads=1)
+
+
+def commands(runs: int, rows: int, step: float, seed: int) -> torch.Tensor:
+    """Three tones a run, other ones in each (runs, rows, 1) [N]."""
+    draw = torch.Generator().manual_seed(seed)
+    t = torch.arange(rows, dtype=torch.float64) * step
+    frequency = 0.3 + 1.7 * torch.rand(runs, 3, 1, generator=draw, dtype=torch.float64)
+    phase = 6.3 * torch.rand(runs, 3, 1, generator=draw, dtype=torch.float64)
+    return 4.0 * torch.sin(6.2832 * frequency * t + phase).sum(1)[..., None]
+
+
+def measure(
+    effects: dict[Effect, tuple[float, ...]] | None = None,
+    *,
+    runs: int = 9,
+    seconds: float = 3.0,
+    noise: float = NOISE,
+    seed: int = 0,
+    truth: tuple[float, ...] = TRUTH,
+    parameters: ParameterSpace = FREE,
+) -> Measurement:
+    """Runs of the slide with these effects hidden in it; each from rest at 0."""
+    step, rows = 0.01, round(seconds / 0.01) + 1
+    simulator, theta = model(parameters), list(truth)
+    for effect, values in (effects or {}).items():
+        simulator, theta = simulator.with_effect(effect), theta + list(values)
+    command = commands(runs, rows, step, seed)
+    zero = torch.zeros(runs, 1, dtype=torch.float64)
+    times = torch.arange(1, rows, dtype=torch.float64) * step
+    path = simulator.rollout(
+        torch.tensor(theta, dtype=torch.float64).expand(runs, -1),
+        TensorDict({"qpos": zero, "qvel": zero}, batch_size=(runs,)),
+        TensorDict({"command": command[:, :-1]}, batch_size=(runs, rows - 1)),
+        times,
+    )
+    angle = torch.cat([zero, path["qpos"][..., 0]], 1)
+    angle = angle + noise * torch.randn(
+        angle.shape, generator=torch.Generator().manual_seed(seed + 1), dtype=angle.dtype
+    )
+    time = torch.arange(rows, dtype=torch.float64) * step
+    table = {
+        f"run{r}": {"time": time.numpy(), "ctrl.motor": command[r, :, 0].numpy(), "qpos.rail": angle[r].numpy()}
+        for r in range(runs)
+    }
+    return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=noise)], commands=["motor"])
