@@ -1,0 +1,73 @@
+"""``make demo``: from a measurement to a better policy, end to end, in a few minutes and without a network."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from pathlib import Path
+
+from onlinebayes.runs import atomic_path
+from recipes.demo.picture import picture
+from recipes.demo.run import QUICK, SIGNAL, Branch, Budget, Outcome, run
+
+logging.getLogger("torchrl").setLevel(logging.WARNING)
+
+
+def main() -> None:
+    """Run the demonstration and print its table."""
+    arguments = argparse.ArgumentParser(prog="python -m recipes.demo", description=__doc__)
+    arguments.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for all files")
+    arguments.add_argument("--seed", type=int, default=0, help="another rig, other noise, other networks")
+    arguments.add_argument("--quick", action="store_true", help="tiny budgets: shows that the pieces connect")
+    given = arguments.parse_args()
+    outcome = run(given.seed, given.out, QUICK if given.quick else Budget())
+    with atomic_path(given.out / "demo.png") as path:
+        picture(outcome).savefig(path, dpi=150)
+    print("\n" + table(outcome))
+    print("\n" + directions(given.out))
+
+
+def table(outcome: Outcome) -> str:
+    """Held-out error before and after, and the two returns."""
+    error, (difference, se) = outcome.criticism.heldout_error, outcome.advantage
+    before, after, floor = (1e3 * e[SIGNAL] for e in (error.before, error.after, error.noise_floor))
+    effects = ", ".join(outcome.criticism.accepted) or "nothing"
+    rows = [
+        ("", "model as it was", "mended model"),
+        ("missing effect, as named by diagnose", "", effects),
+        (
+            f"held-out error over {error.horizon_s[SIGNAL]:g} s (noise: {floor:.1f} mrad)",
+            f"{before:.1f} mrad",
+            f"{after:.1f} mrad",
+        ),
+        (f"return on the rig, {len(outcome.mended.returns)} episodes", _return(outcome.wrong), _return(outcome.mended)),
+    ]
+    widths = [max(len(row[i]) for row in rows) for i in range(3)]
+    lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    lines.insert(1, "-" * len(max(lines, key=len)))
+    verdict = f"{difference / se:.0f} standard errors" if se > 0 else "no spread"
+    lines.append(f"the mended model's policy holds the bob {difference:+.1f} steps longer ({verdict})")
+    lines.append(f"took {outcome.seconds:.0f} s")
+    return "\n".join(lines)
+
+
+def directions(out: Path) -> str:
+    """Where the report and the recording are and how to open them."""
+    refine = out / "refine"
+    return "\n".join(
+        [
+            f"report:    {refine / 'report.html'}   (open it in a browser)",
+            f"recording: {refine / 'run.rrd'}   (open it with: .venv/bin/rerun {refine / 'run.rrd'})",
+            f"both:      .venv/bin/onlinebayes show {refine}",
+            f"picture:   {out / 'demo.png'}",
+        ]
+    )
+
+
+def _return(branch: Branch) -> str:
+    se = float(branch.returns.std() / len(branch.returns) ** 0.5)
+    return f"{float(branch.returns.mean()):.1f} ± {se:.1f}"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,184 @@
+"""The whole loop on one rig: measure, find the missing effect, infer, train, and run both policies on the rig."""
+
+from __future__ import annotations
+
+import json
+import sys
+import time
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from pathlib import Path
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from envs.driven_pendulum import Protocol
+from onlinebayes.cli.problem import load_problem
+from onlinebayes.cli.summary import summary
+from onlinebayes.cli.work import criticise
+from onlinebayes.criticism import Criticism
+from onlinebayes.criticism.report import write_report
+from onlinebayes.runs import write_atomic
+from recipes.demo.measure import measure, write_problem
+from recipes.demo.policy import Training, episodes, returns, train
+from recipes.demo.posterior import Rounds, infer
+
+SIGNAL = "qpos.hinge"
+WRONG, MENDED = "the model as it was", "the mended model"
+
+
+@dataclass(frozen=True)
+class Budget:
+    """How much of everything; the two models get the same.
+
+    Args:
+        protocol: what is recorded on the rig.
+        rounds: of inference.
+        training: of the policy.
+        episodes: that each policy runs on the rig.
+        processes: 2 to infer and train for both models at once, 1 for one after the other in this process.
+    """
+
+    protocol: Protocol = field(default_factory=lambda: Protocol(fit=8, held=2, seconds=4.0))
+    rounds: Rounds = field(default_factory=Rounds)
+    training: Training = field(default_factory=Training)
+    episodes: int = 20
+    processes: int = 2
+
+
+QUICK = Budget(
+    Protocol(fit=7, held=2, seconds=2.0),
+    Rounds(rounds=1, simulations=60, epochs=3, seconds=1.0, hidden=8),
+    Training(worlds=64, steps=16, batches=3),
+    episodes=4,
+    processes=1,
+)
+"""Shows in a few seconds that the pieces connect; its policies have learnt nothing."""
+
+
+@dataclass(frozen=True)
+class Branch:
+    """What became of one model.
+
+    Args:
+        names: its parameters.
+        samples: draws from its posterior [SI].
+        truth_log_prob: log density of the rig's own parameters under it, the missing ones left out [nats].
+        angle: of the episodes on the rig, from upright [rad].
+        returns: of these episodes.
+    """
+
+    names: tuple[str, ...]
+    samples: Float[Tensor, "S P"]
+    truth_log_prob: float
+    angle: Float[Tensor, "N T"]
+    returns: Float[Tensor, " N"]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """All that the table and the picture show."""
+
+    seed: int
+    truth: Mapping[str, float]
+    criticism: Criticism
+    wrong: Branch
+    mended: Branch
+    seconds: float
+
+    @property
+    def advantage(self) -> tuple[float, float]:
+        """Mean difference of the returns, mended less wrong, and its standard error over the episodes."""
+        a, b = self.mended.returns, self.wrong.returns
+        return float(a.mean() - b.mean()), float((a.var() / len(a) + b.var() / len(b)).sqrt())
+
+
+def run(seed: int, out: Path, budget: Budget) -> Outcome:
+    """The demonstration on the rig of this seed; all files go to ``out``."""
+    start = time.monotonic()
+    _title("1. The rig is measured: torque commands, encoder readings, a hidden effect")
+    made = measure(seed, budget.protocol)
+    problem = write_problem(made, out)
+    print(f"{len(made.runs)} runs of {float(made.times[-1]):g} s in {out / 'measurements.csv'}")
+    _title("2. compare: where does the model fail?")
+    command("compare", problem, out / "compare")
+    _title("3. diagnose: which physical effect is missing?")
+    command("diagnose", problem, out / "diagnose")
+    _title("4. refine: add it, refit, until nothing more is missing")
+    criticism = command("refine", problem, out / "refine")
+    _title("5. Posteriors of both models from the same runs, policies in worlds drawn from each, equal budgets")
+    refined = out / "refine" / "refined.toml"
+    wrong, mended = branches((problem, refined), made.truth, seed, budget)
+    outcome = Outcome(seed, made.truth, criticism, wrong, mended, time.monotonic() - start)
+    write_atomic(out / "demo.json", json.dumps(as_json(outcome), indent=1) + "\n")
+    return outcome
+
+
+def command(name: str, problem_file: Path, out: Path) -> Criticism:
+    """What ``onlinebayes NAME problem.toml --out DIR`` does, with its result at hand."""
+    print(f"$ onlinebayes {name} {problem_file} --out {out}", flush=True)
+    problem = load_problem(problem_file)
+    result = criticise(name, problem)
+    files = write_report(result, out, title="driven pendulum", problem=problem.path)
+    print(summary(result, out, [file for file in files if file.startswith("refined")]), flush=True)
+    return result
+
+
+def branches(
+    problems: tuple[Path, Path], truth: Mapping[str, float], seed: int, budget: Budget
+) -> tuple[Branch, Branch]:
+    """:func:`branch` for the two problem files."""
+    jobs = [(problem, dict(truth), seed, budget, name) for problem, name in zip(problems, (WRONG, MENDED), strict=True)]
+    if budget.processes == 1:
+        wrong, mended = (branch(*job) for job in jobs)
+        return wrong, mended
+    # Spawned, not forked: MuJoCo and PyTorch hold threads by now.
+    with ProcessPoolExecutor(budget.processes, mp_context=get_context("spawn")) as pool:
+        first, second = (pool.submit(branch, *job) for job in jobs)
+        return first.result(), second.result()
+
+
+def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Budget, name: str) -> Branch:
+    """Posterior, policy and episodes on the rig for the model of one problem file."""
+    torch.set_num_threads(1)
+    say = _teller(name)
+    problem = load_problem(problem_file)
+    held = problem.holdout or ()
+    fit_runs = [run for run in problem.measurement.runs if run not in held]
+    posterior = infer(problem.simulator, problem.measurement.select(fit_runs), budget.rounds, seed, say)
+    objective = train(problem.simulator, posterior, budget.training, seed, say)
+    played = episodes(objective.policy, truth, budget.episodes, seed)
+    names = posterior.space.names
+    at = torch.tensor([truth[name] for name in names], dtype=torch.float64)
+    angle = torch.atan2(played["observation"][..., 1], played["observation"][..., 0])
+    samples = posterior.sample((4000,), torch.Generator().manual_seed(0))
+    return Branch(names, samples, float(posterior.log_prob(at[None])), angle, returns(played))
+
+
+def as_json(outcome: Outcome) -> dict[str, object]:
+    """The figures of the table."""
+    error, (difference, se) = outcome.criticism.heldout_error, outcome.advantage
+    return {
+        "seed": outcome.seed,
+        "verdict": outcome.criticism.verdict,
+        "accepted": list(outcome.criticism.accepted),
+        "heldout_error": {
+            "before": error.before[SIGNAL],
+            "after": error.after[SIGNAL],
+            "noise_floor": error.noise_floor[SIGNAL],
+        },
+        "returns": {"wrong": outcome.wrong.returns.tolist(), "mended": outcome.mended.returns.tolist()},
+        "advantage": {"mean": difference, "se": se},
+        "seconds": outcome.seconds,
+    }
+
+
+def _title(text: str) -> None:
+    print(f"\n{text}", flush=True)
+
+
+def _teller(name: str) -> Callable[[str], None]:
+    return lambda text: print(f"  {name}: {text}", file=sys.stderr, flush=True)
