@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
 
+@runtime_checkable
 class Objective(Protocol):
     """A policy and the way it learns."""
 

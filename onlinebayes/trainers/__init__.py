@@ -1,6 +1,6 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
-from onlinebayes.trainers.online import OnlineState, OnlineTrainer, Proposal, Record, Schedule
+from onlinebayes.trainers.online import OnlineState, OnlineTrainer, Proposal, Record, Schedule, improve
 from onlinebayes.trainers.trajectories import HiddenSystem, Policy, RealSystem, returns, trajectories
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "RealSystem",
     "Record",
     "Schedule",
+    "improve",
     "returns",
     "trajectories",
 ]

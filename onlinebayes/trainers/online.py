@@ -20,11 +20,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import torch
 from tensordict import TensorDict, TensorDictBase
-from torchrl.collectors import Collector
 
 from onlinebayes.inference import Box, FitReport, NeuralPosteriorLoss, Posterior
 from onlinebayes.objectives import Objective
@@ -33,10 +32,22 @@ from onlinebayes.trainers.trajectories import Policy, RealSystem
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
 
+@runtime_checkable
 class Proposal(Distribution, Protocol):
     """Where parameters are drawn for simulations, and a box around it."""
 
     box: Box
+
+
+@runtime_checkable
+class Batches(Protocol):
+    """Fresh data without end, as a TorchRL ``Collector`` gives it."""
+
+    def reset(self) -> None:
+        """Begin a new episode in every world."""
+
+    def next(self) -> TensorDictBase | None:
+        """The next batch (N, T)."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +135,7 @@ class OnlineTrainer:
     """
 
     objective: Objective
-    collector: Collector
+    collector: Batches
     randomization: ParameterRandomization
     simulate: Callable[[Policy, Proposal], TensorDict]
     estimator: Callable[[Proposal], NeuralPosteriorLoss]
@@ -174,13 +185,36 @@ class OnlineTrainer:
     def _improve(self, state: OnlineState, interrupt: Interrupt, progress: Progress) -> dict[str, float]:
         """Policy steps in worlds of the present posterior."""
         self.randomization.set_distribution(state.posterior or state.proposal)
-        self.collector.reset()
-        losses: dict[str, float] = {}
-        for batch in range(self.schedule.policy_batches):
-            if interrupt.requested:
-                break
-            data = self.collector.next()
-            losses = self.objective.update(data)
-            state.frames += data.numel()
-            progress.update(state.step, f"policy {batch + 1}/{self.schedule.policy_batches}")
-        return losses
+
+        def after(batch: int, frames: int) -> bool:
+            state.frames += frames
+            progress.update(state.step, f"policy {batch}/{self.schedule.policy_batches}")
+            return not interrupt.requested
+
+        return improve(self.objective, self.collector, self.schedule.policy_batches, after)
+
+
+def improve(
+    objective: Objective,
+    collector: Batches,
+    batches: int,
+    after: Callable[[int, int], bool] | None = None,
+) -> dict[str, float]:
+    """Let a policy learn from fresh episodes in the collector's worlds; returns the last batch's losses.
+
+    Args:
+        objective: the policy that the collector runs, and its learning.
+        collector: gives batches (N, T).
+        batches: how many to learn from.
+        after: told the number of batches so far and the frames of the last one; False ends it early.
+    """
+    collector.reset()
+    losses: dict[str, float] = {}
+    for batch in range(1, batches + 1):
+        data = collector.next()
+        if data is None:
+            raise ValueError(f"the collector ended after {batch - 1} of {batches} batches; give it total_frames=-1")
+        losses = objective.update(data)
+        if after is not None and not after(batch, data.numel()):
+            break
+    return losses

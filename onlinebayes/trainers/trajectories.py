@@ -5,21 +5,22 @@ G_i = sum_{t < T_i} r_{i,t},     T_i the end of world i's first episode
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Protocol, TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
 import torch
 from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
 from torchrl.envs import EnvBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-Policy: TypeAlias = Callable[[TensorDictBase], TensorDictBase]
-"""``"observation"`` -> ``"action"``; a TensorDict module is one."""
+Policy: TypeAlias = TensorDictModuleBase
+"""``"observation"`` -> ``"action"``."""
 KEYS = ("observation", "action", ("next", "observation"), ("next", "reward"))
 
 
+@runtime_checkable
 class RealSystem(Protocol):
     """The system the physics of which are in question: it runs a policy and gives what its sensors saw."""
 
