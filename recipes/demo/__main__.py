@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import logging
 from pathlib import Path
 
 from onlinebayes.runs import atomic_path
 from recipes.demo.picture import picture
 from recipes.demo.run import QUICK, SIGNAL, Branch, Budget, Outcome, run
-
-logging.getLogger("torchrl").setLevel(logging.WARNING)
 
 
 def main() -> None:

@@ -35,7 +35,7 @@ class Training:
 
     worlds: int = 256
     steps: int = 32
-    batches: int = 60
+    batches: int = 80
     timestep: float = 0.01
 
 

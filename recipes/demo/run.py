@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -144,6 +145,7 @@ def branches(
 def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Budget, name: str) -> Branch:
     """Posterior, policy and episodes on the rig for the model of one problem file."""
     torch.set_num_threads(1)
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
     say = _teller(name)
     problem = load_problem(problem_file)
     held = problem.holdout or ()
