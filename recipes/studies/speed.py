@@ -3,7 +3,8 @@
 CartPole: N worlds in one ``SimulatorEnv``, length and mass drawn anew per world at every reset, through a TorchRL
 ``Collector`` with a 2 x 64 policy that samples its actions, against one ``GymEnv("CartPole-v1")`` through the same
 Collector with the same policy. Both count steps and reward and reset by themselves. The Hopper's half stands in
-``speed_hopper``.
+``speed_hopper``. Run it on an idle machine: on a busy one two threads measure how long they wait for each other
+(``--threads 1`` then tells more).
 """
 
 from __future__ import annotations
@@ -117,6 +118,7 @@ def main(settings: Settings) -> ResultTable:
     """Measure, print and write the table."""
     torch.set_num_threads(settings.threads)
     table = ResultTable("bench", "make bench", [settings.seed])
+    table.add("threads", settings.threads)
     cartpole(table, settings)
     hopper_rows(table, Bench(settings.hoppers, settings.threads, settings.seconds, settings.seed))
     print(table.to_markdown())
