@@ -2,7 +2,7 @@
 
     g(o, a; theta_r) = observe(f(theta_r, state(o), command(a))),    r = 0 ... 2 P
 
-theta_0 is a box's centre, the others lie on its sides, two a parameter.
+theta_0 is a box's centre, the others lie on either side of it, two a parameter.
 """
 
 from __future__ import annotations

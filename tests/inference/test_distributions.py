@@ -168,7 +168,7 @@ def test_a_box_checks_its_sides_and_gives_its_cross() -> None:
     with pytest.raises(ValueError, match="needs 0 <= low < high <= 1"):
         Box(ONE, torch.tensor([0.5]).double(), torch.tensor([0.5]).double())
     box = Box(ONE, torch.tensor([0.2]).double(), torch.tensor([0.6]).double())
-    torch.testing.assert_close(box.cross(), torch.tensor([[0.0], [1.0], [-1.0]]).double())
+    torch.testing.assert_close(box.cross(1.0), torch.tensor([[0.0], [1.0], [-1.0]]).double())
     assert box.log_volume == pytest.approx(math.log(0.4))
     theta = torch.tensor([[-0.7], [0.3]]).double()
     torch.testing.assert_close(box.from_frame(box.to_frame(theta)), theta)

