@@ -115,7 +115,7 @@ SIZES: Mapping[str, tuple[str, str, float, float]] = {
     "dry_friction": ("dry_friction@hinge", FRICTION, 0.009, 0.020),
     "quadratic_drag": ("quadratic_drag@hinge", DRAG, 0.0009, 0.0016),
     "joint_stiffness": ("joint_stiffness@hinge", STIFFNESS, 0.0065, 0.013),
-    "actuator_delay": ("actuator_delay@motor", DELAY, 0.0035, 0.0065),
+    "actuator_delay": ("actuator_delay@motor", DELAY, 0.0040, 0.0065),
 }
 KINDS = (*SIZES, "null")
 AMPLITUDES = tuple(0.04 * 1.35**k for k in range(10))  # what the operator tries in turn [N m]
