@@ -150,6 +150,8 @@ def bounded_least_squares(
         low, high: bounds of d, low <= 0 <= high.
         damping: lambda, relative to N's diagonal.
     """
+    if not len(gradient):
+        return gradient
     scale = (high - low).clamp_min(1e-300)
     N = normal * scale[:, None] * scale
     # A billionth of the largest entry keeps a flat direction at zero without moving the others.

@@ -87,7 +87,7 @@ def search(
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
         left = [effect for effect in effects if effect.key not in present]
-        fewest = FEWEST_REFITS if not stages else int(not _at_floor(current, selection.tolerance))
+        fewest = 0 if _at_floor(current, selection.tolerance) else FEWEST_REFITS if not stages else 1
         stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, fewest)
         stages.append(stage)
         admissible = [judged for judged in stage.judged if judged.admissible]

@@ -1,0 +1,51 @@
+from dataclasses import replace
+
+import pytest
+import torch
+
+from onlinebayes.criticism.results import Numerics
+from onlinebayes.criticism.score import CrossValidated
+from onlinebayes.criticism.verdict import decide, tied
+
+FINE = Numerics(0.01, 0.0, True)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "moves", "fine", "accepted", "tie", "before", "after", "verdict"),
+    [
+        (6, True, True, 0, False, 1.0, 1.0, "insufficient_data"),
+        (9, False, True, 0, False, 1.0, 1.0, "insufficient_data"),
+        (9, True, False, 0, False, 5.0, 5.0, "unexplained"),  # numerics: nothing is named
+        (9, True, True, 1, True, 5.0, 1.0, "tie"),
+        (9, True, True, 1, False, 5.0, 1.0, "missing_effect"),
+        (9, True, True, 2, False, 50.0, 30.0, "missing_effect"),  # 64 % of the squared error is gone
+        (9, True, True, 1, False, 50.0, 40.0, "unexplained"),  # 36 %
+        (9, True, True, 1, False, 1.3, 1.15, "missing_effect"),  # reaches the floor
+        (9, True, True, 0, False, 1.19, 1.19, "adequate"),
+        (9, True, True, 0, False, 1.21, 1.21, "unexplained"),
+    ],
+)
+def test_the_first_that_applies(blocks, moves, fine, accepted, tie, before, after, verdict) -> None:
+    numerics = replace(FINE, sufficient=fine)
+    assert decide(blocks, moves, numerics, accepted, tie, {"q": before}, {"q": after}, 1.2) == verdict
+
+
+def scores(density: list[float], rms: float, tau: float = 0.5) -> CrossValidated:
+    d = torch.tensor(density).double()
+    B = len(density)
+    zero = torch.zeros(B, dtype=torch.float64)
+    rows = (d / 10)[:, None].expand(B, 10)
+    seen = torch.ones(B, 10, dtype=torch.bool)
+    return CrossValidated(zero[:, None], d, rms, rms, zero[:1], zero, zero + 10, rows, seen, tau)
+
+
+def test_equal_errors_are_tied_whatever_the_score() -> None:
+    assert tied(scores([9.0] * 8, 1.0), scores([0.0] * 8, 1.009), 0.01)
+
+
+def test_a_steady_difference_parts() -> None:
+    assert not tied(scores([5.0, 6.0, 5.0, 6.0, 5.0, 6.0, 5.0, 6.0], 1.0), scores([0.0] * 8, 1.1), 0.5)
+
+
+def test_a_difference_of_few_blocks_does_not() -> None:
+    assert tied(scores([9.0, -8.0, 9.0, -8.0, 9.0, -8.0, 9.0, -5.0], 1.0, tau=9.0), scores([0.0] * 8, 1.1), 0.5)
