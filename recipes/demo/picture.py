@@ -5,112 +5,114 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from scipy.stats import gaussian_kde
 
 from envs.driven_pendulum import BalanceTask
 from envs.driven_pendulum.rig import DAMPING, DELAY, MASS
 from onlinebayes.criticism import ReplayedRun
-from recipes.demo.run import Branch, Outcome
+from recipes.demo.run import SIGNAL, Branch, Outcome
 
-MEASURED, WRONG, MENDED, TRUTH = "#1f2933", "#d1495b", "#2a6f97", "#8a8f98"
-SHOWN = 6  # episodes of each policy
+RIG, WRONG, MENDED, GROUND = "#1f2933", "#d1495b", "#2a6f97", "#8a8f98"
+SHOWN = 8  # episodes of each policy
+MASSES = (0.95, 0.5)  # shares of a posterior within its contours
 
 
 def picture(outcome: Outcome) -> Figure:
-    """Three panels, one a stage."""
-    figure = Figure(figsize=(13, 4.1), layout="constrained")
+    """Three panels, one a stage, and one legend for all."""
+    figure = Figure(figsize=(13, 4.4), layout="constrained")
     FigureCanvasAgg(figure)
-    left, middle, right = figure.subplots(1, 3)
-    _replay(left, outcome)
-    _posteriors(middle, outcome)
-    _swings(right, outcome)
-    for axis, text in ((left, "measured and simulated"), (middle, "posterior"), (right, "policies on the rig")):
-        axis.set_title(text, loc="left", fontsize=11, color=MEASURED)
+    panels = figure.subplots(1, 3)
+    for axis, draw in zip(panels, (_replay, _posteriors, _swings), strict=True):
+        title, says = draw(axis, outcome)
+        axis.set_title(f"{title}\n{says}", loc="left", fontsize=10.5, color=RIG, linespacing=1.5)
         axis.spines[["top", "right"]].set_visible(False)
         axis.tick_params(labelsize=9)
+    handles = [
+        Line2D([], [], color=RIG, lw=4, alpha=0.35, label="the rig"),
+        Line2D([], [], color=WRONG, lw=2.5, label="the model as it was"),
+        Line2D([], [], color=MENDED, lw=2.5, label="the mended model"),
+    ]
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=10.5)
     return figure
 
 
-def _replay(axis: Axes, outcome: Outcome) -> None:
+def _replay(axis: Axes, outcome: Outcome) -> tuple[str, str]:
     """A held-out run, every second simulated anew from its measured start."""
     base, final = outcome.criticism.base.replays, outcome.criticism.final.replays
     before, after = next((b, a) for b, a in zip(base, final, strict=True) if b.held_out)
     time = before.time.numpy()
-    axis.plot(time, before.measured[:, 0].numpy(), color=MEASURED, lw=3.2, alpha=0.35, label="measured")
-    axis.plot(time, _broken(before), color=WRONG, lw=1.4, label="model as it was")
-    axis.plot(time, _broken(after), color=MENDED, lw=1.4, label="mended model")
-    error = outcome.criticism.heldout_error
-    (signal,) = outcome.criticism.signals
-    axis.text(
-        0.02,
-        0.02,
-        f"held-out error {1e3 * error.before[signal]:.0f} → {1e3 * error.after[signal]:.1f} mrad",
-        transform=axis.transAxes,
-        fontsize=9,
-        color=MEASURED,
-    )
+    axis.plot(time, before.measured[:, 0].numpy(), color=RIG, lw=4, alpha=0.35)
+    axis.plot(time, _broken(before), color=WRONG, lw=1.5)
+    axis.plot(time, _broken(after), color=MENDED, lw=1.5)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("angle [rad]")
-    axis.margins(y=0.15)
-    axis.legend(frameon=False, fontsize=8, loc="upper right", ncols=3)
+    error = outcome.criticism.heldout_error
+    scale = f"{1e3 * error.before[SIGNAL]:.0f} → {1e3 * error.after[SIGNAL]:.1f} mrad"
+    return (
+        "A held-out run, replayed second by second",
+        f"error {scale}, of which noise {1e3 * error.noise_floor[SIGNAL]:.1f}",
+    )
 
 
-def _broken(replay: ReplayedRun) -> np.ndarray:
+def _broken(replay: ReplayedRun) -> Float[np.ndarray, " T"]:
     """The simulated angle with gaps where a new window starts."""
     curve = replay.simulated[:, 0].numpy().copy()
     curve[1:][np.diff(replay.window.numpy()) != 0] = math.nan
     return curve
 
 
-def _posteriors(axis: Axes, outcome: Outcome) -> None:
-    """Mass and damping under both models, the truth as a cross."""
-    for branch, colour, name in ((outcome.wrong, WRONG, "model as it was"), (outcome.mended, MENDED, "mended model")):
-        _cloud(axis, branch, colour, name)
+def _posteriors(axis: Axes, outcome: Outcome) -> tuple[str, str]:
+    """Mass and damping under both models, the rig's own as a cross."""
+    _cloud(axis, outcome.wrong, WRONG)
+    _cloud(axis, outcome.mended, MENDED)
     truth = outcome.truth
-    axis.plot(truth[MASS], 1e3 * truth[DAMPING], "+", color=MEASURED, ms=14, mew=1.8, label="the rig")
-    axis.set_xlabel("bob's mass [kg]")
+    axis.plot(truth[MASS], 1e3 * truth[DAMPING], "+", color=RIG, ms=15, mew=2)
+    axis.set_xlabel("mass of the bob [kg]")
     axis.set_ylabel("damping [mN m s/rad]")
-    axis.margins(0.25)
-    if DELAY in outcome.mended.names:
-        delay = 1e3 * outcome.mended.samples[:, outcome.mended.names.index(DELAY)]
-        text = f"delay {float(delay.mean()):.1f} ± {float(delay.std()):.1f} ms\n(the rig: {1e3 * truth[DELAY]:.1f} ms)"
-        axis.text(0.02, 0.02, text, transform=axis.transAxes, fontsize=9, color=MENDED, va="bottom")
-    axis.legend(frameon=False, fontsize=8, loc="upper right")
+    axis.margins(0.12)
+    axis.set_ylim(bottom=0)
+    if DELAY not in outcome.mended.names:
+        return "Posteriors given the measured runs", "no delay was found"
+    delay = 1e3 * outcome.mended.samples[:, outcome.mended.names.index(DELAY)]
+    found = f"{float(delay.mean()):.1f} ± {float(delay.std()):.1f} ms"
+    return "Posteriors given the measured runs", f"motor delay {found}, the rig's {1e3 * truth[DELAY]:.1f}"
 
 
-def _cloud(axis: Axes, branch: Branch, colour: str, name: str) -> None:
-    points = branch.samples[:, [branch.names.index(MASS), branch.names.index(DAMPING)]].numpy()
-    points = points[:1500] * np.array([1.0, 1e3])
-    axis.scatter(points[:, 0], points[:, 1], s=3, color=colour, alpha=0.12, lw=0)
+def _cloud(axis: Axes, branch: Branch, colour: str) -> None:
+    """Contours that hold half and 95 % of the draws."""
+    points = branch.samples[:1500, [branch.names.index(MASS), branch.names.index(DAMPING)]].numpy()
+    points = points * np.array([1.0, 1e3])
     density = gaussian_kde(points.T)
-    levels = np.quantile(density(points.T), (0.05, 0.32))
-    (x0, y0), (x1, y1) = points.min(0), points.max(0)
-    grid = np.stack(np.meshgrid(np.linspace(x0, x1, 80), np.linspace(y0, y1, 80)))
-    heights = density(grid.reshape(2, -1)).reshape(80, 80)
-    axis.contour(*grid, heights, levels=levels, colors=colour, linewidths=(0.9, 1.6))
-    axis.plot([], [], color=colour, lw=2, label=name)
+    levels = np.quantile(density(points.T), [1 - mass for mass in MASSES])
+    low, high = np.quantile(points, 0.01, axis=0), np.quantile(points, 0.99, axis=0)
+    wide = 0.5 * (high - low)
+    sides = [np.linspace(low[i] - wide[i], high[i] + wide[i], 120) for i in range(2)]
+    grid = np.stack(np.meshgrid(*sides))
+    heights = density(grid.reshape(2, -1)).reshape(grid.shape[1:])
+    axis.contourf(*grid, heights, levels=[*levels, heights.max() * 1.01], colors=[colour, colour], alpha=0.3)
+    axis.contour(*grid, heights, levels=levels, colors=colour, linewidths=1.2)
 
 
-def _swings(axis: Axes, outcome: Outcome) -> None:
+def _swings(axis: Axes, outcome: Outcome) -> tuple[str, str]:
     """Angles from upright over the episodes; a line ends where the bob has fallen."""
     task = BalanceTask()
-    for branch, colour, name in ((outcome.wrong, WRONG, "model as it was"), (outcome.mended, MENDED, "mended model")):
+    for branch, colour in ((outcome.wrong, WRONG), (outcome.mended, MENDED)):
         angle = branch.angle[:SHOWN].numpy()
+        # After a fall the next episode begins: its start is a jump.
         fallen = np.cumsum(np.abs(np.diff(angle, axis=1, prepend=angle[:, :1])) > 0.4, axis=1) > 0
         time = task.period * np.arange(angle.shape[1])
         axis.plot(time, np.where(fallen, math.nan, angle).T, color=colour, lw=1.2, alpha=0.85)
-        mean = float(branch.returns.mean())
-        axis.plot([], [], color=colour, lw=2, label=f"{name}: {mean:.0f} of {task.horizon} steps")
-    axis.axhline(0, color=TRUTH, lw=0.8, zorder=0)
-    axis.axhspan(1.0, 1.25, color=TRUTH, alpha=0.15, lw=0)
-    axis.axhspan(-1.25, -1.0, color=TRUTH, alpha=0.15, lw=0)
-    axis.text(
-        0.98, 1.12, "fallen", ha="right", va="center", fontsize=8, color=TRUTH, transform=axis.get_yaxis_transform()
-    )
-    axis.set_ylim(-1.25, 1.6)
+    for side in (1, -1):
+        axis.axhspan(side * 1.0, side * 1.25, color=GROUND, alpha=0.18, lw=0)
+        axis.text(1.95, side * 1.12, "fallen", ha="right", va="center", fontsize=9, color=GROUND)
+    axis.set_ylim(-1.25, 1.25)
+    axis.set_xlim(0, task.period * task.horizon)
     axis.set_xlabel("time [s]")
     axis.set_ylabel("angle from upright [rad]")
-    axis.legend(frameon=False, fontsize=8, loc="upper right")
+    wrong, mended = (float(branch.returns.mean()) for branch in (outcome.wrong, outcome.mended))
+    return "Both policies on the rig", f"return {wrong:.0f} → {mended:.0f} of {task.horizon}"
