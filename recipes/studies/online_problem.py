@@ -98,7 +98,7 @@ class Problem:
     worlds: int = 64
     batch_steps: int = 64
     simulations: int = 1000
-    epochs: int = 20
+    epochs: int = 30
     hidden: int = 32
 
     @property
@@ -142,7 +142,7 @@ def online(
         simulate=simulate,
         estimator=partial(estimator, problem),
         fit=partial(fit, generator=generator(seed, "fit"), epochs=problem.epochs, batch_size=50, learning_rate=4e-3),
-        narrow=partial(proposals.truncated, generator=generator(seed, "narrow"), mass=0.99),
+        narrow=partial(proposals.truncated, generator=generator(seed, "narrow")),
         real=HiddenSystem(worlds(problem, 1, ParameterRandomization(Point(truth)), noise, seed + 2000)),
         schedule=problem.schedule,
     )
