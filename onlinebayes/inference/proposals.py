@@ -14,6 +14,7 @@ kept with probability c / q_w(u); whichever accepted more in a trial.
 from __future__ import annotations
 
 import math
+from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float
@@ -29,6 +30,15 @@ TINY = 1e-9  # shortest side of a box
 ROUNDING = 1e-6  # of z and log densities, so that a draw that went through theta still counts as inside
 
 
+@runtime_checkable
+class Region(Protocol):
+    """A set of parameters."""
+
+    def contains(self, theta: Tensor) -> Tensor:
+        """Whether theta (..., P) lies in it."""
+        ...
+
+
 class TruncatedProposal:
     """Uniform (on the unit cube's scale) over the region where a mixture is dense enough.
 
@@ -37,6 +47,7 @@ class TruncatedProposal:
         threshold: log density c in the coordinates z of the mixture's box; the region is where q_w is no smaller.
         samples: points z (M, P) of the region, M >= 1, from which its box is found.
         generator: for the trial that chooses the sampler and estimates the volume.
+        within: another region or box; only what lies in it too belongs to the region.
 
     Attributes:
         box: a box in the unit cube around the region; the next estimator's.
@@ -45,10 +56,15 @@ class TruncatedProposal:
     """
 
     def __init__(
-        self, mixture: TruncatedMixture, threshold: float, samples: Float[Tensor, "M P"], generator: torch.Generator
+        self,
+        mixture: TruncatedMixture,
+        threshold: float,
+        samples: Float[Tensor, "M P"],
+        generator: torch.Generator,
+        within: Region | None = None,
     ) -> None:
         self.space: ParameterSpace = mixture.space
-        self._mixture, self._threshold, self._known = mixture, threshold, samples
+        self._mixture, self._threshold, self._known, self._within = mixture, threshold, samples, within
         self._low, self._high = _around(samples)
         outer = mixture.box
         width = outer.high - outer.low
@@ -113,18 +129,19 @@ class TruncatedProposal:
         return self._mixture.sample_frame((size,), generator)
 
     def _keep_probability(self, z: Tensor) -> Tensor:
-        log_q = self._mixture.log_prob_frame(z)
-        return torch.where(log_q >= self._threshold, torch.exp(self._threshold - log_q), 0.0)
+        return torch.where(self._inside(z), torch.exp(self._threshold - self._mixture.log_prob_frame(z)), 0.0)
 
     def _inside(self, z: Tensor) -> Tensor:
-        within = ((z >= -ROUNDING) & (z <= 1 + ROUNDING)).all(-1)
-        return within & (self._mixture.log_prob_frame(z) >= self._threshold - ROUNDING)
+        inside = ((z >= -ROUNDING) & (z <= 1 + ROUNDING)).all(-1)
+        inside = inside & (self._mixture.log_prob_frame(z) >= self._threshold - ROUNDING)
+        return inside if self._within is None else inside & self._within.contains(self._mixture.box.from_frame(z))
 
 
 def truncated(
     posterior: Posterior,
     *,
     generator: torch.Generator,
+    within: Region | None = None,
     mass: float = 0.997,
     dilation: float = 1.3,
     growth: float = 0.25,
@@ -135,6 +152,8 @@ def truncated(
     Args:
         posterior: what is known; an unconditioned one gives its own box back.
         generator: for the region's threshold and its sampler's trial.
+        within: the proposal that the posterior was trained on, if the next is to be a part of it: the posterior has
+            seen nothing elsewhere. Where the two have nothing in common it is left out.
         mass: share of the widened posterior that the region holds.
         dilation: factor on the components' scales, at least 1: insurance against an overconfident posterior.
         growth: how far the region may reach beyond the box of the simulations that the posterior was trained on, in
@@ -154,7 +173,11 @@ def truncated(
     points = wide.sample_frame((samples,), generator)
     log_q = wide.log_prob_frame(points)
     threshold = float(torch.quantile(log_q, 1 - mass))
-    return TruncatedProposal(wide, threshold, points[log_q >= threshold], generator)
+    points = points[log_q >= threshold]
+    if within is not None:
+        shared = within.contains(wide.box.from_frame(points))
+        points, within = (points[shared], within) if bool(shared.any()) else (points, None)
+    return TruncatedProposal(wide, threshold, points, generator, within)
 
 
 def _grown(box: Box, growth: float) -> Box:

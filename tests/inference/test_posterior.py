@@ -176,6 +176,23 @@ def test_a_posterior_that_leans_on_its_box_grows_beyond_it() -> None:
     assert ONE.contains(region.sample((500,))).all()
 
 
+def test_a_region_within_another_is_a_part_of_both() -> None:
+    first = proposals.truncated(_posterior(_gaussian(TWO, [0.4, 0.4], RIDGE)), generator=_generator())
+    broad = _posterior(_gaussian(TWO, [0.5, 0.5], 0.1 * torch.eye(2)))
+    alone = proposals.truncated(broad, generator=_generator())
+    both = proposals.truncated(broad, generator=_generator(), within=first)
+    assert isinstance(both, TruncatedProposal)
+    theta = both.sample((500,), _generator())
+    assert alone.contains(theta).all()  # type: ignore[union-attr]
+    assert first.contains(theta).all()  # type: ignore[union-attr]
+    assert both.log_volume < alone.log_volume - 3  # type: ignore[union-attr]
+    apart = proposals.truncated(
+        _posterior(_gaussian(TWO, [0.9, 0.1], 1e-3 * torch.eye(2))), generator=_generator(), within=first
+    )
+    assert TWO.contains(apart.sample((100,), _generator())).all()
+    assert not first.contains(apart.sample((100,), _generator())).any()  # type: ignore[union-attr]
+
+
 def test_bad_settings_are_refused() -> None:
     posterior = _posterior(_gaussian(ONE, [0.5], torch.tensor([[0.1]])))
     for mass, dilation, growth in ((0.0, 1.3, 0.2), (1.0, 1.3, 0.2), (0.99, 0.9, 0.2), (0.99, 1.3, -0.1)):

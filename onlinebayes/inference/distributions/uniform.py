@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.inference.distributions.box import Box
@@ -29,6 +29,10 @@ class BoxUniform:
         device = generator.device if generator is not None else self.box.low.device
         z = torch.rand((*shape, len(self.space)), dtype=torch.float64, device=device, generator=generator)
         return self.box.from_frame(z)
+
+    def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
+        """Whether theta lies in the box, edges included."""
+        return self.box.contains(theta)
 
     def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
         """Log density on the original scale [1 / units]; -inf outside."""
