@@ -1,20 +1,27 @@
-"""Posteriors over physical parameters from trajectories.
+"""Posteriors over physical parameters from trajectories: simulate, fit, condition, narrow, and again.
 
-prior = BoxUniform(space)                                              # theta = prior.sample((1000,))
-features = TransitionFeatures(observation=4, action=2)                 # onlinebayes.embeddings
-embedding = LSTMEmbedding(features)
-estimator = MixtureEstimator(space, embedding.size)
-loss = NeuralPosteriorLoss(embedding, estimator)
+    proposal = BoxUniform(space)                                              # the prior
+    for _ in range(rounds):
+        simulated = simulate(proposal.sample((1000,)))                        # TensorDict (1000, T) with "theta"
+        reference = SimulatorReference(simulator, proposal.box.cross(), ...)  # this and the next from .embeddings
+        features = TransitionFeatures(4, 2, reference=reference, sensitivities=len(space))
+        embedding = JoinedEmbedding([LSTMEmbedding(features), SummaryEmbedding(features, averages=False)])
+        estimator = MixtureEstimator(space, embedding.size, box=proposal.box)
+        loss = NeuralPosteriorLoss(embedding, estimator)
+        fit(loss, simulated, generator=g, epochs=30)
+        posterior = Posterior(loss).condition(real)                           # TensorDict (n, T): union over the n
+        proposal = proposals.truncated(posterior, proposal, generator=g)      # where to simulate next
 
-fit(loss, simulated, generator=g, seconds=8)                           # TensorDict (B, T) with "theta"
-posterior = Posterior(loss).condition(real)                            # TensorDict (n, T): union over the n
-posterior.log_prob(theta), posterior.sample((500,)), posterior.mean()
+What comes out, and how to look at it (``from onlinebayes.inference import plots``, which loads matplotlib):
 
-proposal = proposals.truncated(posterior, generator=g)                 # theta = proposal.sample((1000,))
-estimator.box = proposal.box                                           # next round: simulate there, fit again
+    posterior.log_prob(theta), posterior.sample((500,)), posterior.marginal(["mass"]), posterior.mean()
+    plots.save(plots.corner(posterior, truth=theta, prior=BoxUniform(space)), "corner.png")
+    calibration.coverage(posterior.each, thetas, trajectories)                # each trajectory with a theta of its own
+
+Every name is a part on its own; none knows of a trainer.
 """
 
-from onlinebayes.inference import proposals
+from onlinebayes.inference import calibration, proposals
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.fit import FitReport, fit
@@ -31,6 +38,7 @@ __all__ = [
     "Posterior",
     "TrajectoryKeys",
     "TruncatedMixture",
+    "calibration",
     "fit",
     "proposals",
 ]

@@ -139,9 +139,9 @@ class TruncatedProposal:
 
 def truncated(
     posterior: Posterior,
+    within: Region | None = None,
     *,
     generator: torch.Generator,
-    within: Region | None = None,
     mass: float = 0.997,
     dilation: float = 1.3,
     growth: float = 0.25,
@@ -151,9 +151,9 @@ def truncated(
 
     Args:
         posterior: what is known; an unconditioned one gives its own box back.
-        generator: for the region's threshold and its sampler's trial.
         within: the proposal that the posterior was trained on, if the next is to be a part of it: the posterior has
             seen nothing elsewhere. Where the two have nothing in common it is left out.
+        generator: for the region's threshold and its sampler's trial.
         mass: share of the widened posterior that the region holds.
         dilation: factor on the components' scales, at least 1: insurance against an overconfident posterior.
         growth: how far the region may reach beyond the box of the simulations that the posterior was trained on, in
