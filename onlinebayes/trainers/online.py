@@ -6,7 +6,7 @@
         infer:       maximise sum_i log q(theta_i | embedding(x_i))         embedding and mixture together
         measure:     x_real ~ the real system under pi
         condition:   p_t(theta) = q(theta | x_real's)
-        narrow:      proposal = prior cut to the region of p_t
+        narrow:      proposal = last proposal cut to the region of p_t
 
 Algorithm 1 of R. C. Possas, Reinforcement Learning in the Real World; Possas et al., Online BayesSim for Combined
 Simulator Parameter Inference and Policy Improvement (IROS 2020). The proposals are truncated (Deistler, Goncalves and
@@ -129,7 +129,7 @@ class OnlineTrainer:
         simulate: (policy, proposal) -> trajectories (M, T) with their theta.
         estimator: proposal -> a fresh loss (embedding and mixture) in the proposal's box.
         fit: trains the loss on trajectories.
-        narrow: posterior -> the next proposal.
+        narrow: (posterior, the proposal it was trained on) -> the next proposal.
         real: the system in question.
         schedule: how much of each step.
     """
@@ -140,7 +140,7 @@ class OnlineTrainer:
     simulate: Callable[[Policy, Proposal], TensorDict]
     estimator: Callable[[Proposal], NeuralPosteriorLoss]
     fit: Callable[[NeuralPosteriorLoss, TensorDictBase], FitReport]
-    narrow: Callable[[Posterior], Proposal]
+    narrow: Callable[[Posterior, Proposal], Proposal]
     real: RealSystem
     schedule: Schedule
 
@@ -178,7 +178,7 @@ class OnlineTrainer:
         measured = self.real.run(policy, self.schedule.real_steps)
         real = measured if state.real is None else torch.cat([state.real, measured])
         posterior = Posterior(loss).condition(real[-self.schedule.remember :])
-        state.proposal, state.posterior, state.real = self.narrow(posterior), posterior, real
+        state.proposal, state.posterior, state.real = self.narrow(posterior, state.proposal), posterior, real
         state.records.append(Record(state.step + 1, state.frames, time.monotonic() - start, losses, report))
         progress.update(state.step, f"posterior mean {[round(x, 3) for x in posterior.mean().tolist()]}")
 
