@@ -27,6 +27,7 @@ from onlinebayes.simulators.base import Simulator
 STEPS = 40
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
+DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
 
 
@@ -121,7 +122,15 @@ def linearise_at(
 ) -> Linearisation:
     """The linearisation one step away, the starts moved along."""
     shift = start_shift(windows, lin, projected, step)
-    return linearise(simulator, windows, simulator.parameters.clamp(lin.theta + step), lin.starts + shift)
+    theta = simulator.parameters.clamp(lin.theta + step)
+    return linearise(simulator, windows, theta, lin.starts + shift, difference_steps(projected))
+
+
+def difference_steps(projected: Projected) -> Float[Tensor, " P"]:
+    """Longest steps for finite differences [SI]: 30 sd of each parameter, were it alone."""
+    rows = (projected.row_weight > 0).sum().clamp_min(1)
+    scale = (projected.residual.square().sum() / rows).sqrt()
+    return DIFFERENCE * scale / projected.columns.flatten(0, 1).norm(dim=0).clamp_min(1e-300)
 
 
 def bounded_step(

@@ -86,7 +86,7 @@ def _places(windows: Windows) -> list[Region]:
     for r, name in enumerate(windows.runs):
         mine = windows.run == r
         if len(windows.runs) > 1:
-            found.append(Region(f"run {name}", mine[:, None].expand(shape)))
+            found.append(Region(f"run '{name}'", mine[:, None].expand(shape)))
         elif windows.count >= 6:
             order = torch.arange(windows.count, device=mine.device)
             for third, word in enumerate(("first", "middle", "last")):

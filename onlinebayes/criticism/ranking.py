@@ -35,7 +35,7 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
             row = _judged(last, verdicts[key], len(rows) + 1, equal, accepted=False, screened=screened)
         else:
             number = None if screened.p_value is None else len(rows) + 1
-            refused = () if screened.p_value is None else (f"p = {screened.p_value:.3g}",)
+            refused = () if screened.p_value is None else (f"not significant (p = {screened.p_value:.2g})",)
             row = Candidate(
                 key,
                 number,

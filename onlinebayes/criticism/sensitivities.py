@@ -2,8 +2,9 @@
 
     simulated(theta + d theta, s + d s) ~ simulated + by_theta d theta + by_start d s
 
-Forward differences, toward the inside of the bounds, with a step of a thousandth of a parameter's range: large against
-the solver's tolerance, small against what a parameter does.
+Forward differences, toward the inside of the bounds, with a step of at most a thousandth of a parameter's range: large
+against the solver's tolerance, small against what a parameter does. Where bounds are wide, a fit shortens the step to
+some standard deviations of the parameter.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from onlinebayes.simulators.base import Simulator
 
 RELATIVE_STEP = 1e-3
 START_STEP = 5.0  # of a start's sd
+SHORTER = 4  # times that a step may be shortened where the model diverges
 
 
 @dataclass(frozen=True)
@@ -44,27 +46,47 @@ class Linearisation:
 
 
 def linearise(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], starts: Float[Tensor, "W J2"]
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"],
+    largest: Float[Tensor, " P"] | None = None,
 ) -> Linearisation:
-    """Replay once at (theta, starts) and once for each parameter and start moved."""
-    steps = parameter_steps(simulator, theta)
+    """Replay once at (theta, starts) and once for each parameter and start moved.
+
+    Args:
+        simulator, windows: what is replayed.
+        theta, starts: where [SI].
+        largest: longest difference step of each parameter [SI]; a thousandth of its range when None.
+    """
+    steps = parameter_steps(simulator, theta, largest)
     J2, P = starts.shape[1], len(theta)
     start_steps = (START_STEP * windows.start_sd).clamp_min(1e-9)
-    moved_theta = theta + torch.cat([theta.new_zeros(1 + J2, P), torch.diag(steps)])
-    moved_starts = starts.expand(1 + J2 + P, *starts.shape).clone()
-    for j in range(J2):
-        moved_starts[1 + j, :, j] += start_steps[:, j]
-    signals, valid = replay(simulator, windows, moved_theta, moved_starts)
+    for _ in range(SHORTER):
+        moved_theta = theta + torch.cat([theta.new_zeros(1 + J2, P), torch.diag(steps)])
+        moved_starts = starts.expand(1 + J2 + P, *starts.shape).clone()
+        for j in range(J2):
+            moved_starts[1 + j, :, j] += start_steps[:, j]
+        signals, valid = replay(simulator, windows, moved_theta, moved_starts)
+        stable = valid.all(-1)
+        if not bool(stable[0]) or bool(stable.all()):
+            break
+        # A step that reaches where the model diverges says nothing about where it does not.
+        steps = torch.where(stable[1 + J2 :], steps, steps / 100)
     binned = windows.bin(signals)
     by_start = (binned[1 : 1 + J2] - binned[0]).movedim(0, -1) / start_steps[:, None, None, :]
     by_theta = (binned[1 + J2 :] - binned[0]).movedim(0, -1) / steps
-    return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(valid.all()))
+    return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(stable.all()))
 
 
-def parameter_steps(simulator: Simulator, theta: Float[Tensor, " P"]) -> Float[Tensor, " P"]:
+def parameter_steps(
+    simulator: Simulator, theta: Float[Tensor, " P"], largest: Float[Tensor, " P"] | None = None
+) -> Float[Tensor, " P"]:
     """Signed difference steps that stay within the bounds [SI]."""
     low, high = simulator.parameters.low.to(theta), simulator.parameters.high.to(theta)
     step = RELATIVE_STEP * (high - low)
+    if largest is not None:
+        step = torch.minimum(step, largest.clamp_min(1e-6 * step))
     return torch.where(theta + step <= high, step, -step)
 
 

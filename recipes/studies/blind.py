@@ -72,8 +72,9 @@ class Outcome:
         return self.after <= 0.5 * self.before or self.after <= 1.2
 
 
-def judge(case: BlindCase) -> Outcome:
-    """Refine one set, as a user would with the engineer's model."""
+def judge(kind: str, seed: int) -> Outcome:
+    """Make one set and refine it, as a user would with the engineer's model."""
+    (case,) = cases((kind,), range(seed, seed + 1))
     began = time.monotonic()
     result = refine(MujocoSimulator(MODEL, FREE, threads=1), case.measurement, holdout=case.holdout)
     return outcome(case, result, time.monotonic() - began)
@@ -99,14 +100,15 @@ def outcome(case: BlindCase, result: Criticism, seconds: float) -> Outcome:
 
 def run(study: Study) -> list[Outcome]:
     """All sets, in the order of kind and seed."""
-    sets = cases(HIDDEN, range(study.hidden)) + cases(("null",), range(study.null))
+    sets = [(kind, seed) for kind in HIDDEN for seed in range(study.hidden)]
+    sets += [("null", seed) for seed in range(study.null)]
     found: list[Outcome] = []
     context = multiprocessing.get_context("spawn")
     with (
         Progress("blind", len(sets)) as progress,
         ProcessPoolExecutor(study.workers, context, initializer=torch.set_num_threads, initargs=(1,)) as pool,
     ):
-        waiting = [pool.submit(judge, case) for case in sets]
+        waiting = [pool.submit(judge, kind, seed) for kind, seed in sets]
         for done in as_completed(waiting):
             found.append(done.result())
             progress.update(len(found), f"{found[-1].kind} {found[-1].seed}: {found[-1].accepted or 'nothing'}")

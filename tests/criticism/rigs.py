@@ -19,7 +19,7 @@ FREE = ParameterSpace(
     {"body.cart.mass": Parameter(0.5, 8.0, "kg"), "joint.rail.damping": Parameter(0.0, 10.0, "N s/m")}
 )
 TRUTH = (2.5, 1.4)
-NOISE = 1e-3
+NOISE = 1e-4
 
 
 def model(parameters: ParameterSpace = FREE) -> MujocoSimulator:

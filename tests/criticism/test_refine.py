@@ -1,0 +1,190 @@
+"""The whole road on small sets whose truth is known, made with MuJoCo; the rig of tests/recipes is not MuJoCo's."""
+
+import pytest
+import torch
+
+from onlinebayes.criticism import Selection, compare, diagnose, refine
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.simulators.effects import ConstantLoad, DryFriction, QuadraticDrag
+from tests.criticism.rigs import FREE, NOISE, TRUTH, measure, model
+
+FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
+LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+
+
+@pytest.fixture(scope="module")
+def mended():
+    return refine(model(), measure({LOAD: (0.5,)}, runs=10), holdout=["run9", "run8"])
+
+
+@pytest.fixture(scope="module")
+def null():
+    return refine(model(), measure(runs=10), holdout=["run9", "run8"])
+
+
+def test_a_hidden_load_is_named_and_sized(mended) -> None:
+    assert mended.verdict == "missing_effect"
+    assert mended.accepted == ("constant_load@rail",)
+    load = mended.parameters["constant_load@rail.load"]
+    assert load.q05 - 2 * load.sd < 0.5 < load.q95 + 2 * load.sd
+    assert load.unit == "N"
+    for (name, estimate), truth in zip(list(mended.parameters.items())[:2], TRUTH, strict=True):
+        assert abs(estimate.mean - truth) < 5 * estimate.sd, name
+    (step,) = mended.steps
+    assert step.added == "constant_load@rail"
+    assert step.error_after["qpos.rail"] < 0.95 * step.error_before["qpos.rail"]
+    assert step.score_gain > 2 * step.score_gain_se
+
+
+def test_held_out_error_falls_to_the_floor(mended) -> None:
+    error = mended.heldout_error
+    assert error.after["qpos.rail"] < 0.5 * error.before["qpos.rail"]
+    assert error.after["qpos.rail"] < 1.5 * error.noise_floor["qpos.rail"]
+    assert error.noise_floor["qpos.rail"] > NOISE
+    assert error.horizon_s["qpos.rail"] == pytest.approx(1.0)
+    assert mended.held_out_runs == ("run9", "run8")
+    assert mended.holdout_looks == 1
+
+
+def test_what_the_free_damping_does_is_confounded(mended) -> None:
+    rows = {candidate.effect: candidate for candidate in mended.candidates}
+    assert rows["viscous_friction@rail"].rank is None
+    assert rows["viscous_friction@rail"].confounded_with == ("joint.rail.damping",)
+    assert set(FREE) <= set(rows["actuator_gain@motor"].confounded_with)
+    assert [c.rank for c in mended.candidates if c.rank] == list(range(1, 6))
+    assert mended.candidates_tried == 7
+
+
+def test_replays_hold_every_row_once(mended) -> None:
+    for fitted in (mended.base, mended.final):
+        assert [run.held_out for run in fitted.replays] == [False] * 8 + [True] * 2
+        for run in fitted.replays:
+            assert len(run.time) == 300
+            assert torch.isfinite(run.simulated).all()
+            assert int(run.window.max()) == 2
+            assert run.measured.shape == run.simulated.shape == (300, 1)
+
+
+def test_the_final_model_replays_its_own_error(mended) -> None:
+    held = [run for run in mended.final.replays if run.held_out]
+    wrong = torch.cat([run.measured - run.simulated for run in held])
+    assert float(wrong.square().mean().sqrt()) == pytest.approx(mended.heldout_error.after["qpos.rail"])
+    assert mended.final.simulator.parameters.names[-1] == "constant_load@rail.load"
+
+
+def test_nothing_is_accepted_where_nothing_hides(null) -> None:
+    assert null.verdict == "adequate"
+    assert null.accepted == ()
+    assert null.remainder.status == "noise"
+    assert null.remainder.rms_over_floor["qpos.rail"] == pytest.approx(1.0, abs=0.06)
+    assert null.final is null.base
+    # What the data would have shown: far less friction than the motor's 12 N, and not nothing.
+    limit = next(c.exclusion_limit for c in null.candidates if c.effect == "dry_friction@rail")
+    assert 0 < limit < 0.2
+
+
+def test_diagnose_judges_the_best_alone() -> None:
+    result = diagnose(
+        model(), measure({FRICTION: (1.0,), LOAD: (0.6,)}, runs=10), candidates=["dry_friction", "constant_load"]
+    )
+    assert result.command == "diagnose"
+    assert len(result.accepted) == 1
+    assert result.candidates[0].rank == 1
+    assert result.candidates_tried == 2
+
+
+def test_compare_names_nothing() -> None:
+    drag = QuadraticDrag("rail", Parameter(0.0, 5.0, "N s2/m2"))
+    result = compare(model(), measure({drag: (3.0,)}, runs=8))
+    assert result.verdict is None
+    assert result.candidates == ()
+    assert result.held_out_runs == ("run6", "run7")
+    assert result.failures
+    assert all(0 < f.share_of_time < f.share_of_error <= 1 for f in result.failures)
+    assert result.remainder.status == "structured"
+
+
+def test_too_few_blocks_are_said_so() -> None:
+    result = refine(model(), measure({FRICTION: (1.0,)}, runs=1, seconds=6.0))
+    assert result.verdict == "insufficient_data"
+    assert result.accepted == ()
+    assert "record at least" in result.what_to_record
+    assert result.heldout_error.before["qpos.rail"] > 0
+
+
+def test_runs_that_never_move() -> None:
+    still = measure(runs=8, seconds=2.0)
+    data = still.data.clone()
+    data["signal"] = 0.3 + NOISE * torch.randn(data["signal"].shape, dtype=torch.float64)
+    data["command"] = torch.zeros_like(data["command"])
+    result = refine(model(), Measurement(data, still.signals, still.commands, still.runs))
+    assert result.verdict == "insufficient_data"
+    assert "move" in result.what_to_record
+    for estimate in result.parameters.values():
+        assert not estimate.identifiable
+
+
+def test_effects_added_by_hand_belong_to_the_base_model() -> None:
+    result = refine(model().with_effect(LOAD), measure({LOAD: (0.5,)}, runs=8))
+    assert result.verdict == "adequate"
+    assert "constant_load@rail" not in {candidate.effect for candidate in result.candidates}
+    assert result.base.effects == ("constant_load@rail",)
+
+
+def test_bounds_hold() -> None:
+    tight = ParameterSpace({**dict(FREE), "body.cart.mass": Parameter(3.0, 8.0, "kg")})  # the truth is 2.5
+    result = compare(model(tight), measure(runs=8))
+    assert result.parameters["body.cart.mass"].mean == pytest.approx(3.0)
+    assert result.remainder.status == "structured"
+
+
+def test_a_model_that_diverges_is_bad_input() -> None:
+    # Stiff enough that the step of 10 ms explodes for every theta that is allowed.
+    stiff = ParameterSpace({"joint.rail.stiffness": Parameter(1e8, 1e9, "N/m")})
+    with pytest.raises(BadInput, match="diverges"):
+        compare(model(stiff), measure(runs=8, seconds=2.0))
+
+
+def test_part_of_the_box_may_diverge() -> None:
+    wild = ParameterSpace({**dict(FREE), "joint.rail.stiffness": Parameter(0.0, 1e6, "N/m")})
+    result = compare(model(wild), measure(runs=8, seconds=2.0))
+    assert result.parameters["joint.rail.stiffness"].mean < 1.0
+    assert result.remainder.status == "noise"
+
+
+def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
+    interrupt = Interrupt()
+    lines: list[str] = []
+
+    def say(line: str) -> None:
+        lines.append(line)
+        if line.startswith("adding"):
+            interrupt.requested = True
+
+    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), progress=say, interrupt=interrupt)
+    assert result.interrupted
+    assert result.accepted == ("constant_load@rail",)
+    assert lines[0] == "fitting the base model"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"candidates": ["dry_fricton"]}, "nearest: dry_friction"),
+        ({"candidates": ["dry_friction@rial"]}, "nearest: rail"),
+        ({"holdout": ["nobody"]}, "unknown"),
+        ({"holdout": [f"run{k}" for k in range(8)]}, "every run is held out"),
+        ({"holdout": []}, "no run is held out"),
+    ],
+)
+def test_bad_arguments(arguments, message) -> None:
+    with pytest.raises(BadInput, match=message):
+        refine(model(), measure(runs=8, seconds=1.0), **arguments)
+
+
+def test_an_effect_may_bring_bounds_of_its_own() -> None:
+    mine = QuadraticDrag("rail", Parameter(0.0, 0.5, "N s2/m2"))
+    result = diagnose(model(), measure(runs=8), candidates=[mine], selection=Selection(horizon_s=0.5))
+    assert [candidate.effect for candidate in result.candidates] == ["quadratic_drag@rail"]
