@@ -142,7 +142,7 @@ def truncated(
     within: Region | None = None,
     *,
     generator: torch.Generator,
-    mass: float = 0.997,
+    mass: float = 0.99,
     dilation: float = 1.3,
     growth: float = 0.25,
     samples: int = 20_000,
@@ -154,7 +154,9 @@ def truncated(
         within: the proposal that the posterior was trained on, if the next is to be a part of it: the posterior has
             seen nothing elsewhere. Where the two have nothing in common it is left out.
         generator: for the region's threshold and its sampler's trial.
-        mass: share of the widened posterior that the region holds.
+        mass: share of the widened posterior that the region holds. With the default dilation 0.99 holds 0.9996 of a
+            Gaussian posterior; 0.997 would follow the last percent of a mixture's weight, which a thousand
+            simulations do not teach it, and Pendulum stalled there (5 nats after six rounds against 8).
         dilation: factor on the components' scales, at least 1: insurance against an overconfident posterior.
         growth: how far the region may reach beyond the box of the simulations that the posterior was trained on, in
             widths of that box: out to where the posterior leans, but not back to where earlier rounds ruled out.
