@@ -41,7 +41,7 @@ PROBLEM = Problem(
     # died down, when the worlds have narrowed. The memory is some 20 batches: old worlds fade within an outer step.
     objective=partial(sac, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=16, memory=20_000),
     goals=Goals(log_density=7.0, regret=25.0, default_score=-200.0),
-    schedule=Schedule(steps=6, policy_batches=16, real_steps=50),
+    schedule=Schedule(steps=6, policy_batches=20, real_steps=50),
     worlds=64,
     batch_steps=16,
 )

@@ -2,7 +2,7 @@
 
     for t = 1, 2, ...
         worlds:      theta ~ p_{t-1}(theta);  pi learns in them             policy steps
-        simulate:    x_i ~ simulator(theta_i, pi),  theta_i ~ proposal
+        simulate:    x_i ~ simulator(theta_i, pi),  theta_i ~ proposal, for pi and its last few predecessors
         infer:       maximise sum_i log q(theta_i | embedding(x_i))         embedding and mixture together
         measure:     x_real ~ the real system under pi
         condition:   p_t(theta) = q(theta | x_real's)
@@ -17,6 +17,7 @@ The trainer owns the order of these steps and nothing else: every part is built 
 
 from __future__ import annotations
 
+import copy
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -58,7 +59,8 @@ class Schedule:
         steps: outer steps, each with one real trajectory.
         policy_batches: collector batches that the policy learns from in an outer step.
         real_steps: length of a real trajectory.
-        remember: real trajectories that the posterior is conditioned on, the latest ones.
+        remember: real trajectories that the posterior is conditioned on, the latest ones. Each is read by an estimator
+            that has seen simulations under the very policy that made it, so as many policies are remembered.
     """
 
     steps: int = 6
@@ -94,6 +96,7 @@ class OnlineState:
         proposal: where the next simulations are drawn; the prior at first.
         posterior: p_t, None before the first outer step is complete.
         real: the real trajectories (n, T), None before the first.
+        policies: the policies that made the latest of them, frozen.
         records: one for each complete outer step.
         frames: simulated frames that the policy has learnt from.
         interrupted: whether the run was stopped before its last step.
@@ -102,6 +105,7 @@ class OnlineState:
     proposal: Proposal
     posterior: Posterior | None = None
     real: TensorDict | None = None
+    policies: list[Policy] = field(default_factory=list)
     records: list[Record] = field(default_factory=list)
     frames: int = 0
     interrupted: bool = False
@@ -166,19 +170,22 @@ class OnlineTrainer:
         return state
 
     def _step(self, state: OnlineState, interrupt: Interrupt, progress: Progress) -> None:
-        start, policy = time.monotonic(), self.objective.policy
+        start, remember = time.monotonic(), self.schedule.remember
         losses = self._improve(state, interrupt, progress)
         if interrupt.requested:
             return
         progress.update(state.step, "simulating and fitting")
+        policy = copy.deepcopy(self.objective.policy).requires_grad_(False)
+        policies = [*state.policies, policy][-remember:]
         loss = self.estimator(state.proposal)
-        report = self.fit(loss, self.simulate(policy, state.proposal))
+        report = self.fit(loss, torch.cat([self.simulate(each, state.proposal) for each in policies]))
         if interrupt.requested:
             return
         measured = self.real.run(policy, self.schedule.real_steps)
         real = measured if state.real is None else torch.cat([state.real, measured])
-        posterior = Posterior(loss).condition(real[-self.schedule.remember :])
-        state.proposal, state.posterior, state.real = self.narrow(posterior, state.proposal), posterior, real
+        posterior = Posterior(loss).condition(real[-remember:])
+        state.proposal, state.posterior = self.narrow(posterior, state.proposal), posterior
+        state.real, state.policies = real, policies
         state.records.append(Record(state.step + 1, state.frames, time.monotonic() - start, losses, report))
         progress.update(state.step, f"posterior mean {[round(x, 3) for x in posterior.mean().tolist()]}")
 

@@ -121,8 +121,8 @@ def single(problem: Problem, settings: Settings) -> int:
 def study(problem: Problem, settings: Settings) -> int:
     """All runs in processes of their own; finished ones are kept, so that an interrupted study goes on."""
     folder = Path(settings.out) / f"{problem.name}-study"
-    jobs = [("online", seed, noise) for seed in SEEDS for noise in NOISES]
-    jobs += [(kind, seed, 0.0) for seed in SEEDS for kind in ("oracle", "prior")]
+    jobs = [(kind, seed, 0.0) for seed in SEEDS for kind in ("online", "oracle", "prior")]
+    jobs += [("online", seed, noise) for noise in NOISES[1:] for seed in SEEDS]
     files = {job: folder / f"{job[0]}-{job[1]}-{job[2]:g}.json" for job in jobs}
     todo = [job for job in jobs if not files[job].exists()]
     try:

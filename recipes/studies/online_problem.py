@@ -82,7 +82,7 @@ class Problem:
         schedule: outer steps and policy batches.
         worlds: number of worlds that the policy learns in.
         batch_steps: steps of each world in one batch.
-        simulations: trajectories for each fit.
+        simulations: trajectories for each fit, of each policy that it has to know.
         epochs: passes over them in each fit.
         hidden: width of the LSTM.
     """
@@ -97,8 +97,8 @@ class Problem:
     schedule: Schedule
     worlds: int = 64
     batch_steps: int = 64
-    simulations: int = 1000
-    epochs: int = 30
+    simulations: int = 500
+    epochs: int = 25
     hidden: int = 32
 
     @property

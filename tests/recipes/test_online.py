@@ -99,7 +99,7 @@ def test_cartpole_at_a_fraction_of_the_effort():
     def objective(observation: TensorSpec, action: TensorSpec):
         return ppo(observation, action)
 
-    problem = replace(CARTPOLE, objective=objective, schedule=Schedule(3, 12, 50), simulations=800)
+    problem = replace(CARTPOLE, objective=objective, schedule=Schedule(3, 12, 50), simulations=400)
     truth, densities = truth_of(problem, 1), []
     _, learnt = run_online(
         problem, truth, 0.0, 1, lambda state, _: densities.append(float(state.posterior.log_prob(truth)))

@@ -115,12 +115,17 @@ def test_the_posterior_moves_and_the_order_is_that_of_the_algorithm(capsys):
     parts = Parts()
     seen = []
     state = parts.trainer.run(OnlineState(PRIOR), lambda s: seen.append(s.step))
-    round_ = ["policy", "policy", "estimator", "simulate", "fit", "real", "narrow"]
-    assert parts.calls == 2 * round_
+    first = ["policy", "policy", "estimator", "simulate", "fit", "real", "narrow"]
+    # From the second step on the estimator also sees the policy behind the trajectory that is remembered.
+    second = ["policy", "policy", "estimator", "simulate", "simulate", "fit", "real", "narrow"]
+    assert parts.calls == first + second
     assert seen == [1, 2]
     assert not state.interrupted
     assert state.step == 2
     assert state.real.shape == (2, 30)
+    weights = [next(policy.parameters()) for policy in state.policies]
+    assert len(weights) == 2
+    assert not torch.equal(*weights), "each trajectory's own policy is kept, as it was then"
     assert state.frames == 2 * 2 * 8 * 16
     # The prior gives 0.21 nats; runs of this size gave 4.0 to 6.7 for six seeds.
     assert state.posterior.log_prob(TRUTH) > PRIOR.log_prob(TRUTH) + 2
