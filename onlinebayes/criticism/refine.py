@@ -217,7 +217,7 @@ def _all_rows(
     simulator: Simulator, measurement: Measurement, selection: Selection, noise: Float[Tensor, " S"]
 ) -> Windows:
     memory = 0.1 * selection.horizon_s
-    return make_windows(simulator, measurement, selection.horizon_s, memory, noise)
+    return make_windows(simulator, measurement, selection.horizon_s, memory, noise, inset=True)
 
 
 def _heldout(

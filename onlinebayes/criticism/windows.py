@@ -18,6 +18,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, even_step, row_step, run_grids
 from onlinebayes.criticism.noise import floors
+from onlinebayes.criticism.smoother import half_window
 from onlinebayes.criticism.starts import window_starts
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -139,6 +140,7 @@ def make_windows(
     memory: float = 0.0,
     noise: Float[Tensor, " S"] | None = None,
     like: Windows | None = None,
+    inset: bool = False,
 ) -> Windows:
     """Tile every run with windows of ``horizon`` seconds.
 
@@ -150,6 +152,8 @@ def make_windows(
         noise: floor of each signal [SI], or None to take it from these runs.
         like: windows of the same runs whose instants, starts and noise are kept, on this simulator's own rows or
             the next coarser that divide theirs; its timestep divides their step.
+        inset: begin each run's first window where the smoother sees it from both sides, for replays that take starts as
+            measured: read off a run's end, a velocity is four times as uncertain.
 
     Raises:
         BadInput: a joint without positions, an unknown signal, a command that is missing.
@@ -169,10 +173,11 @@ def make_windows(
         rows = min(max(4, round(horizon / step)), max(longest, 1))
         bin_rows = max(1, rows // BINS)
         rows -= rows % bin_rows
-        places = [(r, g) for r, grid in enumerate(grids) for g in _starts(grid.rows, rows)]
+        sensor = run_grids(measurement, row_step(measurement))
+        lead = _lead(sensor, names, joint_names(simulator), rows * step, step) if inset else 0
+        places = [(r, lead + g) for r, grid in enumerate(grids) for g in _starts(grid.rows - lead, rows)]
         # A long pause in a log would be windows that nothing is compared in.
         places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
-        sensor = run_grids(measurement, row_step(measurement))
         cuts = [(r, g * step, (g + rows) * step) for r, g in places]
         start, start_sd, free = window_starts(sensor, cuts, names, joint_names(simulator), noise)
     else:
@@ -247,6 +252,16 @@ def _whole_part(whole: float, about: float, timestep: float) -> float:
     steps = round(whole / timestep)
     most = max(1, int(whole / about + 1e-6))
     return whole / max(parts for parts in range(1, most + 1) if steps % parts == 0)
+
+
+def _lead(
+    grids: tuple[RunGrid, ...], names: tuple[str, ...], joints: tuple[str, ...], horizon: float, step: float
+) -> int:
+    """Rows before the first window of a run: the smoother's half-window, where the shortest run can spare it."""
+    half = max((half_window(grids, names.index(f"qpos.{joint}")) for joint in joints), default=0)
+    rows = round(half * grids[0].step / step)
+    spare = min(grid.rows for grid in grids) * grids[0].step - 0.5 * horizon
+    return rows if rows * step <= min(0.2 * horizon, spare) else 0
 
 
 def _starts(available: int, rows: int) -> list[int]:

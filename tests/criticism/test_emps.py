@@ -1,16 +1,16 @@
-"""The EMPS drive, a real machine: what refine must find on it (the timed run through the command line is `make emps`)."""
+"""The EMPS drive, a real machine: what refine must find on it. `make emps` times it through the command line."""
 
 from pathlib import Path
 
 from envs.drive import FREE, MODEL
 from onlinebayes.criticism import refine
-from onlinebayes.measurements import TableReader
+from onlinebayes.measurements import Signal, TableReader
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 
 def test_dry_friction_then_a_constant_load(data: Path) -> None:
     simulator = MujocoSimulator(MODEL, FREE, threads=2)
-    reader = TableReader(simulator.signals, simulator.commands)
+    reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands)
     measurement = reader.read([data / "emps" / "emps.csv"])
     result = refine(simulator, measurement, holdout=["pulses"])
     assert result.verdict == "missing_effect"
@@ -24,5 +24,5 @@ def test_dry_friction_then_a_constant_load(data: Path) -> None:
     assert abs(values["damping"] - 203.5) < 25
     assert abs(values["frictionloss"] - 20.4) < 3
     assert abs(values["load"] - 3.16) < 0.5
-    # The flexibility and the slow ripple of the real drive are in no candidate: the remainder is said to have structure.
+    # The flexibility and the slow ripple of the real drive are in no candidate: the remainder has structure.
     assert result.remainder.status == "structured"
