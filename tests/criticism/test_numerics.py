@@ -1,0 +1,74 @@
+"""The integrator's own errors are not physics: found out, mended by a finer step, and never named as a delay."""
+
+import pytest
+import torch
+
+from onlinebayes.criticism import refine
+from onlinebayes.criticism.acceptance import judge
+from onlinebayes.criticism.blocks import make_blocks
+from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.noise import floors
+from onlinebayes.criticism.numerics import ladder, settle
+from onlinebayes.criticism.results import Numerics
+from onlinebayes.criticism.score import cross_validate
+from onlinebayes.criticism.windows import make_windows
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.rigs import FREE, SLIDE, measure, model
+
+EULER = SLIDE.replace('integrator="RK4"', 'integrator="Euler"')
+
+
+def test_the_ladder_goes_down_to_a_sixteenth() -> None:
+    simulator = MujocoSimulator(SLIDE.replace("0.01", "0.0025"), FREE)
+    assert ladder(simulator, measure(runs=1), 1.0) == pytest.approx([0.01, 0.005, 0.0025, 0.000625, 0.00015625])
+
+
+def test_a_first_order_integrator_is_given_finer_steps() -> None:
+    measurement = measure(runs=8, noise=2e-3)
+    noise = floors(measurement.signals, ())
+    exact = settle(model(), measurement, 1.0, noise)
+    euler = settle(MujocoSimulator(EULER, FREE, threads=1), measurement, 1.0, noise)
+    assert exact.numerics.timestep == pytest.approx(0.01)
+    assert euler.numerics.timestep < 0.01
+    assert euler.numerics.sufficient
+    assert euler.numerics.error_at_quarter_step < 0.11
+    assert torch.allclose(exact.fitted.theta, euler.fitted.theta, rtol=2e-2)
+
+
+def test_an_integrator_that_stays_too_coarse_names_nothing() -> None:
+    # At a noise of 0.1 mm not even a sixteenth of the step brings Euler's error below a tenth of it.
+    result = refine(MujocoSimulator(EULER, FREE, threads=1), measure(runs=8))
+    assert not result.numerics.sufficient
+    assert result.accepted == ()
+    assert any("numerics" in note for note in result.notes)
+
+
+@pytest.mark.parametrize(("error", "refused"), [(0.0, False), (1e3, True)])
+def test_the_integrators_shift_is_not_a_delay(error: float, refused: bool) -> None:
+    delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
+    windows = make_windows(model(), measure({delay: (0.006,)}, runs=8), 1.0, 0.1)
+    current = fit(model(), windows, torch.tensor([2.5, 1.4]).double())
+    blocks = make_blocks(windows, 0.05)
+    grown = fit(model().with_effect(delay), windows, torch.tensor([2.5, 1.4, 0.006]).double())
+    scores = cross_validate(current, windows, blocks)
+    judged = judge(delay, 0.01, grown, scores, windows, blocks, Numerics(0.01, error, True), 0.03)
+    assert judged.admissible != refused
+    assert any("shifts time" in reason for reason in judged.failed) == refused
+
+
+def test_a_true_delay_shorter_than_the_step_is_found_where_the_integrator_is_exact() -> None:
+    delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
+    result = refine(model(), measure({delay: (0.006,)}, runs=10), candidates=["actuator_delay", "dry_friction"])
+    assert result.accepted == ("actuator_delay@motor",)
+    assert result.parameters["actuator_delay@motor.delay"].mean == pytest.approx(0.006, abs=2e-4)
+
+
+def test_friction_calls_for_a_finer_step_than_the_smooth_model() -> None:
+    friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
+    measurement = measure({friction: (0.5,)}, runs=3, seconds=2.0, noise=1e-3)
+    noise = torch.tensor([1e-3], dtype=torch.float64)
+    smooth = settle(model(), measurement, 1.0, noise)
+    rough = settle(model().with_effect(friction), measurement, 1.0, noise)
+    assert rough.numerics.timestep < smooth.numerics.timestep
