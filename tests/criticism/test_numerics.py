@@ -67,8 +67,8 @@ def test_a_true_delay_shorter_than_the_step_is_found_where_the_integrator_is_exa
 
 def test_friction_calls_for_a_finer_step_than_the_smooth_model() -> None:
     friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
-    measurement = measure({friction: (0.5,)}, runs=3, seconds=2.0, noise=1e-3)
-    noise = torch.tensor([1e-3], dtype=torch.float64)
+    measurement = measure({friction: (0.5,)}, runs=3, seconds=2.0, noise=2e-4)
+    noise = torch.tensor([2e-4], dtype=torch.float64)
     smooth = settle(model(), measurement, 1.0, noise)
     rough = settle(model().with_effect(friction), measurement, 1.0, noise)
     assert rough.numerics.timestep < smooth.numerics.timestep
