@@ -35,7 +35,7 @@ class Training:
 
     worlds: int = 256
     steps: int = 32
-    batches: int = 80
+    batches: int = 60
     timestep: float = 0.01
 
 
