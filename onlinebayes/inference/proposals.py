@@ -68,7 +68,7 @@ class TruncatedProposal:
         self._low, self._high = _around(samples)
         outer = mixture.box
         width = outer.high - outer.low
-        low, high = (outer.low + z * width for z in (self._low, self._high))
+        low, high = (outer.low + z.to(width) * width for z in (self._low, self._high))
         self.box = Box(self.space, low.clamp(0, 1 - TINY), torch.maximum(high, low + TINY).clamp(TINY, 1))
         in_a_box = float(self._inside(self._from_box(TRIAL, generator)).double().mean())
         # The share kept of draws from q_w is c |R|, which gives the volume without a box.
@@ -109,7 +109,8 @@ class TruncatedProposal:
             found.append(self._draw(size, generator))
             count += len(found[-1])
         if count < wanted:
-            found.append(self._known[torch.randint(len(self._known), (wanted - count,), generator=generator)])
+            index = (self._uniform((wanted - count,), generator) * len(self._known)).long()
+            found.append(self._known[index])
         z = torch.cat(found)[:wanted] if found else self._known[:0]
         return self._mixture.box.from_frame(z).reshape(*shape, len(self.space))
 
@@ -118,12 +119,16 @@ class TruncatedProposal:
             z = self._from_box(size, generator)
             return z[self._inside(z)]
         z = self._from_mixture(size, generator)
-        uniform = torch.rand(size, dtype=torch.float64, generator=generator)
+        uniform = self._uniform((size,), generator)
         return z[uniform < self._keep_probability(z)]
 
     def _from_box(self, size: int, generator: torch.Generator | None) -> Tensor:
-        z = torch.rand(size, len(self.space), dtype=torch.float64, generator=generator)
-        return self._low + z * (self._high - self._low)
+        return self._low + self._uniform((size, len(self.space)), generator) * (self._high - self._low)
+
+    def _uniform(self, shape: tuple[int, ...], generator: torch.Generator | None) -> Tensor:
+        device = self._low.device
+        drawn_on = generator.device if generator is not None else device
+        return torch.rand(shape, dtype=torch.float64, device=drawn_on, generator=generator).to(device)
 
     def _from_mixture(self, size: int, generator: torch.Generator | None) -> Tensor:
         return self._mixture.sample_frame((size,), generator)

@@ -10,13 +10,15 @@ where manufacturers' defaults often stand, to infinity; truncation treats an edg
 
 from __future__ import annotations
 
+import math
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.inference.distributions.box import Box
 from onlinebayes.inference.distributions.normaliser import log_mass_in_cube
-from onlinebayes.inference.distributions.sampling import sample_truncated
+from onlinebayes.inference.distributions.sampling import choose, sample_truncated
 
 
 class TruncatedMixture:
@@ -79,7 +81,7 @@ class TruncatedMixture:
         lower = self.scale_tril.expand(*deviation.shape[:-1], deviation.shape[-2])
         standard = torch.linalg.solve_triangular(lower, deviation, upper=False).squeeze(-1)
         log_det = torch.log(torch.diagonal(self.scale_tril, dim1=-2, dim2=-1)).sum(-1)
-        constant = 0.9189385332046727 * z.shape[-1]
+        constant = 0.5 * math.log(2 * math.pi) * z.shape[-1]
         log_normal = -0.5 * standard.square().sum(-1) - log_det - constant
         return torch.logsumexp(self.log_weights + log_normal, dim=-1)
 
@@ -95,9 +97,8 @@ class TruncatedMixture:
         log_weights = self.log_weights + self.log_masses
         count = torch.Size(shape).numel()
         K, P = self.mean.shape[-2:]
-        rows = log_weights.reshape(-1, K).softmax(-1)
-        chosen = torch.multinomial(rows, count, replacement=True, generator=generator).T  # (count, batch)
-        index = torch.arange(rows.shape[0], device=rows.device)
+        chosen = choose(log_weights.reshape(-1, K), count, generator).T  # (count, batch)
+        index = torch.arange(chosen.shape[1], device=chosen.device)
         mean = self.mean.reshape(-1, K, P)[index, chosen]
         lower = self.scale_tril.reshape(-1, K, P, P)[index, chosen]
         z = sample_truncated(mean.reshape(-1, P), lower.reshape(-1, P, P), generator)

@@ -9,7 +9,7 @@ its exact truncated conditional (Geweke 1991), which leave the truncated Gaussia
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.inference.distributions.normal import between, log_interval
@@ -59,7 +59,7 @@ def _resampled(mean: Tensor, scale_tril: Tensor, generator: torch.Generator | No
         z_j = between(a, b, w[..., j])
         z = torch.cat([z, z_j.unsqueeze(-1)], -1)
         x = torch.cat([x, (shift + scale * z_j).unsqueeze(-1)], -1)
-    chosen = torch.multinomial(log_weight.softmax(-1), 1, generator=generator).squeeze(1)
+    chosen = choose(log_weight, 1, generator).squeeze(1)
     return x[torch.arange(rows, device=mean.device), chosen].clamp(0, 1)
 
 
@@ -78,6 +78,13 @@ def _gibbs(x: Tensor, mean: Tensor, scale_tril: Tensor, generator: torch.Generat
             column = location + scale * between(-location / scale, (1 - location) / scale, w)
             wide[:, j] = column.clamp(0, 1)
     return wide.to(x)
+
+
+def choose(log_weight: Float[Tensor, "N K"], count: int, generator: torch.Generator | None) -> Int[Tensor, "N count"]:
+    """Indices drawn in proportion to exp(log_weight), on the generator's device first and then on the weights'."""
+    weight = log_weight.softmax(-1)
+    weight = weight.to(generator.device) if generator is not None else weight
+    return torch.multinomial(weight, count, replacement=True, generator=generator).to(log_weight.device)
 
 
 def _rand(shape: tuple[int, ...] | torch.Size, like: Tensor, generator: torch.Generator | None) -> Tensor:
