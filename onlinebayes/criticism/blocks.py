@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float, Int
-from scipy.stats import t as student
+from scipy.special import stdtrit
 from torch import Tensor
 
 from onlinebayes.criticism.fit import Fit, bounded_least_squares
@@ -121,4 +121,4 @@ def jackknife(theta: Float[Tensor, " P"], without: Float[Tensor, "B P"]) -> Floa
 
 def t_quantile(level: float, blocks: int) -> float:
     """Quantile of Student's t with B - 1 degrees of freedom."""
-    return float(student.ppf(level, max(blocks - 1, 1)))
+    return float(stdtrit(max(blocks - 1, 1), level))

@@ -12,9 +12,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.replay import rollout
+from onlinebayes.criticism.replay import replay, rollout
 from onlinebayes.criticism.results import ReplayedRun
-from onlinebayes.criticism.sensitivities import linearise
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 
@@ -68,8 +67,9 @@ def start_floor(
     simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], signals: tuple[str, ...]
 ) -> dict[str, float]:
     """Noise floor of :func:`replay_error`: sensor noise and the starts' uncertainty as the model propagates it."""
-    lin = linearise(simulator, windows, theta, windows.start)
-    spread = (lin.by_start * windows.start_sd[:, None, None, :]).square().sum(-1)
-    seen = windows.seen
+    moved = torch.stack([torch.zeros_like(windows.start), *torch.diag_embed(windows.start_sd).unbind(1)])
+    signals_at, _ = replay(simulator, windows, theta.expand(len(moved), -1), windows.start + moved)
+    spread = (signals_at[1:] - signals_at[0]).square().sum(0)
+    seen = windows.measured
     share = torch.where(seen, spread, torch.zeros_like(spread)).sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)
     return dict(zip(signals, (share + windows.noise.square()).sqrt().tolist(), strict=True))

@@ -21,7 +21,8 @@ from onlinebayes.criticism.grid import even_step
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics
-from onlinebayes.criticism.windows import BINS, Windows, make_windows
+from onlinebayes.criticism.tiling import BINS
+from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -20,7 +20,7 @@ from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.stage import FEWEST_REFITS, Stage, blocks_for, run_stage
+from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
@@ -87,8 +87,8 @@ def search(
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
         left = [effect for effect in effects if effect.key not in present]
-        fewest = 0 if _at_floor(current, selection.tolerance) else FEWEST_REFITS if not stages else 1
-        stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, fewest)
+        thorough = not stages and not _at_floor(current, selection.tolerance)
+        stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough)
         stages.append(stage)
         admissible = [judged for judged in stage.judged if judged.admissible]
         if not admissible:

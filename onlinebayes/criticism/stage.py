@@ -74,14 +74,23 @@ def run_stage(
     numerics: Numerics,
     selection: Selection,
     say: Callable[[str], None],
-    fewest: int = FEWEST_REFITS,
+    thorough: bool = True,
 ) -> Stage:
-    """Screen all effects against the current model, refit the leading ones (``fewest`` at least) and judge them."""
+    """Screen all effects against the current model, refit the leading ones and judge them.
+
+    Args:
+        current, windows, numerics: the model as it stands, and what it was fitted on.
+        effects: the candidates.
+        selection: how they are judged.
+        say: takes one line of progress.
+        thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
+    """
     blocks = blocks_for(current, windows, selection.folds)
     scores = cross_validate(current, windows, blocks)
     screened = screen(current, windows, blocks, effects)
     leading = [s for s in screened if s.p_value is not None]
-    refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0) < REFIT_BELOW][:MOST_REFITS]
+    fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
+    refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0.0) < below][:MOST_REFITS]
     judged = []
     for candidate in refits:
         say(f"refitting with {candidate.effect.key}")

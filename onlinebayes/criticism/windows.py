@@ -16,16 +16,13 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.grid import RunGrid, even_step, row_step, run_grids
-from onlinebayes.criticism.noise import floors
-from onlinebayes.criticism.smoother import half_window
-from onlinebayes.criticism.starts import window_starts
+from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 START_LOOSENESS = 20.0
-BINS = 100
 
 
 @dataclass(frozen=True)
@@ -163,61 +160,54 @@ def make_windows(
     if like is not None:
         step = _whole_part(like.step, step, simulator.timestep)
     grids = run_grids(measurement, step)
-    names = tuple(signal.name for signal in measurement.signals)
-    if noise is None:
-        noise = floors(measurement.signals, run_grids(measurement, row_step(measurement))).to(
-            measurement.data["signal"]
+    tiling = (
+        tile(measurement, grids, joint_names(simulator), horizon, noise, inset)
+        if like is None
+        else Tiling(
+            tuple(
+                (r, g * round(like.step / step)) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)
+            ),
+            like.rows * round(like.step / step),
+            like.bin_rows * round(like.step / step),
+            like.start,
+            like.start_sd,
+            like.free,
+            like.noise,
         )
-    if like is None:
-        longest = max(grid.rows for grid in grids)
-        rows = min(max(4, round(horizon / step)), max(longest, 1))
-        bin_rows = max(1, rows // BINS)
-        rows -= rows % bin_rows
-        sensor = run_grids(measurement, row_step(measurement))
-        lead = _lead(sensor, names, joint_names(simulator), rows * step, step) if inset else 0
-        places = [(r, lead + g) for r, grid in enumerate(grids) for g in _starts(grid.rows - lead, rows)]
-        # A long pause in a log would be windows that nothing is compared in.
-        places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
-        cuts = [(r, g * step, (g + rows) * step) for r, g in places]
-        start, start_sd, free = window_starts(sensor, cuts, names, joint_names(simulator), noise)
-    else:
-        ratio = round(like.step / step)
-        rows, bin_rows = like.rows * ratio, like.bin_rows * ratio
-        places = [(r, g * ratio) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)]
-        start, start_sd, free, noise = like.start, like.start_sd, like.free, like.noise
-    if not places:
-        raise BadInput(
-            f"the longest run has {max(grid.rows for grid in grids)} steps of {step:g} s, too few to compare anything",
-            "record longer runs; a run lasts from its first row to its last",
-        )
-    history_rows = max(0, round(memory / step))
-    cut = [_cut(grids[r], g, rows, history_rows) for r, g in places]
-    command, enable, history, history_enable, value, measured, inside = (
-        torch.stack(part) for part in zip(*cut, strict=True)
     )
+    return _gather(simulator, measurement, grids, tiling, max(0, round(memory / step)))
+
+
+def _gather(
+    simulator: Simulator, measurement: Measurement, grids: tuple[RunGrid, ...], tiling: Tiling, history: int
+) -> Windows:
+    """Everything that the windows of a tiling hold, ``history`` rows of commands before each included."""
+    names = tuple(signal.name for signal in measurement.signals)
+    cut = [_cut(grids[r], g, tiling.rows, history) for r, g in tiling.places]
+    command, enable, past, past_enable, value, measured, inside = (torch.stack(part) for part in zip(*cut, strict=True))
     observed = measured.clone()
     for j, joint in enumerate(joint_names(simulator)):
         for s, name in enumerate(names):
             if name in (f"qpos.{joint}", f"qvel.{joint}"):
-                observed[:, :, s] &= free[:, j : j + 1]
-    index = torch.tensor(places, device=value.device)
+                observed[:, :, s] &= tiling.free[:, j : j + 1]
+    index = torch.tensor(tiling.places, device=value.device)
     return Windows(
-        step=step,
-        bin_rows=bin_rows,
+        step=grids[0].step,
+        bin_rows=tiling.bin_rows,
         run=index[:, 0],
         first=index[:, 1],
         command=command,
         enable=enable,
-        history=history,
-        history_enable=history_enable,
+        history=past,
+        history_enable=past_enable,
         value=value,
         observed=observed,
         measured=measured,
         inside=inside,
-        start=start,
-        start_sd=start_sd,
-        free=free,
-        noise=noise,
+        start=tiling.start,
+        start_sd=tiling.start_sd,
+        free=tiling.free,
+        noise=tiling.noise,
         columns=tuple(simulator.signals.index(name) for name in names),
         runs=measurement.runs,
         begin=tuple(grid.start for grid in grids),
@@ -252,23 +242,6 @@ def _whole_part(whole: float, about: float, timestep: float) -> float:
     steps = round(whole / timestep)
     most = max(1, int(whole / about + 1e-6))
     return whole / max(parts for parts in range(1, most + 1) if steps % parts == 0)
-
-
-def _lead(
-    grids: tuple[RunGrid, ...], names: tuple[str, ...], joints: tuple[str, ...], horizon: float, step: float
-) -> int:
-    """Rows before the first window of a run: the smoother's half-window, where the shortest run can spare it."""
-    half = max((half_window(grids, names.index(f"qpos.{joint}")) for joint in joints), default=0)
-    rows = round(half * grids[0].step / step)
-    spare = min(grid.rows for grid in grids) * grids[0].step - 0.5 * horizon
-    return rows if rows * step <= min(0.2 * horizon, spare) else 0
-
-
-def _starts(available: int, rows: int) -> list[int]:
-    """Starting rows of the windows of one run; a last one that is at least half full counts."""
-    full = list(range(0, available - rows + 1, rows))
-    rest = available - len(full) * rows
-    return full + ([len(full) * rows] if rest >= max(2, rows / 2) else [])
 
 
 def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ...]:
