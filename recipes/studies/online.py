@@ -154,6 +154,8 @@ def run(problem: Problem, kind: str, seed: int, noise: float) -> Outcome:
 
     if kind == "online":
         state, objective = online(problem, truth, noise, seed, on_step)
+        if state.interrupted:
+            raise KeyboardInterrupt
         frames = state.frames
     else:
         drawn = ParameterRandomization(Point(truth) if kind == "oracle" else BoxUniform(problem.space))
