@@ -10,7 +10,7 @@ from torchrl.data import TensorSpec
 from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import ppo
 from onlinebayes.runs import BadInput
-from onlinebayes.trainers import Schedule
+from onlinebayes.trainers import OnlineState, Schedule
 from onlinebayes.transforms import ParameterRandomization
 from recipes.cartpole import PROBLEM as CARTPOLE
 from recipes.pendulum import PROBLEM as PENDULUM
@@ -85,6 +85,15 @@ def test_a_study_goes_on_from_its_finished_runs(tmp_path, monkeypatch, capsys):
     assert online.study(CARTPOLE, settings) == 0
     assert len(asked) == len(set(asked)) == 24
     assert (tmp_path / "results" / "cartpole.json").exists()
+
+
+def test_a_run_cut_short_is_no_result(monkeypatch):
+    def stopped(problem, truth, noise, seed, on_step):
+        return OnlineState(BoxUniform(problem.space), interrupted=True), learner(problem)
+
+    monkeypatch.setattr(online, "online", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        online.run(CARTPOLE, "online", 1, 0.0)
 
 
 def test_settings_that_make_no_sense_are_refused():
