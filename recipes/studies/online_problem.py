@@ -142,7 +142,7 @@ def online(
         simulate=simulate,
         estimator=partial(estimator, problem),
         fit=partial(fit, generator=generator(seed, "fit"), epochs=problem.epochs, batch_size=50, learning_rate=4e-3),
-        # Wider than the default: a truth on the prior's edge, as Gymnasium's are, is what a young estimator reads worst.
+        # Wider than the default: a truth on the prior's edge, as Gymnasium's are, is read worst by young estimators.
         narrow=partial(proposals.truncated, generator=generator(seed, "narrow"), dilation=2.0),
         real=HiddenSystem(worlds(problem, 1, ParameterRandomization(Point(truth)), noise, seed + 2000)),
         schedule=problem.schedule,
