@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from envs.driven_pendulum.rig import DELAY
-from onlinebayes.runs import ResultTable
+from onlinebayes.runs import ResultTable, atomic_path
+from recipes.demo.picture import picture
 from recipes.demo.run import SIGNAL, Budget, Outcome, run
 
 SEEDS = (0, 1, 2, 3, 4)
@@ -59,7 +60,12 @@ def main() -> None:
     arguments.add_argument("--out", type=Path, default=Path("out/demo-seeds"), help="folder of the demonstrations")
     arguments.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the table")
     given = arguments.parse_args()
-    table = tabulate([run(seed, given.out / str(seed), Budget()) for seed in given.seeds])
+    outcomes = []
+    for seed in given.seeds:
+        outcomes.append(run(seed, given.out / str(seed), Budget()))
+        with atomic_path(given.out / str(seed) / "demo.png") as path:
+            picture(outcomes[-1]).savefig(path, dpi=150)
+    table = tabulate(outcomes)
     print("\n" + table.to_markdown())
     print(table.write(given.results))
     if not table.holds:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.compute as pc
 import pytest
 import torch
 from tensordict import TensorDict
@@ -25,14 +26,20 @@ def read(path: Path) -> dict[str, list[pa.RecordBatch]]:
 
 
 def column(batches: list[pa.RecordBatch], name: str) -> list:
-    """The values of one component or time line over all chunks that have it."""
+    """The values of one component or time line (s) over all chunks that have it."""
     found = []
     for batch in batches:
         for full in batch.schema.names:
             if full == name or full.endswith(f":{name}"):
-                found += batch.column(full).to_pylist()
+                values = batch.column(full)
+                found += (seconds(values) if pa.types.is_duration(values.type) else values).to_pylist()
     assert found, f"no {name}"
     return found
+
+
+def seconds(durations: pa.Array) -> pa.Array:
+    """Whole nanoseconds have no Python object unless pandas is there: a plain number has."""
+    return pc.divide(durations.cast(pa.duration("ns")).cast(pa.int64()).cast(pa.float64()), 1e9)
 
 
 def test_scalars_stand_at_their_steps(tmp_path: Path) -> None:
@@ -72,7 +79,7 @@ def test_video_frames_are_images_in_time(tmp_path: Path, shape: tuple[int, ...])
     logger.log_scalar("after", 1.0, step=6)
     logger.shutdown()
     found = read(logger.path)
-    assert [t.total_seconds() for t in column(found["/view"], "video")] == pytest.approx([0.0, 0.1, 0.2])
+    assert column(found["/view"], "video") == pytest.approx([0.0, 0.1, 0.2])
     assert column(found["/view"], "step") == [5, 5, 5]
     assert "video" not in found["/after"][0].schema.names
 
