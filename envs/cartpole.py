@@ -1,8 +1,8 @@
 r"""CartPole: a pole on a cart, balanced by pushing the cart left or right.
 
-    a_x     = y - m l a_phi cos(phi) / (m_c + m)
-    a_phi   = (g sin(phi) + t / (m l) - y cos(phi)) / (l (4/3 - m cos^2(phi) / (m_c + m)))
-    y       = (f + m l w^2 sin(phi)) / (m_c + m)
+    a_x     = y - s a_phi
+    a_phi   = (g sin(phi) + t / (m l) - y cos(phi)) / (4/3 l - s cos(phi))
+    y       = (f + m l w^2 sin(phi)) / (m_c + m),   s = m l cos(phi) / (m_c + m)
 
 x position of the cart [m], phi angle of the pole from upright [rad], w = d phi/dt, l half the pole's length, f and t
 force on the cart and torque on the pole. The same system, step and limits as Gymnasium's ``CartPole-v1`` (Barto, Sutton
@@ -57,11 +57,10 @@ class CartPole(TorchSimulator):
         length, mass = parameters["length"], parameters["mass"]
         total, moment = mass + parameters["masscart"], mass * length
         sin, cos = torch.sin(q[1]), torch.cos(q[1])
+        share = moment / total * cos
         push = (tau[0] + moment * v[1].square() * sin) / total
-        turn = (parameters["gravity"] * sin + tau[1] / moment - cos * push) / (
-            length * (4.0 / 3.0 - mass * cos.square() / total)
-        )
-        return torch.stack((push - moment * turn * cos / total, turn))
+        turn = (parameters["gravity"] * sin + tau[1] / moment - cos * push) / (4.0 / 3.0 * length - share * cos)
+        return torch.stack((push - share * turn, turn))
 
 
 class CartPoleTask(Task):
