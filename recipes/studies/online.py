@@ -8,6 +8,7 @@ default parameters.
 from __future__ import annotations
 
 import json
+import logging
 import statistics
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -74,12 +75,18 @@ class Outcome:
 
 def main(problem: Problem, settings: Settings) -> int:
     """What a recipe does; returns the exit status."""
-    torch.set_num_threads(1)
+    settle_process()
     if settings.seed < 0 or not 0 <= settings.noise < 1:
         raise BadInput(f"seed {settings.seed}, noise {settings.noise}", "needs seed >= 0 and 0 <= noise < 1")
     if settings.study:
         return study(problem, settings)
     return single(problem, settings)
+
+
+def settle_process() -> None:
+    """One thread a process, and TorchRL's notes on its storages stay out of the progress."""
+    torch.set_num_threads(1)
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
 
 
 def truth_of(problem: Problem, seed: int) -> Float[Tensor, " P"]:
@@ -145,7 +152,7 @@ def study(problem: Problem, settings: Settings) -> int:
 
 def run(problem: Problem, kind: str, seed: int, noise: float) -> Outcome:
     """One run of the study."""
-    torch.set_num_threads(1)
+    settle_process()
     truth, densities = truth_of(problem, seed), []
 
     def on_step(state: OnlineState, _: Objective) -> None:
