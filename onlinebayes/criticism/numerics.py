@@ -2,7 +2,7 @@
 
     e = RMS of the start-projected difference between the replays at h and h / 4,    fine enough: e < RMS residual / 10
 
-Criticism begins at a coarse step, where that is cheap, and goes down a ladder of steps as the model improves and its
+Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
 residual shrinks. Steps longer than the rows are only taken while the residual is far above the sensors' noise, for they
 leave measured rows out.
 """
@@ -18,10 +18,10 @@ from torch import Tensor
 from onlinebayes.criticism.candidates import DEAD_TIME
 from onlinebayes.criticism.fit import Fit, fit, starting_theta
 from onlinebayes.criticism.grid import even_step
+from onlinebayes.criticism.ladder import Rung, adjustable, ladder
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics
-from onlinebayes.criticism.tiling import BINS
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -38,6 +38,7 @@ class Grounds:
     windows: Windows
     fitted: Fit
     numerics: Numerics
+    rung: Rung
 
 
 def settle(
@@ -49,25 +50,24 @@ def settle(
     before: Grounds | None = None,
     fitted: Fit | None = None,
 ) -> Grounds:
-    """Fit at the coarsest step of the ladder at which the numerics do not matter.
+    """Fit on the coarsest rung of the ladder at which the numerics do not matter.
 
     Args:
-        simulator: at the model's own step.
+        simulator: as the user gave it, with the effects added so far.
         measurement: the fit runs.
         horizon: H [s].
         noise: floor of each signal [SI].
         begin: theta at which the fit begins; searched in the box when None.
-        before: the grounds of the model that this one grew from: its step is the ladder's first.
+        before: the grounds of the model that this one grew from: its rung is the first one here.
         fitted: a fit of this model to those grounds' windows, if there is one.
     """
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
-    for timestep in ladder(simulator, measurement, horizon):
-        if before is not None and timestep > before.fitted.simulator.timestep * (1 + 1e-9):
-            continue
-        stepped = at_step(simulator, timestep)
+    rungs = ladder(simulator, horizon)
+    for rung in rungs if before is None else rungs[rungs.index(before.rung) :]:
+        stepped = rung.of(simulator)
         try:
-            if before is not None and timestep == before.fitted.simulator.timestep:
+            if before is not None and rung == before.rung:
                 windows = before.windows
             else:
                 windows, fitted = make_windows(stepped, measurement, horizon, DEAD_TIME * horizon, noise), None
@@ -76,40 +76,16 @@ def settle(
                 starts = None  # a finer clock fits another window into a run
             fitted = fitted or fit(stepped, windows, begin, starts=starts)
         except BadInput:
-            if timestep <= simulator.timestep:
+            # Too coarse a step may not fit the windows, or make the model diverge; a finer one follows.
+            if rung == rungs[-1] and grounds is None:
                 raise
             continue
         begin, starts = fitted.theta, fitted.lin.starts
-        grounds = Grounds(windows, fitted, check(simulator, measurement, windows, fitted))
+        grounds = Grounds(windows, fitted, check(simulator, measurement, windows, fitted), rung)
         if grounds.numerics.sufficient:
-            return grounds
-        if timestep <= simulator.timestep and not adjustable(simulator):
             return grounds
     assert grounds is not None
     return grounds
-
-
-def ladder(simulator: Simulator, measurement: Measurement, horizon: float) -> list[float]:
-    """Steps to try, coarse to fine: from H / 100 in halves down to the model's own, then a quarter and a sixteenth."""
-    own = simulator.timestep
-    if not adjustable(simulator):
-        return [own]
-    factor = max(1, int(horizon / BINS / own + 1e-9))
-    steps = []
-    while factor > 1:
-        steps.append(factor * own)
-        factor //= 2
-    return [*steps, own, own / 4, own / 16]
-
-
-def adjustable(simulator: Simulator) -> bool:
-    """Whether the simulator can integrate with another step."""
-    return type(simulator).with_timestep is not Simulator.with_timestep
-
-
-def at_step(simulator: Simulator, timestep: float) -> Simulator:
-    """The simulator at that step; itself where it has it already."""
-    return simulator if timestep == simulator.timestep else simulator.with_timestep(timestep)
 
 
 def check(simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit) -> Numerics:

@@ -14,9 +14,10 @@ from torch import Tensor
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
 from onlinebayes.criticism.noise import tau
-from onlinebayes.criticism.numerics import Grounds, at_step
+from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.ranking import rank, steps
 from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection
@@ -176,7 +177,7 @@ def _assemble(
         selection=selection,
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
-        notes=_notes(base, found),
+        notes=_notes(simulator, found),
     )
 
 
@@ -196,7 +197,7 @@ def _model(
 ) -> FittedModel:
     """The fitted model at the finer of its own step and the one it was judged at, with its replays at every row."""
     fitted = grounds.fitted
-    model = at_step(fitted.simulator, min(simulator.timestep, fitted.simulator.timestep))
+    model = Rung(min(simulator.timestep, fitted.simulator.timestep)).of(fitted.simulator)
     covariance = covariance_of(fitted, blocks)
     flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
@@ -243,14 +244,20 @@ def _remainder(final: Grounds, after: dict[str, float], units: dict[str, str], s
     return Remainder("structured", after, worst[0].where if worst else "")
 
 
-def _notes(base: Grounds, found: Found) -> tuple[str, ...]:
-    notes = []
-    if not found.final.numerics.sufficient:
+def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
+    notes, final = [], found.final
+    if not final.numerics.sufficient:
         notes.append(
-            f"numerics: at the step of {base.fitted.simulator.timestep:g} s the integration error is not small against "
-            "the misfit, so nothing is named; give the model a finer timestep or a better integrator"
+            f"numerics: at the step of {final.rung.timestep:g} s the integration error is not small against the "
+            "misfit, so nothing is named; give the model a finer timestep or a better integrator"
         )
-    if not found.final.fitted.converged:
+    elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
+        method = "Runge-Kutta's method" if final.rung.runge_kutta else "its own integrator"
+        notes.append(
+            f"numerics: at its step of {simulator.timestep:g} s the model's own integrator errs too much to be judged "
+            f"by these sensors; judged by {method} at {final.rung.timestep:g} s; the refined model keeps to that method"
+        )
+    if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
 

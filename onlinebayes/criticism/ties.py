@@ -47,9 +47,7 @@ def _swapped(base: Simulator, found: Found, rivals: list[str], folds: int | None
         if rival.effect.key not in rivals:
             continue
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
-        model = grown(base, effects)
-        if model.timestep != final.simulator.timestep:
-            model = model.with_timestep(final.simulator.timestep)
+        model = found.final.rung.of(grown(base, effects))
         theta = carried(final.simulator, final.theta, model)
         for name in rival.effect.parameters:
             address = f"{rival.effect.key}.{name}"

@@ -81,11 +81,13 @@ def decide(
     """
     if blocks < FEWEST or not moves:
         return "insufficient_data"
+    worst = max(after.values(), default=0.0)
     if not numerics.sufficient:
-        return "unexplained"
+        # Where the integrator errs by less than the noise and no more than noise is left, nothing can be missing.
+        quiet = not accepted and worst <= tolerance and numerics.error_at_quarter_step <= 1.0
+        return "adequate" if quiet else "unexplained"
     if accepted and tie:
         return "tie"
-    worst = max(after.values(), default=0.0)
     if accepted:
         excess = sum(max(0.0, value**2 - 1) for value in before.values())
         left = sum(max(0.0, value**2 - 1) for value in after.values())

@@ -154,3 +154,14 @@ class Simulator(ABC):
             f"{type(self).__name__} integrates with a step of {self.timestep:g} s only",
             "override with_timestep to let numerics be checked",
         )
+
+    def with_runge_kutta(self) -> Self:
+        """The same system integrated by Runge and Kutta's method of fourth order; itself where it is already.
+
+        Raises:
+            BadInput: this simulator has one integrator only.
+        """
+        raise BadInput(
+            f"{type(self).__name__} has one integrator only",
+            "override with_runge_kutta to let numerics be checked at coarse steps",
+        )

@@ -1,5 +1,6 @@
 """The integrator's own errors are not physics: found out, mended by a finer step, and never named as a delay."""
 
+import mujoco
 import pytest
 import torch
 
@@ -7,12 +8,14 @@ from onlinebayes.criticism import refine
 from onlinebayes.criticism.acceptance import judge
 from onlinebayes.criticism.blocks import make_blocks
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.ladder import Rung, ladder
 from onlinebayes.criticism.noise import floors
-from onlinebayes.criticism.numerics import ladder, settle
+from onlinebayes.criticism.numerics import settle
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.windows import make_windows
 from onlinebayes.parameters import Parameter
+from onlinebayes.simulators import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, measure, model
@@ -20,16 +23,33 @@ from tests.criticism.rigs import FREE, SLIDE, measure, model
 EULER = SLIDE.replace('integrator="RK4"', 'integrator="Euler"')
 
 
+class OneIntegrator(MujocoSimulator):
+    """A simulator that knows Euler only."""
+
+    with_runge_kutta = Simulator.with_runge_kutta
+
+
 def test_the_ladder_goes_down_to_a_sixteenth() -> None:
-    simulator = MujocoSimulator(SLIDE.replace("0.01", "0.0025"), FREE)
-    assert ladder(simulator, measure(runs=1), 1.0) == pytest.approx([0.01, 0.005, 0.0025, 0.000625, 0.00015625])
+    own = [Rung(0.01), Rung(0.005), Rung(0.0025)]
+    fine = [Rung(0.000625), Rung(0.00015625)]
+    assert ladder(MujocoSimulator(SLIDE.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *fine]
+    smooth = [Rung(rung.timestep, True) for rung in own]
+    assert ladder(MujocoSimulator(EULER.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *smooth, *fine]
+    assert ladder(OneIntegrator(EULER.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *fine]
+
+
+def test_a_rung_changes_step_and_method_and_nothing_else() -> None:
+    simulator = MujocoSimulator(EULER, FREE)
+    assert Rung(simulator.timestep).of(simulator) is simulator
+    model = Rung(0.002, True).of(simulator).model
+    assert (model.opt.timestep, model.opt.integrator) == (0.002, mujoco.mjtIntegrator.mjINT_RK4)
 
 
 def test_a_first_order_integrator_is_given_finer_steps() -> None:
     measurement = measure(runs=8, noise=2e-3)
     noise = floors(measurement.signals, ())
     exact = settle(model(), measurement, 1.0, noise)
-    euler = settle(MujocoSimulator(EULER, FREE, threads=1), measurement, 1.0, noise)
+    euler = settle(OneIntegrator(EULER, FREE, threads=1), measurement, 1.0, noise)
     assert exact.numerics.timestep == pytest.approx(0.01)
     assert euler.numerics.timestep < 0.01
     assert euler.numerics.sufficient
@@ -39,10 +59,18 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
 
 def test_an_integrator_that_stays_too_coarse_names_nothing() -> None:
     # At a noise of 0.1 mm not even a sixteenth of the step brings Euler's error below a tenth of it.
-    result = refine(MujocoSimulator(EULER, FREE, threads=1), measure(runs=8))
+    result = refine(OneIntegrator(EULER, FREE, threads=1), measure(runs=8))
     assert not result.numerics.sufficient
     assert result.accepted == ()
     assert any("numerics" in note for note in result.notes)
+
+
+def test_a_model_integrated_by_euler_is_judged_by_runge_kutta_and_says_so() -> None:
+    result = refine(MujocoSimulator(EULER, FREE, threads=1), measure(runs=8))
+    assert (result.verdict, result.accepted) == ("adequate", ())
+    assert result.numerics.timestep == pytest.approx(0.01)
+    assert any("Runge-Kutta" in note for note in result.notes)
+    assert result.final.simulator.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
 
 
 @pytest.mark.parametrize(("error", "refused"), [(0.0, False), (1e3, True)])

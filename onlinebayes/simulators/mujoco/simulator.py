@@ -171,10 +171,17 @@ class MujocoSimulator(Simulator):
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
-        system = self._system
-        spec = system.source.copy()
+        spec = self._system.source.copy()
         spec.option.timestep = timestep
-        return type(self)(spec, system.base_parameters, self.worlds, None, self._threads, self.effects)
+        return self._integrated(spec, None)
+
+    def with_runge_kutta(self) -> Self:
+        """A new simulator with MuJoCo's RK4; see :meth:`Simulator.with_runge_kutta`."""
+        if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            return self
+        spec = self._system.source.copy()
+        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        return self._integrated(spec, self.dt)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
@@ -191,6 +198,9 @@ class MujocoSimulator(Simulator):
     def foreign(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
         """Keys of the effects that :meth:`export` has to leave out at these parameters."""
         return foreign(self._system, _finite(theta[None]).numpy())
+
+    def _integrated(self, spec: mujoco.MjSpec, dt: float | None) -> Self:
+        return type(self)(spec, self._system.base_parameters, self.worlds, dt, self._threads, self.effects)
 
     def _remade(self, worlds: int, effects: Sequence[Effect]) -> Self:
         system = self._system

@@ -29,7 +29,7 @@ def check_simulator(
     Checked: shapes, dtype and device; the same inputs give the same bits; a batch equals single worlds; a partial reset
     touches only its worlds; a rollout equals its steps, at coarser times too; a saved state restores the future; an
     ``enable`` of ones is nothing; a world that diverges is flagged, held, and harms no other; every parameter acts;
-    ``with_worlds``, and ``with_timestep`` where there is one.
+    ``with_worlds``, and ``with_timestep`` and ``with_runge_kutta`` where there are such.
 
     Args:
         simulator: any number of worlds; it is not touched.
@@ -53,7 +53,7 @@ def check_simulator(
     _check_enable(worlds, trial, path)
     _check_failure(worlds, trial)
     _check_parameters(worlds, trial, path, inert)
-    _check_timestep(worlds)
+    _check_integration(worlds)
 
 
 def _restart(worlds: Simulator, trial: Trial) -> TensorDict:
@@ -184,9 +184,15 @@ def _check_parameters(worlds: Simulator, trial: Trial, path: TensorDict, inert: 
         require(not torch.equal(moved["qpos"], path["qpos"]), f"parameter {name} changes nothing")
 
 
-def _check_timestep(worlds: Simulator) -> None:
-    if type(worlds).with_timestep is Simulator.with_timestep:
-        return
-    finer = worlds.with_timestep(worlds.timestep / 2)
-    require(finer.timestep == worlds.timestep / 2 == finer.dt, "with_timestep does not set timestep and dt")
-    require(finer.parameters == worlds.parameters and finer.effects == worlds.effects, "with_timestep drops parameters")
+def _check_integration(worlds: Simulator) -> None:
+    if type(worlds).with_timestep is not Simulator.with_timestep:
+        finer = worlds.with_timestep(worlds.timestep / 2)
+        require(finer.timestep == worlds.timestep / 2 == finer.dt, "with_timestep does not set timestep and dt")
+        same = finer.parameters == worlds.parameters and finer.effects == worlds.effects
+        require(same, "with_timestep drops parameters")
+    if type(worlds).with_runge_kutta is not Simulator.with_runge_kutta:
+        smooth = worlds.with_runge_kutta()
+        require(smooth.timestep == worlds.timestep and smooth.dt == worlds.dt, "with_runge_kutta changes steps")
+        same = smooth.parameters == worlds.parameters and smooth.effects == worlds.effects
+        require(same, "with_runge_kutta drops parameters")
+        require(smooth.with_runge_kutta() is smooth, "with_runge_kutta twice is not once")
