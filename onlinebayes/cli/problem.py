@@ -134,7 +134,8 @@ def _parameter(section: Section, key: str, value: Any) -> Parameter:
         raise section.error(key, "shared parameters (globs) are not supported by this version", "name each one")
     if isinstance(value, list):
         value = dict(zip(("low", "high"), value, strict=True)) if len(value) == 2 else value
-    if isinstance(value, dict) and any(isinstance(part, dict | list) for part in value.values()):
+    quoted = key.count(".") >= 2 or "@" in key
+    if isinstance(value, dict) and not quoted and any(isinstance(part, dict | list) for part in value.values()):
         raise section.error(key, "an address that is not in quotes", f'write "{_flat(key, value)}" = [low, high]')
     if not isinstance(value, dict):
         raise section.error(key, f"{value!r} is no pair of bounds", "write [low, high] in SI units")

@@ -91,6 +91,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "no high": (problem("[1.0, 10.0]", "{ low = 1.0 }"), "a bound is missing"),
     "scale": (problem("[1.0, 10.0]", "{ low = 1, high = 2, scale = 'ln' }"), "mass.*scale 'ln' is unknown"),
     "log of zero": (problem("[1.0, 10.0]", "{ low = 0, high = 2, scale = 'log' }"), "log scale cannot start at 0"),
+    "bounds in a table": (problem("[1.0, 10.0]", "{ bounds = [1, 10] }"), "bounds: unknown key; known: low, high"),
     "address without quotes": (
         problem('"body.carriage.mass"', "body.carriage.mass"),
         'body: an address .* write "body.carriage.mass" =',
