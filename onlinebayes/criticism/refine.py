@@ -28,7 +28,7 @@ from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Interrupt
+from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
@@ -36,6 +36,7 @@ Say = Callable[[str], None]
 Question = Literal["compare", "diagnose", "refine"]
 
 
+@one_torch_thread()
 def compare(
     simulator: Simulator,
     measurement: Measurement,
@@ -101,6 +102,7 @@ def refine(
     )
 
 
+@one_torch_thread()
 def _searched(
     question: Question,
     simulator: Simulator,

@@ -6,6 +6,7 @@ from onlinebayes.runs.interrupt import Interrupt
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.results import ResultTable
 from onlinebayes.runs.seeds import generator, seed_everything
+from onlinebayes.runs.threads import one_torch_thread
 
 __all__ = [
     "BadInput",
@@ -14,6 +15,7 @@ __all__ = [
     "ResultTable",
     "atomic_path",
     "generator",
+    "one_torch_thread",
     "seed_everything",
     "write_atomic",
 ]
