@@ -17,9 +17,10 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear
 from torch import Tensor
 
-from onlinebayes.criticism.projection import Projected, noise_rows, project, signal_rms, start_misfit, start_shift
+from onlinebayes.criticism.projection import Projected, project, row_weights, signal_rms, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.sensitivities import Linearisation, linearise
+from onlinebayes.criticism.strays import best_starts, strays, window_errors
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -72,7 +73,13 @@ def fit(
     Raises:
         BadInput: the replay diverges at the starting value.
     """
-    lin = linearise(simulator, windows, simulator.parameters.clamp(theta), windows.start if starts is None else starts)
+    theta = simulator.parameters.clamp(theta)
+    if starts is None:
+        starts = windows.start
+    else:
+        weights = row_weights(windows, torch.ones_like(windows.noise) if weight is None else weight)
+        starts = best_starts(simulator, windows, weights, theta, torch.stack([starts, windows.start]))
+    lin = linearise(simulator, windows, theta, starts)
     if not lin.valid:
         raise BadInput(
             "the simulation diverges over the measured windows",
@@ -82,16 +89,14 @@ def fit(
     for _ in range(STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)
-        moved = linearise_at(simulator, windows, lin, current, step)
-        trial = project(windows, moved, weight)
+        moved, trial = step_to(simulator, windows, lin, current, step)
         if not (moved.valid and trial.objective <= total):
             if centred:
                 step = best_damped(simulator, windows, lin, current)
             else:
                 # The sensitivities hold at the windows' best starts, and the starts are not there yet.
                 step, centred = torch.zeros_like(step), True
-            moved = linearise_at(simulator, windows, lin, current, step)
-            trial = project(windows, moved, weight)
+            moved, trial = step_to(simulator, windows, lin, current, step)
             if not moved.valid or (trial.objective > total and bool(step.any())):
                 return Fit(simulator, lin, current, True)
             lin, current = moved, trial
@@ -109,12 +114,26 @@ def best_damped(
     steps = torch.stack([bounded_step(simulator, projected, lin.theta, damping)[0] for damping in DAMPINGS])
     theta = simulator.parameters.clamp(lin.theta + steps)
     starts = torch.stack([lin.starts + start_shift(windows, lin, projected, step) for step in steps])
-    signals, valid = replay(simulator, windows, theta, starts)
-    wrong = windows.bin(windows.value) - windows.bin(signals)
-    rows = torch.stack([noise_rows(windows, one[..., None])[..., 0] for one in wrong])
-    rows[..., -starts.shape[-1] :] = start_misfit(windows, starts)
-    error = torch.where(valid.all(-1), (rows * projected.row_weight).square().sum((1, 2)), float("inf"))
+    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
     return steps[int(error.argmin())]
+
+
+def step_to(
+    simulator: Simulator, windows: Windows, lin: Linearisation, current: Projected, step: Float[Tensor, " P"]
+) -> tuple[Linearisation, Projected]:
+    """The linearisation one step away, with its projection; starts that the step led astray are brought back."""
+    moved = linearise_at(simulator, windows, lin, current, step)
+    trial = project(windows, moved, current.weight)
+    stray = strays(current, trial)
+    if not moved.valid or not bool(stray.any()):
+        return moved, trial
+    candidates = torch.stack([moved.starts, lin.starts, windows.start])
+    best = best_starts(simulator, windows, current.row_weight, moved.theta, candidates)
+    starts = torch.where(stray[:, None], best, moved.starts)
+    if torch.equal(starts, moved.starts):
+        return moved, trial
+    moved = linearise(simulator, windows, moved.theta, starts, difference_steps(current))
+    return moved, project(windows, moved, current.weight)
 
 
 def linearise_at(

@@ -100,7 +100,7 @@ def project(
     # A piece has a start of its own, about which the long window's prior says nothing beyond its width.
     shift = start_misfit(windows, lin.starts) if pieces == 1 else windows.start.new_zeros(starts.shape[0], J2)
     residual = torch.cat([cut(lin.residual) * scaled, shift], dim=1)
-    row_weight = torch.cat([cut(seen * weight), weight.mean().expand(starts.shape[0], J2)], dim=1)
+    row_weight = row_weights(windows, weight, pieces)
     projected = Projected(
         (residual - (basis @ (basis.mT @ residual[..., None]))[..., 0]) * row_weight,
         residual.new_zeros(*residual.shape, 0),
@@ -112,6 +112,13 @@ def project(
         len(windows.noise),
     )
     return replace_columns(projected, windows, lin.by_theta, pieces)
+
+
+def row_weights(windows: Windows, weight: Float[Tensor, " S"], pieces: int = 1) -> Float[Tensor, "V m"]:
+    """What each row in noise units counts: its signal's weight where it was observed, the mean one for the priors."""
+    n = windows.bins // pieces
+    seen = (windows.seen * weight)[:, : n * pieces].unflatten(1, (pieces, n)).flatten(0, 1).flatten(1, 2)
+    return torch.cat([seen, weight.mean().expand(len(seen), windows.start.shape[1])], dim=1)
 
 
 def start_looseness(windows: Windows) -> Float[Tensor, "W J2"]:
