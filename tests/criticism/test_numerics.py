@@ -33,7 +33,7 @@ def test_the_ladder_goes_down_to_a_sixteenth() -> None:
     own = [Rung(0.01), Rung(0.005), Rung(0.0025)]
     fine = [Rung(0.000625), Rung(0.00015625)]
     assert ladder(MujocoSimulator(SLIDE.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *fine]
-    smooth = [Rung(rung.timestep, True) for rung in own]
+    smooth = [Rung(step, True) for step in (0.01, 0.005, 0.0025, 0.00125, 0.000625)]
     assert ladder(MujocoSimulator(EULER.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *smooth, *fine]
     assert ladder(OneIntegrator(EULER.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *fine]
 
