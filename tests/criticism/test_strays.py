@@ -94,6 +94,7 @@ def worst_share(fitted: Fit) -> float:
     return float(misfit.max() / misfit.sum())
 
 
+@pytest.mark.slow
 def test_friction_in_a_double_pendulum_is_fitted_although_starts_go_astray(monkeypatch: pytest.MonkeyPatch) -> None:
     measurement = swings()
     fitted = with_friction(measurement)
