@@ -6,6 +6,7 @@ hold 68 and 95 % of the pair's mass.
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -25,6 +26,8 @@ from onlinebayes.runs import atomic_path
 
 POSTERIOR, PRIOR, TRUTH = "#2a6f97", "#8a8f98", "#d1495b"
 LEVELS = (0.95, 0.68)
+NARROW = 1e-3
+"""A window narrower than this part of its values is labelled by distances from a round number."""
 
 
 @runtime_checkable
@@ -170,27 +173,34 @@ def _truth(axis: Axes, truth: np.ndarray | None, row: int, column: int) -> None:
 
 def _label(axis: Axes, space: ParameterSpace, row: int, column: int) -> None:
     last, names = row == len(space) - 1, list(space)
-    _ticks(axis.xaxis, axis.get_xlim(), 3, space[names[column]])
+    across = _ticks(axis.xaxis, axis.get_xlim(), 3, names[column], space[names[column]])
     axis.tick_params(labelsize=8, labelbottom=last, labelleft=column == 0 and row > 0)
     if last:
-        axis.set_xlabel(_title(names[column], space[names[column]]), fontsize=9)
+        axis.set_xlabel(across, fontsize=9)
     if row != column:
-        _ticks(axis.yaxis, axis.get_ylim(), 4, space[names[row]])
+        along = _ticks(axis.yaxis, axis.get_ylim(), 4, names[row], space[names[row]])
         if column == 0:
-            axis.set_ylabel(_title(names[row], space[names[row]]), fontsize=9)
+            axis.set_ylabel(along, fontsize=9)
     for side in ("top", "right") + (("left",) if row == column else ()):
         axis.spines[side].set_visible(False)
 
 
-def _ticks(axis: Axis, window: tuple[float, float], count: int, parameter: Parameter) -> None:
+def _ticks(axis: Axis, window: tuple[float, float], count: int, name: str, parameter: Parameter) -> str:
+    """Place and format an axis' ticks; gives its title, which says what the numbers are."""
     logarithmic = parameter.scale == "log"
     # Whole decades where the window holds at least two of them.
     axis.set_major_locator(MaxNLocator(count, integer=logarithmic and window[1] - window[0] > 2))
+    low, high = (10**edge if logarithmic else edge for edge in window)
+    if high - low < NARROW * max(abs(low), abs(high)):
+        # What is known to many digits is told by how far it lies from a round number.
+        centre = round((low + high) / 2, -math.ceil(math.log10(high - low)))
+        power = math.floor(math.log10(max(abs(low - centre), abs(high - centre))))
+        axis.set_major_formatter(
+            FuncFormatter(lambda value, _: f"{((10**value if logarithmic else value) - centre) / 10.0**power:.3g}")
+        )
+        return f"{name} - {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]")
     if logarithmic:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{10**value:.3g}"))
-
-
-def _title(name: str, parameter: Parameter) -> str:
     return f"{name} [{parameter.unit}]" if parameter.unit else name
 
 

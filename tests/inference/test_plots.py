@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from onlinebayes.inference import BoxUniform, plots
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from tests.inference.test_distributions import ONE, THREE, _mixture
 
@@ -36,6 +37,24 @@ def test_one_parameter_and_the_whole_range() -> None:
     figure = plots.corner(_mixture(ONE, spread=0.01), zoom=False, samples=500)
     assert figure.axes[0].get_xlim() == (-2.0, 3.0)
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["posterior"]
+
+
+@pytest.mark.parametrize("scale", ["linear", "log"])
+def test_a_sharp_posterior_is_labelled_by_its_distance_from_a_round_number(scale: str) -> None:
+    class Sharp:
+        space = ParameterSpace({"length": Parameter(0.1, 1.0, "m", scale)})
+
+        def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> torch.Tensor:
+            return 0.5 + 1e-8 * torch.randn(*shape, 1, generator=generator, dtype=torch.float64)
+
+    figure = plots.corner(Sharp())
+    figure.canvas.draw()
+    axis = figure.axes[0]
+    assert axis.get_xlabel() == "length - 0.5 [1e-8 m]"
+    shown = [float(label.get_text()) for label in axis.get_xticklabels()]
+    assert max(shown) - min(shown) > 2
+    assert all(abs(value) < 10 for value in shown)
+    assert axis.xaxis.get_offset_text().get_text() == ""
 
 
 def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
