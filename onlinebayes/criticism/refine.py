@@ -20,7 +20,15 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.ranking import rank, steps
-from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection
+from onlinebayes.criticism.results import (
+    Criticism,
+    FittedModel,
+    HeldOutError,
+    Remainder,
+    ReplayedRun,
+    Selection,
+    WidenedBounds,
+)
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
@@ -147,6 +155,7 @@ def _assemble(
         base.numerics,
         len(found.accepted),
         bool(found.accepted and equal[found.accepted[0][1].effect.key]),
+        found.widened is not None,
         before,
         after,
         selection.tolerance,
@@ -180,6 +189,7 @@ def _assemble(
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
         notes=_notes(simulator, found),
+        widened=_bounds(found),
     )
 
 
@@ -262,6 +272,13 @@ def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
     if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
+
+
+def _bounds(found: Found) -> dict[str, WidenedBounds]:
+    wide = found.widened
+    if wide is None:
+        return {}
+    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
 
 
 def _silent(line: str) -> None:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.acceptance import Judged, choose, interval
 from onlinebayes.criticism.blocks import FEWEST
+from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.noise import floors
@@ -39,6 +40,7 @@ class Found:
         stages: every round, the last one without an acceptance unless it was interrupted or only one was asked for.
         accepted: the effects that stand in the final model, with the judgement of the round that added them.
         interrupted: whether it was stopped.
+        widened: the bound that excludes the truth; ``final`` is then the base model with that bound widened.
     """
 
     base: Grounds
@@ -47,6 +49,7 @@ class Found:
     stages: tuple[Stage, ...]
     accepted: tuple[tuple[Stage, Judged], ...]
     interrupted: bool = False
+    widened: Widened | None = None
 
 
 def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
@@ -90,6 +93,8 @@ def search(
         thorough = not stages and not _at_floor(current, selection.tolerance)
         stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough)
         stages.append(stage)
+        if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
+            return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
         admissible = [judged for judged in stage.judged if judged.admissible]
         if not admissible:
             break

@@ -1,8 +1,9 @@
 """The verdict in one word, and what is left.
 
-In this order: insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped
-for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the
-floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
+In this order: insufficient_data (fewer than 7 blocks, or nothing moves), bounds_exclude_truth (see ``bounds``), tie
+(the first accepted effect can be swapped for another that is not parted from it), missing_effect (accepted effects
+remove half of the squared error above the floor, or reach it), adequate (nothing accepted, rms_over_floor within the
+tolerance), unexplained.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
@@ -64,6 +65,7 @@ def decide(
     numerics: Numerics,
     accepted: int,
     tie: bool,
+    bounds: bool,
     before: dict[str, float],
     after: dict[str, float],
     tolerance: float,
@@ -76,6 +78,7 @@ def decide(
         numerics: of the base model.
         accepted: number of accepted effects.
         tie: whether the first of them can be swapped.
+        bounds: whether a bound was found to exclude the truth.
         before, after: rms_over_floor of the base and the final model.
         tolerance: up to which a model is adequate.
     """
@@ -86,6 +89,8 @@ def decide(
         # Where the integrator errs by less than the noise and no more than noise is left, nothing can be missing.
         quiet = not accepted and worst <= tolerance and numerics.error_at_quarter_step <= 1.0
         return "adequate" if quiet else "unexplained"
+    if bounds:
+        return "bounds_exclude_truth"
     if accepted and tie:
         return "tie"
     if accepted:

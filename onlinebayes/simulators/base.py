@@ -27,7 +27,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 
 if TYPE_CHECKING:
@@ -143,6 +143,14 @@ class Simulator(ABC):
     @abstractmethod
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds."""
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator whose free parameter ``name`` has other bounds; all worlds nominal.
+
+        Raises:
+            BadInput: there is no such parameter, or this simulator's bounds are fixed.
+        """
+        raise BadInput(f"the bounds of {type(self).__name__} are fixed", "override with_bounds to let them be judged")
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with this step [s] and whose ``dt`` is one of them; all worlds nominal.

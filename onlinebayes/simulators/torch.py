@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
@@ -225,6 +225,13 @@ class TorchSimulator(Simulator):
         """A new simulator with another number of worlds, all at the nominal parameters and at rest."""
         other = copy.copy(self)
         other._populate(worlds)
+        return other
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator with other bounds for one parameter; see :meth:`Simulator.with_bounds`."""
+        other = copy.copy(self)
+        other.parameters = self.parameters.replaced(name, parameter)
+        other._populate(self.worlds)
         return other
 
     def with_timestep(self, timestep: float) -> Self:

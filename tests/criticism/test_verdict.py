@@ -10,6 +10,11 @@ from onlinebayes.criticism.verdict import decide, tied
 FINE = Numerics(0.01, 0.0, True)
 
 
+def test_a_bound_comes_before_a_tie_and_after_too_little_data() -> None:
+    assert decide(9, True, FINE, 1, True, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "bounds_exclude_truth"
+    assert decide(6, True, FINE, 0, False, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "insufficient_data"
+
+
 @pytest.mark.parametrize(
     ("blocks", "moves", "fine", "accepted", "tie", "before", "after", "verdict"),
     [
@@ -27,7 +32,7 @@ FINE = Numerics(0.01, 0.0, True)
 )
 def test_the_first_that_applies(blocks, moves, fine, accepted, tie, before, after, verdict) -> None:
     numerics = replace(FINE, sufficient=fine)
-    assert decide(blocks, moves, numerics, accepted, tie, {"q": before}, {"q": after}, 1.2) == verdict
+    assert decide(blocks, moves, numerics, accepted, tie, False, {"q": before}, {"q": after}, 1.2) == verdict
 
 
 def scores(density: list[float], rms: float, tau: float = 0.5) -> CrossValidated:

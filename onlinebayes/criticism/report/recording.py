@@ -69,7 +69,7 @@ def rows(time: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
 
 def variants(result: Criticism) -> tuple[str, ...]:
     """The models to draw: before and after, or the one there is."""
-    return ("before", "after") if result.accepted else ("before",)
+    return ("before", "after") if result.changed else ("before",)
 
 
 def _send_curves(stream: RecordingStream, result: Criticism, before: ReplayedRun, after: ReplayedRun) -> None:

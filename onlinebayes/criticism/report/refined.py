@@ -68,7 +68,7 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
     effects = dict(content.get("effects", {}))
     effects["add"] = list(result.final.effects)
     content["effects"] = effects
-    content["parameters"] = {**content["parameters"], **_bounds(result)}
+    content["parameters"] = {**content["parameters"], **_bounds(result), **_widened(content["parameters"], result)}
     comments: dict[tuple[str, ...], str] = {
         ("parameters", name): f"fitted: {words.estimate(value)}" for name, value in result.parameters.items()
     }
@@ -108,6 +108,16 @@ def _bounds(result: Criticism) -> dict[str, Any]:
             found[address] = [parameter.low, parameter.high]
             if parameter.scale != "linear":
                 found[address] = {"low": parameter.low, "high": parameter.high, "scale": parameter.scale}
+    return found
+
+
+def _widened(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
+    """The wider bounds where the old ones exclude the truth, as the problem file wrote them."""
+    found: dict[str, Any] = {}
+    for name, widened in result.widened.items():
+        low, high = widened.after
+        given = parameters.get(name)
+        found[name] = {**given, "low": low, "high": high} if isinstance(given, Mapping) else [low, high]
     return found
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
@@ -168,6 +168,12 @@ class MujocoSimulator(Simulator):
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""
         return self._remade(worlds, self.effects)
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
+        system = self._system
+        space = system.base_parameters.replaced(name, parameter)
+        return type(self)(system.source, space, self.worlds, self.dt, self._threads, self.effects)
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
