@@ -19,6 +19,7 @@ from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.pairs import pair
 from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
@@ -96,12 +97,17 @@ def search(
         if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
             return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
         admissible = [judged for judged in stage.judged if judged.admissible]
-        if not admissible:
+        if admissible:
+            added = [(stage, choose(admissible, current.windows.bin_step))]
+        elif _at_floor(current, selection.tolerance):
             break
-        best = choose(admissible, current.windows.bin_step)
-        say(f"adding {best.effect.key}")
-        accepted.append((stage, best))
-        current = _resettled(simulator, measurement, selection, current, best, accepted)
+        else:
+            added = list(pair(stage, left, current.numerics, selection, say) or ())
+        if not added:
+            break
+        say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
+        accepted += added
+        current = _resettled(simulator, measurement, selection, current, added[-1][1], accepted)
         kept = _without_idle(simulator, measurement, selection, current, accepted)
         if kept is not None:
             current, accepted = kept

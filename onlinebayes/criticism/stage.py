@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import Judged, judge
-from onlinebayes.criticism.blocks import Blocks, make_blocks, t_quantile
+from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, judge
+from onlinebayes.criticism.blocks import Blocks, flip_groups, make_blocks, t_quantile
 from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import tau
@@ -37,7 +37,7 @@ class Screened:
         z, p_value: of the maximum test; None where it is confounded.
         start: values from which its refit begins, short name -> value [SI].
         confounded_with: free parameters that do the same already.
-        exclusion_limit: upper end of the 95 % interval of the first parameter's distance from neutral [SI].
+        exclusion_limit: size of the first parameter, from neutral, that these data would have shown [SI].
     """
 
     effect: Effect
@@ -62,9 +62,13 @@ class Stage:
 
 def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
     """The blocks that the correlation of this fit's residual allows."""
+    return make_blocks(windows, correlation_of(fitted, windows), folds)
+
+
+def correlation_of(fitted: Fit, windows: Windows) -> float:
+    """Correlation time of this fit's start-projected residual [s]."""
     long = project(windows, fitted.lin)
-    correlation = tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
-    return make_blocks(windows, correlation, folds)
+    return tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 
 def run_stage(
@@ -87,7 +91,7 @@ def run_stage(
     """
     blocks = blocks_for(current, windows, selection.folds)
     scores = cross_validate(current, windows, blocks)
-    screened = screen(current, windows, blocks, effects)
+    screened = screen(current, windows, effects)
     leading = [s for s in screened if s.p_value is not None]
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0.0) < below][:MOST_REFITS]
@@ -113,12 +117,13 @@ def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float
     return fit(simulator, windows, theta, current.projected.weight, current.lin.starts)
 
 
-def screen(current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Effect]) -> tuple[Screened, ...]:
+def screen(current: Fit, windows: Windows, effects: Sequence[Effect]) -> tuple[Screened, ...]:
     """z and p of every effect; the confounded ones last."""
     if not effects:
         return ()
     tried = trials(effects)
-    horizons, raw = _sensitivities(current, windows, blocks, effects, tried)
+    groups = flip_groups(windows, correlation_of(current, windows))
+    horizons, raw = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))
     found = []
@@ -135,14 +140,14 @@ def screen(current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Eff
                 float(p[k]),
                 _starting_values(effect, tried[i], float(horizons[0].size[i])),
                 (),
-                _exclusion(horizons[0], i, blocks.count, tried[i]),
+                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]),
             )
         )
     return tuple(sorted(found, key=lambda s: (s.p_value is None, s.p_value, -(s.z or 0.0))))
 
 
 def _sensitivities(
-    current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Effect], tried: Sequence[Trial]
+    current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: Sequence[Trial]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"]]:
     simulator = grown(current.simulator, effects)
     neutral = grown_theta(current.simulator, current.theta, effects)
@@ -153,7 +158,7 @@ def _sensitivities(
     for pieces in (1, PIECES):
         projected = project(windows, current.lin, current.projected.weight, pieces)
         c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
-        horizons.append(block_scores(projected, c, blocks.of.repeat_interleave(pieces), blocks.count))
+        horizons.append(block_scores(projected, c, groups.repeat_interleave(pieces), int(groups.max()) + 1))
     return horizons, raw
 
 
@@ -167,11 +172,18 @@ def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, flo
     return {**trial.values, first: value}
 
 
-def _exclusion(scores: Scores, column: int, blocks: int, trial: Trial) -> float:
-    """Largest distance from neutral that the blocks' spread leaves possible [SI of the first parameter]."""
+def _exclusion(scores: Scores, column: int, groups: int, trial: Trial) -> float:
+    """Smallest distance from neutral that would have been seen [SI of the first parameter].
+
+    What the groups' spread leaves possible at 95 %, and not less than what lowers the error by the 5 % that acceptance
+    asks for: |c~|^2 size^2 = |r|^2 (1 / .95^2 - 1).
+    """
     size, g, norm = float(scores.size[column]), scores.g[:, column], float(scores.norm[column])
-    se = math.sqrt(blocks / (blocks - 1) * float((g - g.mean()).square().sum())) / norm if blocks > 1 else math.inf
-    return abs(trial.reach) * (abs(size) + t_quantile(0.975, blocks) * se)
+    if groups < 2 or norm <= 0:
+        return math.inf
+    se = math.sqrt(groups / (groups - 1) * float((g - g.mean()).square().sum())) / norm
+    seen = math.sqrt((1 / (1 - LEAST_FALL) ** 2 - 1) * scores.misfit / norm)
+    return abs(trial.reach) * max(abs(size) + t_quantile(0.975, groups) * se, seen)
 
 
 def _confounding(current: Fit, windows: Windows, raw: Float[Tensor, "W n S"]) -> tuple[str, ...]:

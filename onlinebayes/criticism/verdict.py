@@ -15,7 +15,7 @@ import math
 
 import torch
 
-from onlinebayes.criticism.blocks import FEWEST
+from onlinebayes.criticism.blocks import APART, FEWEST
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict
@@ -106,7 +106,7 @@ def what_to_record(blocks: int, moves: bool, windows: Windows, tau: float) -> st
         return (
             "record runs in which the joints move: nothing here moves by more than 8 standard deviations of its sensor"
         )
-    block = max(windows.horizon, 10 * tau)
+    block = max(windows.horizon, APART * tau)
     needed = FEWEST * block
     return (
         f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST} separate runs: these data hold "

@@ -191,3 +191,15 @@ def test_an_effect_may_bring_bounds_of_its_own() -> None:
     mine = QuadraticDrag("rail", Parameter(0.0, 0.5, "N s2/m2"))
     result = diagnose(model(), measure(runs=8), candidates=[mine], selection=Selection(horizon_s=0.5))
     assert [candidate.effect for candidate in result.candidates] == ["quadratic_drag@rail"]
+
+
+@pytest.mark.parametrize(
+    ("effect", "kind"), [("dry_friction@rail", DryFriction), ("constant_load@rail", ConstantLoad)]
+)
+def test_an_effect_of_one_and_a_half_times_the_exclusion_limit_is_found(null, effect: str, kind) -> None:
+    limit = next(c.exclusion_limit for c in null.candidates if c.effect == effect)
+    hidden = kind("rail", Parameter(0.0, 5.0, "N"))
+    result = refine(model(), measure({hidden: (1.5 * limit,)}, runs=10, seed=5), holdout=["run9", "run8"])
+    assert result.accepted == (effect,)
+    smaller = refine(model(), measure({hidden: (0.3 * limit,)}, runs=10, seed=5), holdout=["run9", "run8"])
+    assert smaller.accepted == ()
