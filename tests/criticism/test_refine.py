@@ -193,9 +193,7 @@ def test_an_effect_may_bring_bounds_of_its_own() -> None:
     assert [candidate.effect for candidate in result.candidates] == ["quadratic_drag@rail"]
 
 
-@pytest.mark.parametrize(
-    ("effect", "kind"), [("dry_friction@rail", DryFriction), ("constant_load@rail", ConstantLoad)]
-)
+@pytest.mark.parametrize(("effect", "kind"), [("dry_friction@rail", DryFriction), ("constant_load@rail", ConstantLoad)])
 def test_an_effect_of_one_and_a_half_times_the_exclusion_limit_is_found(null, effect: str, kind) -> None:
     limit = next(c.exclusion_limit for c in null.candidates if c.effect == effect)
     hidden = kind("rail", Parameter(0.0, 5.0, "N"))
