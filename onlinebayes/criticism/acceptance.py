@@ -40,6 +40,7 @@ class Judged:
         falls: of the cross-validated RMS at the long and the short horizon, as shares.
         homogeneous: rule 5.
         failed: the rules that it fails, in words; empty when it may be added.
+        undecided: whether it fails nothing but the number of independent blocks that its residual leaves.
     """
 
     effect: Effect
@@ -50,6 +51,7 @@ class Judged:
     falls: tuple[float, float]
     homogeneous: bool
     failed: tuple[str, ...]
+    undecided: bool = False
 
     @property
     def admissible(self) -> bool:

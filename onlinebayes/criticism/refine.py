@@ -150,8 +150,8 @@ def _assemble(
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
     verdict = decide(
-        base_blocks.count,
-        moves,
+        found.enough,
+        found.undecided,
         base.numerics,
         len(found.accepted),
         bool(found.accepted and equal[found.accepted[0][1].effect.key]),

@@ -1,17 +1,21 @@
-"""One round of the search: every candidate screened against the current model, the best refitted and judged."""
+"""One round of the search: every candidate screened against the current model, the best refitted and judged.
+
+Where the current residual is correlated for so long that it leaves fewer than 7 blocks, the misfit itself may be what
+is slow. Then windows are the blocks, and only a candidate is admissible whose own residual allows 7.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, judge
-from onlinebayes.criticism.blocks import Blocks, flip_groups, make_blocks, t_quantile
+from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, make_blocks, t_quantile
 from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import tau
@@ -89,9 +93,12 @@ def run_stage(
         say: takes one line of progress.
         thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
     """
-    blocks = blocks_for(current, windows, selection.folds)
+    correlation = correlation_of(current, windows)
+    blocks = make_blocks(windows, correlation, selection.folds)
+    if slow := blocks.count < FEWEST:
+        correlation, blocks = 0.0, make_blocks(windows, 0.0, selection.folds)
     scores = cross_validate(current, windows, blocks)
-    screened = screen(current, windows, effects)
+    screened = screen(current, windows, effects, flip_groups(windows, correlation))
     leading = [s for s in screened if s.p_value is not None]
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0.0) < below][:MOST_REFITS]
@@ -102,12 +109,20 @@ def run_stage(
             fitted = refit(current, windows, candidate.effect, candidate.start)
         except BadInput:  # it diverges from where screening would start it
             continue
-        judged.append(
-            judge(
-                candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, numerics, selection.alpha
-            )
+        found = judge(
+            candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, numerics, selection.alpha
         )
+        judged.append(_if_slow(found, windows, selection) if slow else found)
     return Stage(current, windows, blocks, scores, screened, tuple(judged))
+
+
+def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
+    """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
+    count = blocks_for(judged.fitted, windows, selection.folds).count
+    if count >= FEWEST:
+        return judged
+    slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST}"
+    return replace(judged, failed=(*judged.failed, slow), undecided=not judged.failed)
 
 
 def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float]) -> Fit:
@@ -117,12 +132,13 @@ def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float
     return fit(simulator, windows, theta, current.projected.weight, current.lin.starts)
 
 
-def screen(current: Fit, windows: Windows, effects: Sequence[Effect]) -> tuple[Screened, ...]:
-    """z and p of every effect; the confounded ones last."""
+def screen(
+    current: Fit, windows: Windows, effects: Sequence[Effect], groups: Int[Tensor, " W"]
+) -> tuple[Screened, ...]:
+    """z and p of every effect; the confounded ones last. ``groups`` are the windows that flip together."""
     if not effects:
         return ()
     tried = trials(effects)
-    groups = flip_groups(windows, correlation_of(current, windows))
     horizons, raw = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))

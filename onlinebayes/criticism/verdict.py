@@ -1,9 +1,9 @@
 """The verdict in one word, and what is left.
 
-In this order: insufficient_data (fewer than 7 blocks, or nothing moves), bounds_exclude_truth (see ``bounds``), tie
-(the first accepted effect can be swapped for another that is not parted from it), missing_effect (accepted effects
-remove half of the squared error above the floor, or reach it), adequate (nothing accepted, rms_over_floor within the
-tolerance), unexplained.
+In this order: insufficient_data (nothing moves, fewer than 7 windows' worth of motion, or an effect that only more
+independent blocks could decide on), bounds_exclude_truth (see ``bounds``), tie (the first accepted effect can be
+swapped for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above
+the floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
@@ -60,8 +60,8 @@ def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:
 
 
 def decide(
-    blocks: int,
-    moves: bool,
+    enough: bool,
+    undecided: bool,
     numerics: Numerics,
     accepted: int,
     tie: bool,
@@ -73,8 +73,8 @@ def decide(
     """The first verdict that applies.
 
     Args:
-        blocks: B.
-        moves: whether any joint moves in any window.
+        enough: whether joints move, for at least 7 windows.
+        undecided: whether an effect failed for nothing but too few independent blocks.
         numerics: of the base model.
         accepted: number of accepted effects.
         tie: whether the first of them can be swapped.
@@ -82,7 +82,7 @@ def decide(
         before, after: rms_over_floor of the base and the final model.
         tolerance: up to which a model is adequate.
     """
-    if blocks < FEWEST or not moves:
+    if not enough or (undecided and not accepted):
         return "insufficient_data"
     worst = max(after.values(), default=0.0)
     if not numerics.sufficient:
