@@ -161,8 +161,10 @@ def _assemble(
         selection.tolerance,
     )
     say("opening the held-out runs")
-    base_model = _model(base, simulator, base_blocks, fit_runs, held_runs, selection)
-    final_model = base_model if final is base else _model(final, simulator, blocks, fit_runs, held_runs, selection)
+    # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
+    step = min(model.timestep for model in (simulator, base.fitted.simulator, final.fitted.simulator))
+    base_model = _model(base, step, base_blocks, fit_runs, held_runs, selection)
+    final_model = base_model if final is base else _model(final, step, blocks, fit_runs, held_runs, selection)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
     lacking = verdict == "insufficient_data"
     return Criticism(
@@ -201,15 +203,15 @@ def residual_tau(grounds: Grounds) -> float:
 
 def _model(
     grounds: Grounds,
-    simulator: Simulator,
+    step: float,
     blocks: Blocks,
     fit_runs: Measurement,
     held_runs: Measurement,
     selection: Selection,
 ) -> FittedModel:
-    """The fitted model at the finer of its own step and the one it was judged at, with its replays at every row."""
+    """The fitted model integrated with ``step`` [s], with its replays at every row."""
     fitted = grounds.fitted
-    model = Rung(min(simulator.timestep, fitted.simulator.timestep)).of(fitted.simulator)
+    model = Rung(step).of(fitted.simulator)
     covariance = covariance_of(fitted, blocks)
     flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
