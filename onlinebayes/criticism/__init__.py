@@ -18,6 +18,7 @@ from onlinebayes.criticism.results import (
     Selection,
     Step,
 )
+from onlinebayes.criticism.scope import Scope
 
 __all__ = [
     "Candidate",
@@ -30,6 +31,7 @@ __all__ = [
     "Numerics",
     "Remainder",
     "ReplayedRun",
+    "Scope",
     "Selection",
     "Step",
     "compare",

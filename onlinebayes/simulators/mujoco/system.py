@@ -190,6 +190,10 @@ def _scatter(
         for cell in address.cells:
             flat = np.arange(base[cell.array].size).reshape(base[cell.array].shape)
             columns = np.ravel(flat[cell.index]).tolist()
+            for column, other, _ in places.get(cell.array, ()):
+                if column in columns and other != i:
+                    problem = f"'{addresses[other].name}' and '{address.name}' are the same value of the model"
+                    raise BadInput(problem, "leave one of them out")
             places.setdefault(cell.array, []).extend((column, i, cell.sign) for column in columns)
     unzipped = {array: tuple(zip(*rows, strict=True)) for array, rows in places.items()}
     return {array: (np.array(c), np.array(s), np.array(signs)) for array, (c, s, signs) in unzipped.items()}
