@@ -27,6 +27,7 @@ INTEGRATORS = {
     "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
 }
+ON_JOINTS = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
 INPUTS = ("force", "voltage", "position", "velocity")
 INSTEAD = {
     "force": "a <motor>",
@@ -122,7 +123,7 @@ def _compensate(spec: mujoco.MjSpec, model: mujoco.MjModel, chosen: list[int], s
     """gravcomp = 1 on every body that the joints of these actuators move."""
     joints: set[int] = set()
     for i in chosen:
-        if model.actuator_trntype[i] not in (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT):
+        if mujoco.mjtTrn(model.actuator_trntype[i]) not in ON_JOINTS:
             raise section.error(model.actuator(i).name, "it does not act on a joint", "leave gravity_compensation out")
         joints.add(int(model.actuator_trnid[i, 0]))
     moved = [b for b in range(1, model.nbody) if joints & set(_moving(model, b))]
