@@ -53,9 +53,9 @@ def table(masses: dict[str, float], seconds: float = 2.0) -> str:
         for i in range(round(seconds * 100) + 1):
             u = 4 * math.sin((4 + 0.3 * k) * i * 0.01 + k)
             rows.append(f"{run},{i * 0.01:.2f},{u:.6f},{q + 1e-5 * draw.standard_normal():.7f}")
-            for _ in range(2):
-                v = (v + 0.005 * 2 * u / mass) / (1 + 0.005 * 2 / mass)  # implicit in the damping, as the model
-                q += 0.005 * v
+            kept = math.exp(-2 * 0.01 / mass)  # exact while u is held
+            q += u * 0.01 + (v - u) * mass / 2 * (1 - kept)
+            v = u + (v - u) * kept
     return "\n".join(rows) + "\n"
 
 
