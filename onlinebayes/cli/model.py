@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Collection
 from pathlib import Path
 
 import mujoco
@@ -16,11 +17,14 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.addresses import expand, resolve
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, expand, names, resolve
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
+from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 
 
-def build_simulator(top: Section, folder: Path, parameters: Declared) -> tuple[Simulator, Declared]:
+def build_simulator(
+    top: Section, folder: Path, parameters: Declared, columns: Collection[str] = ()
+) -> tuple[Simulator, Declared]:
     """The simulator whose free parameters are those of the file, and the file's parameters with globs written out.
 
     Args:
@@ -28,6 +32,7 @@ def build_simulator(top: Section, folder: Path, parameters: Declared) -> tuple[S
             :mod:`.factory`).
         folder: where the problem file lies.
         parameters: addresses and bounds.
+        columns: names that the tables and ``[signals]`` use; the sensors among them become signals.
 
     Raises:
         BadInput: no such model or factory, one that does not compile or run, or unknown addresses.
@@ -47,11 +52,19 @@ def build_simulator(top: Section, folder: Path, parameters: Declared) -> tuple[S
     spec = edited(made, edit, actuators)
     compiled = compile_spec(spec.copy())
     parameters = parameters.expanded(lambda name: expand(compiled, name), top.section("parameters"))
-    simulator = MujocoSimulator(spec, _with_units(top, compiled, parameters))
+    sensors = _sensors(compiled, columns)
+    simulator = MujocoSimulator(spec, _with_units(top, compiled, parameters), sensors=sensors)
     for name, value in zip(simulator.parameters, simulator.nominal.tolist(), strict=True):
         if not math.isfinite(value):
             raise top.error("model", f"its own {name} is {value}", "give it a finite value in the MJCF")
     return simulator, parameters
+
+
+def _sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:
+    """The model's sensors and joint torques that the tables hold, in the model's order."""
+    joints = [name for name, kind in zip(names(model, "joint"), model.jnt_type, strict=True) if kind in (SLIDE, HINGE)]
+    known = [*sensor_signals(model), *(f"{TORQUE}{joint}" for joint in joints)]
+    return [signal for signal in known if signal in columns]
 
 
 def _with_units(top: Section, model: mujoco.MjModel, parameters: Declared) -> ParameterSpace:
@@ -94,6 +107,8 @@ def known_addresses(simulator: Simulator) -> tuple[str, ...]:
 
 def _unit(model: mujoco.MjModel, kind: str, rest: str) -> str:
     """Unit of ``<kind>.<rest>``; empty for a quaternion's parts and what is no joint's."""
+    if kind == "qfrc":
+        return "N" if model.jnt_type[_joint(model, rest)] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
     rate = {"qpos": "", "qvel": "/s"}.get(kind)
     if rate is None:
         return ""

@@ -22,6 +22,7 @@ from onlinebayes.cli.signals import signal_columns
 from onlinebayes.criticism import Scope, Selection
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement, Signal, TableReader
+from onlinebayes.measurements.files import header
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
@@ -78,7 +79,7 @@ def load_problem(
     tables = top.texts("measurements")
     parameters = declared(top, effects)
     import_modules(effects)
-    simulator, parameters = build_simulator(top, path.parent, parameters)
+    simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
     measurement = _read_tables(top, tables, simulator, note)
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
@@ -138,6 +139,14 @@ def _scope(
     with top.at("runs"):
         scope.check(simulator.parameters, measurement.runs)
     return scope
+
+
+def _columns(top: Section, tables: Sequence[str]) -> set[str]:
+    """Names of columns and of mapped signals that are not ignored."""
+    ignored = top.texts("ignore", ())
+    found = {name for table in tables for name in header(Path(top.file).parent / table)}
+    kept = {name for name in found if not any(fnmatchcase(name, pattern) for pattern in ignored)}
+    return kept | set(top.section("signals").values)
 
 
 def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note: Callable[[str], None]) -> Measurement:

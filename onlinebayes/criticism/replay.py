@@ -18,7 +18,8 @@ from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 
 CHUNK = 6_000_000  # recorded numbers a rollout may hold
-VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time"})  # parts of a state that a window's start determines
+# Parts of a state that a window's start determines.
+VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time", "ctrl", "sensor"})
 
 
 def replay(

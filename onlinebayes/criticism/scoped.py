@@ -55,6 +55,7 @@ class ScopedSimulator(Simulator):
         self.worlds, self.dt, self.timestep = physics.worlds, physics.dt, physics.timestep
         self.commands, self.signals, self.effects = physics.commands, physics.signals, physics.effects
         self.device, self.dtype = physics.device, physics.dtype
+        self._phi = self.nominal.expand(self.worlds, -1).clone()
 
     # --- the map ------------------------------------------------------------------------------------------------
 
@@ -121,8 +122,8 @@ class ScopedSimulator(Simulator):
 
     @property
     def theta(self) -> Float[Tensor, "N F"]:
-        """Nominal: worlds of the physics do not remember the run."""
-        return self.nominal.expand(self.worlds, -1).clone()
+        """A copy of every typical world's phi."""
+        return self._phi.clone()
 
     @property
     def failed(self) -> Bool[Tensor, " N"]:
@@ -133,7 +134,9 @@ class ScopedSimulator(Simulator):
         self, theta: Float[Tensor, "N F"], state: TensorDictBase | None = None, mask: Bool[Tensor, " N"] | None = None
     ) -> TensorDict:
         """Typical worlds; see :meth:`Simulator.reset`."""
-        return self.physics.reset(self.typical(theta), state, mask)
+        rows = slice(None) if mask is None else mask
+        self._phi[rows] = theta[rows].to(self._phi)
+        return self.physics.reset(self.typical(self._phi), state, mask)
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """See :meth:`Simulator.step`."""

@@ -33,7 +33,7 @@ from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.runs import BadInput
 
 STATE = ("qpos", "qvel")
-LATER = ("qfrc", "xfrc", "sensor")
+LATER = ("qfrc", "sensor")
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,13 @@ class TableReader:
                 if target not in joints:
                     self._unknown(name, target, joints, "joint", path)
                 later.append(name)
-            elif kind == "xfrc" or (kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known)):
+            elif kind == "xfrc":
+                raise BadInput(
+                    "a measured wrench from outside is not applied to the model by this version",
+                    "add the column to 'ignore' in the problem file if the replay may go without it",
+                    where=f"{path}, row 1, column '{name}'",
+                )
+            elif kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known):
                 later.append(name)
             else:
                 unused.append(name or f"(column without a name, {number})")

@@ -206,76 +206,27 @@ def test_latency_in_a_file(folder):
     assert not bool(moved["measured"][:, -5:].any())
 
 
-GIVES = {
-    "spec": "import mujoco\ndef make():\n    return mujoco.MjSpec.from_file('carriage.xml')\n",
-    "root": "from dm_control import mjcf\ndef make():\n    return mjcf.from_path('carriage.xml')\n",
-    "entity": """
-from dm_control import composer, mjcf
-class Carriage(composer.Entity):
-    def _build(self):
-        self._root = mjcf.from_path('carriage.xml')
-    @property
-    def mjcf_model(self):
-        return self._root
-def make():
-    return Carriage()
-""",
-    "physics": "from dm_control import mujoco\ndef make():\n    return mujoco.Physics.from_xml_path('carriage.xml')\n",
-    "other": """
-import mujoco
-from dm_control import mujoco as dm
-def make():
-    physics = dm.Physics.from_xml_path('carriage.xml')
-    mujoco.MjModel.from_xml_string('<mujoco><worldbody/></mujoco>')
-    return physics
-""",
-}
+def test_a_sensor_and_a_torque_are_compared(folder, capsys):
+    """Their columns become signals with a replay of their own; ``ignore`` leaves them out."""
+    sensor = '<sensor><jointvel name="rate" joint="carriage"/></sensor></mujoco>'
+    (folder / "carriage.xml").write_text(MODEL.replace("</mujoco>", sensor))
+    head, *rows = (folder / "carriage.csv").read_text().splitlines()
+    torques = [2 * float(row.split(",")[2]) for row in rows]  # of the command held until the row
+    rows = [f"{row},{torque},nan" for row, torque in zip(rows, [0.0, *torques], strict=False)]
+    (folder / "carriage.csv").write_text("\n".join([f"{head},qfrc.carriage,sensor.rate", *rows]))
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 0, capsys.readouterr().err
+    report = json.loads((folder / "out" / "report.json").read_text())
+    assert report["signals"]["qfrc.carriage"]["unit"] == "N"
+    assert report["heldout_error"]["after"]["qfrc.carriage"] < 1e-3
+    ignoring = load_problem(write(folder, 'ignore = ["qfrc.*", "sensor.*"]\n' + PROBLEM))
+    assert ignoring.simulator.signals == ("qpos.carriage", "qvel.carriage")
 
 
-@pytest.mark.filterwarnings("ignore::DeprecationWarning")
-@pytest.mark.parametrize("what", GIVES)
-def test_what_a_factory_may_give(folder, monkeypatch, what):
-    """A spec, or what dm_control builds; a compiled model whose XML MuJoCo no longer knows is refused."""
-    pytest.importorskip("dm_control")
-    monkeypatch.chdir(folder)
-    (folder / f"gives_{what}.py").write_text(GIVES[what])
-    text = PROBLEM.replace("carriage.xml", f"gives_{what}:make") + "[model_edit]\ntimestep = 0.0025\n"
-    if what == "other":
-        with pytest.raises(BadInput, match="compiled model whose XML is not known"):
-            load_problem(write(folder, text))
-        return
-    simulator = load_problem(write(folder, text)).simulator
-    assert isinstance(simulator, MujocoSimulator)
-    assert simulator.timestep == 0.0025
-    assert simulator.nominal.tolist() == [3.0, 2.0]
-    simulator.with_effect(_friction())
-
-
-def test_a_factory_beside_a_file_from_elsewhere_is_not_run(folder, monkeypatch, tmp_path_factory):
-    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
-    (folder / "beside.py").write_text("raise SystemExit('run')\n")
-    with pytest.raises(BadInput, match="run the command in the folder that holds it"):
-        load_problem(write(folder, PROBLEM.replace("carriage.xml", "beside:make")))
-
-
-@pytest.mark.parametrize(
-    ("more", "message"),
-    [
-        ("[model_edit]\ntimestep = 0.001", "model_edit: the factory returns a simulator"),
-        ("[actuators.motor]\ninput = 'force'", "actuators: the factory returns a simulator"),
-        ('"joint.*.stiffness" = [0, 1]', "a glob needs the model's names"),
-    ],
-)
-def test_what_needs_a_spec(folder, monkeypatch, more, message):
-    monkeypatch.chdir(folder)
-    (folder / "built.py").write_text(
-        "from onlinebayes.simulators.mujoco import MujocoSimulator\n"
-        "from onlinebayes.parameters import ParameterSpace\n"
-        "def make(space):\n"
-        "    return MujocoSimulator('carriage.xml', ParameterSpace({k: v for k, v in space.items() if '*' not in k}))\n"
-    )
-    with pytest.raises(BadInput, match=message):
-        load_problem(write(folder, PROBLEM.replace("carriage.xml", "built:make") + more))
+def test_a_wrench_from_outside_is_refused(folder):
+    text = (folder / "carriage.csv").read_text().replace("ctrl.motor", "xfrc.carriage.0", 1)
+    (folder / "carriage.csv").write_text(text)
+    with pytest.raises(BadInput, match=r"column 'xfrc.carriage.0': a measured wrench from outside is not applied"):
+        load_problem(folder / "carriage.toml")
 
 
 def test_two_parameters_may_not_be_the_same_value():
@@ -284,9 +235,3 @@ def test_two_parameters_may_not_be_the_same_value():
     space = ParameterSpace({"body.carriage.mass": Parameter(1, 2), "body.c*.mass": Parameter(1, 2)})
     with pytest.raises(BadInput, match=r"'body.carriage.mass' and 'body.c\*.mass' are the same value"):
         MujocoSimulator(MODEL, space)
-
-
-def _friction():
-    from onlinebayes.simulators.effects import DryFriction
-
-    return DryFriction("carriage", Parameter(0.0, 1.0, "N"))

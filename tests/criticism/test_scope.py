@@ -17,7 +17,9 @@ from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction
-from tests.criticism.rigs import FREE, TRUTH, measure, model
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.testing import check_simulator
+from tests.criticism.rigs import FREE, SLIDE, TRUTH, measure, model
 
 LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
@@ -53,6 +55,11 @@ def test_the_map(loaded) -> None:
         assert (A @ phi + c).tolist() == pytest.approx(theta)
     assert simulator.typical(phi).tolist() == pytest.approx((3.0, 1.5))
     assert simulator.nominal.tolist() == [2.0, 2.0, 1.0]
+
+
+def test_the_typical_world_is_a_simulator(loaded) -> None:
+    physics = MujocoSimulator(SLIDE, FREE, worlds=3, threads=1)
+    check_simulator(ScopedSimulator(physics, PER_RUN, loaded.runs[:2]))
 
 
 def test_known_everywhere_is_not_fitted_and_unknown_is_the_models_own() -> None:
