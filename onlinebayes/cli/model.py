@@ -53,7 +53,9 @@ def build_simulator(
     compiled = compile_spec(spec.copy())
     parameters = parameters.expanded(lambda name: expand(compiled, name), top.section("parameters"))
     sensors = _sensors(compiled, columns)
-    simulator = MujocoSimulator(spec, _with_units(top, compiled, parameters), sensors=sensors)
+    space = _with_units(top, compiled, parameters)
+    with top.at("parameters"):
+        simulator = MujocoSimulator(spec, space, sensors=sensors)
     for name, value in zip(simulator.parameters, simulator.nominal.tolist(), strict=True):
         if not math.isfinite(value):
             raise top.error("model", f"its own {name} is {value}", "give it a finite value in the MJCF")

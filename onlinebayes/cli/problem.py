@@ -136,6 +136,11 @@ def _scope(
             check_effect(key, simulator)
     if (scope := parameters.scope) is None:
         return None
+    for pattern, values in parameters.known.items():
+        for address in values:
+            with top.section("runs").at(pattern):
+                if "@" in address:
+                    check_effect(address.rpartition(".")[0], simulator)
     with top.at("runs"):
         scope.check(simulator.parameters, measurement.runs)
     return scope

@@ -121,6 +121,10 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         more('[runs.first]\n"body.carriage.mass" = 1\n[runs."f*"]\n"body.carriage.mass" = 2'),
         "run 'first' has two values of 'body.carriage.mass', 1 and 2",
     ),
+    "runs effect": (
+        more('[runs.first]\n"dry_frict@carriage.frictionloss" = 1'),
+        "runs.first: effect 'dry_frict' is unkn",
+    ),
     "latency": (more('[signals."qpos.carriage"]\nlatency = "1 ms"'), "latency: '1 ms' is not a number"),
     "weld": (more("[model_edit]\nweld = ['carrige']"), "model_edit.weld: .*no body 'carrige'; nearest: carriage"),
     "weld driven": (more("[model_edit]\nweld = ['carriage']"), "does not compile"),
