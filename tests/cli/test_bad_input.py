@@ -123,7 +123,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "runs effect": (
         more('[runs.first]\n"dry_frict@carriage.frictionloss" = 1'),
-        "runs.first: effect 'dry_frict' is unkn",
+        "effect 'dry_frict' is unknown",
     ),
     "latency": (more('[signals."qpos.carriage"]\nlatency = "1 ms"'), "latency: '1 ms' is not a number"),
     "weld": (more("[model_edit]\nweld = ['carrige']"), "model_edit.weld: .*no body 'carrige'; nearest: carriage"),
