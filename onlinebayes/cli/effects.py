@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Literal
 
-from onlinebayes.cli.model import import_module
+from onlinebayes.cli.factory import import_module
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.windows import make_windows
@@ -19,11 +18,11 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
 
 
-def import_modules(section: Section, folder: Path) -> None:
+def import_modules(section: Section) -> None:
     """Import the user's modules, which register effects of their own in ``EFFECTS``."""
     for name in section.texts("modules", ()):
         with section.at("modules"):
-            import_module(name, folder)
+            import_module(name)
 
 
 def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] | tuple[str, ...]:

@@ -19,6 +19,7 @@ from onlinebayes.criticism.results import (
     Step,
     WidenedBounds,
 )
+from onlinebayes.criticism.scope import Scope
 
 __all__ = [
     "Candidate",
@@ -31,6 +32,7 @@ __all__ = [
     "Numerics",
     "Remainder",
     "ReplayedRun",
+    "Scope",
     "Selection",
     "Step",
     "WidenedBounds",

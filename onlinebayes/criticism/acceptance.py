@@ -15,9 +15,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onlinebayes.criticism.blocks import Blocks, jackknife, leave_one_out, t_quantile
+from onlinebayes.criticism.blocks import Blocks, t_quantile
 from onlinebayes.criticism.fit import Fit
-from onlinebayes.criticism.homogeneity import homogeneous
+from onlinebayes.criticism.homogeneity import first_columns, homogeneous
+from onlinebayes.criticism.identifiability import covariance_of
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.score import CrossValidated, Gain, cross_validate, score_gain
 from onlinebayes.criticism.windows import Windows
@@ -97,19 +98,24 @@ def judge(
 
 
 def interval(fitted: Fit, blocks: Blocks, effect: Effect) -> tuple[float, float]:
-    """95 % jackknife interval of the effect's first parameter [SI]."""
-    column = fitted.simulator.parameters.index(f"{effect.key}.{effect.parameters.names[0]}")
-    covariance = jackknife(fitted.theta, leave_one_out(fitted, blocks, whole=True))
-    reach = t_quantile(0.975, blocks.count) * float(covariance[column, column].sqrt())
-    mode = float(fitted.theta[column])
+    """95 % jackknife interval of the effect's first parameter [SI].
+
+    With one value a run it is the interval of the run that is furthest from neutral for its width, at a level shared
+    out among the runs (Bonferroni).
+    """
+    columns = first_columns(fitted, effect)
+    sd = covariance_of(fitted, blocks).diagonal().sqrt()[columns]
+    away = fitted.theta[columns] - effect.neutral[effect.parameters.names[0]]
+    clearest = int((away.abs() / sd.clamp_min(1e-300)).argmax())
+    reach = t_quantile(1 - 0.025 / len(columns), blocks.count) * float(sd[clearest])
+    mode = float(fitted.theta[columns[clearest]])
     return mode - reach, mode + reach
 
 
 def _within_integration(fitted: Fit, effect: Effect, high: float, numerics: Numerics) -> bool:
     """Whether the largest plausible size of a time effect moves the replay as little as the integrator's shift does."""
     long = fitted.projected
-    column = fitted.simulator.parameters.index(f"{effect.key}.{effect.parameters.names[0]}")
-    moved = long.measured_rows(long.columns[..., column]) / long.weight * max(high, 0.0)
+    moved = long.measured_rows(long.columns[..., first_columns(fitted, effect)].sum(-1)) / long.weight * max(high, 0.0)
     rms = math.sqrt(float(moved.square().sum()) / max(int(long.seen().sum()), 1))
     # From h to h / 4 a first-order integrator's shift changes by 3 / 8 of h: a step is 2.7 times that.
     return rms < 2.7 * numerics.error_at_quarter_step
@@ -124,4 +130,4 @@ def choose(admissible: list[Judged], bin_step: float) -> Judged:
         return difference.gain <= STANDARD_ERRORS * difference.se
 
     rivals = [judged for judged in admissible if close(judged)]
-    return min(rivals, key=lambda judged: (len(judged.effect.parameters), -judged.gain.gain))
+    return min(rivals, key=lambda judged: (len(judged.fitted.theta), -judged.gain.gain))

@@ -94,10 +94,9 @@ def excluded(
 
 def pressed(fitted: Fit) -> Iterator[tuple[str, Parameter]]:
     """The parameters whose mode lies on a bound that may be widened, with the wider bounds."""
-    own = {f"{effect.key}.{name}" for effect in fitted.simulator.effects for name in effect.parameters}
     for name, value in zip(fitted.simulator.parameters, fitted.theta.tolist(), strict=True):
         bounds = fitted.simulator.parameters[name]
-        if name.startswith("option.") or name in own:
+        if name.startswith("option.") or "@" in name:
             continue
         width = bounds.high - bounds.low
         if value >= bounds.high - ON_BOUND * width:

@@ -17,6 +17,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.scoped import effect_entries, physics
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -134,7 +135,7 @@ def grown_theta(
     values = list(theta.unbind())
     for k, effect in enumerate(effects):
         own = {**effect.neutral, **(trial.values if trial is not None and trial.candidate == k else {})}
-        values += [theta.new_tensor(own[name]) for name in effect.parameters]
+        values += [theta.new_tensor(own[name]) for name in effect_entries(simulator, effect).values()]
     return torch.stack(values) if values else theta
 
 
@@ -157,6 +158,7 @@ def _motion(simulator: Simulator, windows: Windows, j: int) -> tuple[Tensor, flo
 
 def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, float]:
     """Effective inertia of joint j at a window's start, and the acceleration that the largest commands give it."""
+    simulator = physics(simulator)
     joint, J = joint_names(simulator)[j], windows.free.shape[1]
     key = f"constant_load@{joint}"
     loaded = simulator

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from onlinebayes.criticism.acceptance import Judged
 from onlinebayes.criticism.identifiability import covariance_of, estimates
 from onlinebayes.criticism.results import Candidate, Estimate, Step
+from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import Screened, Stage
 
@@ -109,4 +110,5 @@ def _equals(key: str, equal: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
 def _own_estimates(stage: Stage, judged: Judged) -> dict[str, Estimate]:
     covariance = covariance_of(judged.fitted, stage.blocks)
     every = estimates(judged.fitted, covariance, stage.blocks.count, ())
-    return {name: every[f"{judged.effect.key}.{name}"] for name in judged.effect.parameters}
+    own = effect_entries(judged.fitted.simulator, judged.effect)
+    return {entry.removeprefix(f"{judged.effect.key}."): every[entry] for entry in own}

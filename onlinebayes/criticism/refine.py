@@ -29,6 +29,8 @@ from onlinebayes.criticism.results import (
     Selection,
     WidenedBounds,
 )
+from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.scoped import scoped
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
@@ -51,6 +53,7 @@ def compare(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     progress: Say | None = None,
 ) -> Criticism:
     """Fit what is free, replay, and show where the model fails; no effect is tried and there is no verdict.
@@ -60,6 +63,7 @@ def compare(
         measurement: runs of commands and signals; every joint needs its position.
         holdout: runs kept for the reported error; None for the last third of the runs, or of the only run's time.
         selection: how effects are judged.
+        scope: which parameters differ between runs; None for none.
         progress: takes one line of text between stages.
 
     Raises:
@@ -68,6 +72,7 @@ def compare(
     selection, say = selection or Selection(), progress or _silent
     fit_runs, held_runs = split(measurement, holdout)
     say("fitting the base model")
+    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
     found = Found(base, base, (), (), ())
     return _assemble("compare", simulator, fit_runs, held_runs, found, selection, say)
@@ -79,6 +84,7 @@ def diagnose(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
@@ -90,7 +96,7 @@ def diagnose(
         interrupt: stops the search between its rounds; what was found until then is returned.
     """
     return _searched(
-        "diagnose", simulator, measurement, holdout, selection, candidates, 1, progress or _silent, interrupt
+        "diagnose", simulator, measurement, holdout, selection, scope, candidates, 1, progress or _silent, interrupt
     )
 
 
@@ -100,13 +106,23 @@ def refine(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
     return _searched(
-        "refine", simulator, measurement, holdout, selection, candidates, MOST_EFFECTS, progress or _silent, interrupt
+        "refine",
+        simulator,
+        measurement,
+        holdout,
+        selection,
+        scope,
+        candidates,
+        MOST_EFFECTS,
+        progress or _silent,
+        interrupt,
     )
 
 
@@ -117,6 +133,7 @@ def _searched(
     measurement: Measurement,
     holdout: Sequence[str] | None,
     selection: Selection | None,
+    scope: Scope | None,
     candidates: str | Sequence[str | Effect],
     most: int,
     say: Say,
@@ -124,6 +141,7 @@ def _searched(
 ) -> Criticism:
     selection = selection or Selection()
     fit_runs, held_runs = split(measurement, holdout)
+    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     found = search(simulator, fit_runs, selection, candidates, most, say, interrupt)
     return _assemble(question, simulator, fit_runs, held_runs, found, selection, say)
 

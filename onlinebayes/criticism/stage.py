@@ -21,6 +21,7 @@ from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.criticism.scoped import ScopedSimulator, effect_entries
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
 from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values
 from onlinebayes.criticism.sensitivities import columns
@@ -128,7 +129,8 @@ def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
 def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float]) -> Fit:
     """The current model with ``effect`` added, fitted to convergence from ``start``."""
     simulator = current.simulator.with_effect(effect)
-    theta = torch.cat([current.theta, current.theta.new_tensor([start[name] for name in effect.parameters])])
+    own = [start[name] for name in effect_entries(current.simulator, effect).values()]
+    theta = torch.cat([current.theta, current.theta.new_tensor(own)])
     return fit(simulator, windows, theta, current.projected.weight, current.lin.starts)
 
 
@@ -139,7 +141,7 @@ def screen(
     if not effects:
         return ()
     tried = trials(effects)
-    horizons, raw = _sensitivities(current, windows, groups, effects, tried)
+    horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))
     found = []
@@ -163,19 +165,41 @@ def screen(
 
 
 def _sensitivities(
-    current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: Sequence[Trial]
-) -> tuple[list[Scores], Float[Tensor, "C W n S"]]:
+    current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
+) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
     simulator = grown(current.simulator, effects)
     neutral = grown_theta(current.simulator, current.theta, effects)
     moved = torch.stack([grown_theta(current.simulator, current.theta, effects, trial) for trial in tried])
     raw, valid = columns(simulator, windows, neutral, moved, current.lin.starts)
     raw = raw * valid[:, None, None, None]
+    if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(windows.runs):
+        raw, tried = _run_by_run(current.simulator, windows, effects, raw, tried)
     horizons = []
     for pieces in (1, PIECES):
         projected = project(windows, current.lin, current.projected.weight, pieces)
         c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
         horizons.append(block_scores(projected, c, groups.repeat_interleave(pieces), int(groups.max()) + 1))
-    return horizons, raw
+    return horizons, raw, tried
+
+
+def _run_by_run(
+    simulator: ScopedSimulator,
+    windows: Windows,
+    effects: Sequence[Effect],
+    raw: Float[Tensor, "C W n S"],
+    tried: tuple[Trial, ...],
+) -> tuple[Float[Tensor, "D W n S"], tuple[Trial, ...]]:
+    """Besides, an effect of one size a run in each run alone: sizes of either sign may cancel in all together.
+
+    Only where runs hold several groups of windows: in a single one, flips cannot tell a size from chance.
+    """
+    own = [k for k, t in enumerate(tried) if _owned(simulator, effects[t.candidate])]
+    alone = [raw[own] * (windows.run == r).to(raw)[:, None, None] for r in range(len(windows.runs))]
+    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in windows.runs for k in own))
+
+
+def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:
+    return simulator.scope.owned(f"{effect.key}.{effect.parameters.names[0]}")
 
 
 def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import Found, carried
 from onlinebayes.criticism.stage import blocks_for
@@ -49,8 +50,7 @@ def _swapped(base: Simulator, found: Found, rivals: list[str], folds: int | None
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
         model = found.final.rung.of(grown(base, effects))
         theta = carried(final.simulator, final.theta, model)
-        for name in rival.effect.parameters:
-            address = f"{rival.effect.key}.{name}"
+        for address in effect_entries(model, rival.effect):
             source = rival.fitted.simulator.parameters.index(address)
             theta[model.parameters.index(address)] = rival.fitted.theta[source]
         try:

@@ -28,11 +28,12 @@ import numpy as np
 
 from onlinebayes.measurements.checks import check_columns
 from onlinebayes.measurements.files import Columns, columns, header
+from onlinebayes.measurements.latency import advanced
 from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.runs import BadInput
 
 STATE = ("qpos", "qvel")
-LATER = ("qfrc", "xfrc", "sensor")
+LATER = ("qfrc", "sensor")
 
 
 @dataclass(frozen=True)
@@ -44,12 +45,14 @@ class SignalColumn:
         column: the table's column; the signal's own name by default.
         scale: what multiplies the cell, units and sign included [unit of the signal / unit of the column].
         offset: what is added then [unit of the signal].
+        latency: seconds by which the column lags (see :mod:`.latency`) [s].
     """
 
     signal: Signal
     column: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    latency: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -125,6 +128,8 @@ class TableReader:
         for w in found:
             values[w.signal.name] = read[w.column or w.signal.name][rows] * w.scale + w.offset
         check_columns(values, where, numbers)
+        for w in found:
+            values[w.signal.name] = advanced(values["time"], values[w.signal.name], w.latency)
         for name in self.commands:
             if f"ctrl.{name}" not in values and not (f"enable.{name}" in values and not values[f"enable.{name}"].any()):
                 raise BadInput(
@@ -157,7 +162,13 @@ class TableReader:
                 if target not in joints:
                     self._unknown(name, target, joints, "joint", path)
                 later.append(name)
-            elif kind == "xfrc" or (kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known)):
+            elif kind == "xfrc":
+                raise BadInput(
+                    "a measured wrench from outside is not applied to the model by this version",
+                    "add the column to 'ignore' in the problem file if the replay may go without it",
+                    where=f"{path}, row 1, column '{name}'",
+                )
+            elif kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known):
                 later.append(name)
             else:
                 unused.append(name or f"(column without a name, {number})")

@@ -10,6 +10,7 @@ The state is complete: from a state and the inputs that follow, the future is de
 | ``"qpos"``            | (N, nq)      | joint positions [m, rad]                           |
 | ``"qvel"``            | (N, nv)      | joint velocities [m/s, rad/s]                      |
 | ``("effects", key)``  | (N, ...)     | hidden state of the effect ``key``, where it has one |
+| ``"sensor"``          | (N, n)       | what sensors that are signals read there; ignored on input |
 | others                | (N, ...)     | what else the system remembers (MuJoCo: ``act``), optional on input |
 
 Inputs are a TensorDict: ``"command"`` (N, U) in the order of :attr:`Simulator.commands`, and optionally ``"enable"``

@@ -120,8 +120,9 @@ constant = 3
         ("absent", "has no factory 'absent'"),
     ],
 )
-def test_a_factory_beside_the_problem_file(folder, monkeypatch, factory, message):
+def test_a_factory_in_the_current_folder(folder, monkeypatch, factory, message):
     name = f"rig_{factory}"
+    monkeypatch.chdir(folder)
     (folder / f"{name}.py").write_text(FACTORY)
     path = write(folder, PROBLEM.replace("carriage.xml", f"{name}:{factory}"))
     if message is None:
@@ -131,7 +132,8 @@ def test_a_factory_beside_the_problem_file(folder, monkeypatch, factory, message
             load_problem(path)
 
 
-def test_a_module_registers_an_effect_of_ones_own(folder):
+def test_a_module_registers_an_effect_of_ones_own(folder, monkeypatch):
+    monkeypatch.chdir(folder)
     from onlinebayes.simulators.effects import EFFECTS
 
     (folder / "own_effects.py").write_text(

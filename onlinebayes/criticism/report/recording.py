@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from onlinebayes.criticism.report import documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS
 from onlinebayes.criticism.results import Criticism, ReplayedRun
+from onlinebayes.criticism.scoped import physics
 from onlinebayes.runs import atomic_path
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -45,7 +46,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         stream = rr.RecordingStream("onlinebayes", send_properties=False)
         stream.save(temporary)
         runs = layout.shown_runs(result)
-        simulator = result.final.simulator
+        simulator = physics(result.final.simulator)
         model = simulator.model if isinstance(simulator, MujocoSimulator) else None
         stream.send_blueprint(layout.blueprint(result, runs, model))
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from onlinebayes.criticism.report import quantities
 from onlinebayes.criticism.results import Candidate, Criticism, Estimate
+from onlinebayes.criticism.scope import address_of
 from onlinebayes.simulators.effects import EFFECTS
 
 VERDICTS = {
@@ -108,7 +109,7 @@ def bounds(result: Criticism) -> list[str]:
         wide = ", ".join(f"{value:g}" for value in widened.after)
         sentences.append(
             f"The data ask for {estimate(result.parameters[name])}; the bounds were {low} to {high}. If that can be, "
-            f'write "{name}" = [{wide}] under [parameters]; if it cannot, look for what acts like it.'
+            f'write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts like it.'
         )
     return sentences
 

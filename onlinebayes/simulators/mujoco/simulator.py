@@ -37,6 +37,7 @@ class MujocoSimulator(Simulator):
         threads: threads that step the worlds, 0 for all cores. Give torch one (``torch.set_num_threads(1)``): its idle
             threads spin, and a Collector of 1024 hoppers on two cores was slower by a fifth for it.
         effects: effects to begin with, in order; the same as :meth:`with_effect` for each.
+        sensors: sensors that are signals too, ``sensor.<name>`` or ``qfrc.<joint>`` (see :mod:`.sensors`).
 
     Attributes:
         spec: the model's spec, effects' structure included; its values are the nominal ones.
@@ -55,8 +56,9 @@ class MujocoSimulator(Simulator):
         dt: float | None = None,
         threads: int = 0,
         effects: Sequence[Effect] = (),
+        sensors: Sequence[str] = (),
     ) -> None:
-        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects)
+        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects, sensors)
         self._threads = threads
         self.spec, self.model = self._system.spec, self._system.model
         self.parameters, self.effects = self._system.parameters, self._system.effects
@@ -156,8 +158,9 @@ class MujocoSimulator(Simulator):
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
-        """Positions, then velocities, in the model's order."""
-        return torch.cat([state.get("qpos"), state.get("qvel")], dim=-1)
+        """Positions, then velocities, in the model's order, then the sensors that are signals."""
+        sensors = [state.get("sensor")] if self._system.sensors else []
+        return torch.cat([state.get("qpos"), state.get("qvel"), *sensors], dim=-1)
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
@@ -206,11 +209,15 @@ class MujocoSimulator(Simulator):
         return foreign(self._system, _finite(theta[None]).numpy())
 
     def _integrated(self, spec: mujoco.MjSpec, dt: float | None) -> Self:
-        return type(self)(spec, self._system.base_parameters, self.worlds, dt, self._threads, self.effects)
+        return type(self)(
+            spec, self._system.base_parameters, self.worlds, dt, self._threads, self.effects, self._system.sensors
+        )
 
     def _remade(self, worlds: int, effects: Sequence[Effect]) -> Self:
         system = self._system
-        return type(self)(system.source, system.base_parameters, worlds, self.dt, self._threads, effects)
+        return type(self)(
+            system.source, system.base_parameters, worlds, self.dt, self._threads, effects, system.sensors
+        )
 
 
 def _finite(theta: Tensor) -> Tensor:
