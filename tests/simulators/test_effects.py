@@ -14,6 +14,7 @@ from onlinebayes.simulators.effects import (
     ActuatorDelay,
     ActuatorGain,
     ConstantLoad,
+    CubicStiffness,
     DryFriction,
     Effect,
     JointStiffness,
@@ -30,7 +31,8 @@ ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
 
 
 def _effects() -> list[Effect]:
-    return [cls.scaled("elbow" if cls.target_kind == "joint" else "bend", ELBOW) for cls in EFFECTS.values()]
+    places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world"}
+    return [cls.scaled(places[cls.target_kind], ELBOW) for cls in EFFECTS.values()]
 
 
 def _roll(
@@ -47,11 +49,21 @@ def test_the_registry_holds_the_contracts_names() -> None:
     assert tuple(EFFECTS) == (
         "viscous_friction",
         "dry_friction",
+        "asymmetric_friction",
         "quadratic_drag",
         "joint_stiffness",
+        "cubic_stiffness",
         "constant_load",
+        "armature",
+        "payload",
+        "com_offset",
+        "gravity_tilt",
         "actuator_gain",
+        "actuator_lag",
         "actuator_delay",
+        "actuator_dead_zone",
+        "actuator_saturation",
+        "back_emf",
     )
     assert all(cls.name == name for name, cls in EFFECTS.items())
 
@@ -81,6 +93,7 @@ def test_conformance_of_all_together() -> None:
             [3.0, 0.25],
             lambda q, v: -3.0 * (q - 0.25),
         ),
+        (CubicStiffness("rail", Parameter(0, 9), Parameter(-1, 1)), [3.0, 0.25], lambda q, v: -3.0 * (q - 0.25) ** 3),
         (ConstantLoad("rail", Parameter(-9, 9)), [-3.0], lambda q, v: -3.0),
     ],
     ids=lambda x: getattr(x, "name", ""),
