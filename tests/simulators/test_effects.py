@@ -13,6 +13,7 @@ from onlinebayes.simulators.effects import (
     EFFECTS,
     ActuatorDelay,
     ActuatorGain,
+    ComOffset,
     ConstantLoad,
     CubicStiffness,
     DryFriction,
@@ -27,12 +28,13 @@ from onlinebayes.simulators.testing import check_effect
 from tests.simulators.models import ARM, SLIDE
 
 H, MASS = 0.002, 2.0
-ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
+ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4, output=20.0)
 
 
 def _effects() -> list[Effect]:
+    # The arm is planar: the centre of mass moves along one axis that matters.
     places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world"}
-    return [cls.scaled(places[cls.target_kind], ELBOW) for cls in EFFECTS.values()]
+    return [cls.scaled("fore.x" if cls is ComOffset else places[cls.target_kind], ELBOW) for cls in EFFECTS.values()]
 
 
 def _roll(
