@@ -16,6 +16,7 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.effects.base import split_axis
 
 
 def import_modules(section: Section) -> None:
@@ -52,16 +53,9 @@ def check_effect(key: str, simulator: Simulator) -> None:
         raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(EFFECTS)))
     if at:
         kind = EFFECTS[name].target_kind
-        known = targets(simulator, kind)
-        if target not in known:
+        known = simulator.targets(kind)
+        if split_axis(target, EFFECTS[name].axes)[0] not in known:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
-
-
-def targets(simulator: Simulator, kind: Literal["joint", "actuator"]) -> list[str]:
-    """Names of the joints (by their position signals) or of the actuators."""
-    if kind == "actuator":
-        return list(simulator.commands)
-    return [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]
 
 
 def add_effects(

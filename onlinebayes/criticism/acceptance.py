@@ -26,6 +26,7 @@ from onlinebayes.simulators.effects import Effect
 
 LEAST_FALL = 0.05
 STANDARD_ERRORS = 2.0
+ALIKE = 0.01  # standard errors between two effects that are the same motion
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,13 @@ def _within_integration(fitted: Fit, effect: Effect, high: float, numerics: Nume
 
 
 def choose(admissible: list[Judged], bin_step: float) -> Judged:
-    """The best by score; within two paired standard errors of it, the one with the fewest parameters."""
+    """The best by score; within two paired standard errors of it, the one with the fewest parameters.
+
+    A richer effect waits for the simpler one that it contains; of two that fit alike to the last digits, the term at a
+    joint or an actuator goes before the one of a body or the world.
+    """
+    keys = {judged.effect.key for judged in admissible}
+    admissible = [j for j in admissible if not keys & contained(j.effect)]
     best = max(admissible, key=lambda judged: judged.gain.gain)
 
     def close(other: Judged) -> bool:
@@ -130,4 +137,16 @@ def choose(admissible: list[Judged], bin_step: float) -> Judged:
         return difference.gain <= STANDARD_ERRORS * difference.se
 
     rivals = [judged for judged in admissible if close(judged)]
-    return min(rivals, key=lambda judged: (len(judged.fitted.theta), -judged.gain.gain))
+    first = min(rivals, key=lambda judged: (len(judged.fitted.theta), -judged.gain.gain))
+    alike = [
+        judged
+        for judged in rivals
+        if len(judged.fitted.theta) == len(first.fitted.theta)
+        and first.gain.gain - judged.gain.gain <= ALIKE * first.gain.se
+    ]
+    return min(alike, key=lambda judged: judged.effect.target_kind not in ("joint", "actuator"))
+
+
+def contained(effect: Effect) -> set[str]:
+    """Keys of the simpler effects that this one becomes for some of its values."""
+    return {f"{name}@{effect.target}" for name in effect.contains}

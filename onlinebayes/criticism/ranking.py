@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
-from onlinebayes.criticism.acceptance import Judged
+from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.identifiability import covariance_of, estimates
 from onlinebayes.criticism.results import Candidate, Estimate, Step
 from onlinebayes.criticism.scoped import effect_entries
@@ -50,7 +51,10 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
                 indistinguishable_from=_equals(key, equal),
             )
         rows.append(row)
-    return tuple(rows)
+    richer = {effect.key: contained(effect) for effect in found.effects}
+    return tuple(
+        replace(row, nested_in=tuple(key for key, simpler in richer.items() if row.effect in simpler)) for row in rows
+    )
 
 
 def steps(found: Found) -> tuple[Step, ...]:

@@ -22,7 +22,7 @@ from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, TargetKind
 
 
 class ScopedSimulator(Simulator):
@@ -109,6 +109,20 @@ class ScopedSimulator(Simulator):
     def joint_kinds(self) -> Mapping[str, Literal["slide", "hinge"]]:
         """Those of the physics."""
         return self.physics.joint_kinds
+
+    def targets(self, kind: TargetKind) -> tuple[str, ...]:
+        """Those of the physics."""
+        return self.physics.targets(kind)
+
+    @property
+    def body_sizes(self) -> Mapping[str, tuple[float, float]]:
+        """Those of the physics."""
+        return self.physics.body_sizes
+
+    @property
+    def actuator_gains(self) -> Mapping[str, float]:
+        """Those of the physics."""
+        return self.physics.actuator_gains
 
     @property
     def nominal(self) -> Float[Tensor, " F"]:

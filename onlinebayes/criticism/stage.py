@@ -158,7 +158,8 @@ def screen(
                 float(p[k]),
                 _starting_values(effect, tried[i], float(horizons[0].size[i])),
                 (),
-                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]),
+                # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
+                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]) if tried[i].reach > 0 else None,
             )
         )
     return tuple(sorted(found, key=lambda s: (s.p_value is None, s.p_value, -(s.z or 0.0))))

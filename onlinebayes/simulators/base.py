@@ -32,7 +32,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 
 if TYPE_CHECKING:
-    from onlinebayes.simulators.effects import Effect
+    from onlinebayes.simulators.effects import Effect, TargetKind
 
 
 class Simulator(ABC):
@@ -62,6 +62,23 @@ class Simulator(ABC):
     @property
     def joint_kinds(self) -> Mapping[str, Literal["slide", "hinge"]]:
         """Kind of each slide and hinge joint, which decides units; joints that it lacks are taken for hinges."""
+        return {}
+
+    def targets(self, kind: TargetKind) -> tuple[str, ...]:
+        """What effects of one kind can act on, by name; joints and actuators unless a backend knows of more."""
+        if kind == "actuator":
+            return self.commands
+        names = (name.removeprefix("qpos.") for name in self.signals if name.startswith("qpos."))
+        return tuple(names) if kind == "joint" else ()
+
+    @property
+    def body_sizes(self) -> Mapping[str, tuple[float, float]]:
+        """Mass [kg] and size [m] of each of the bodies among :meth:`targets`, as the system was built."""
+        return {}
+
+    @property
+    def actuator_gains(self) -> Mapping[str, float]:
+        """Force of an actuator per unit of its command, before the gear; those that are missing have 1."""
         return {}
 
     @property

@@ -202,7 +202,9 @@ class TorchSimulator(Simulator):
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        known = [joint.name for joint in self.joints] if effect.target_kind == "joint" else self.commands
+        if effect.target_kind not in ("joint", "actuator"):
+            raise BadInput(f"{effect.key} has no form in torch", "a torch system has joints and actuators only")
+        known = self.targets(effect.target_kind)
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
             raise BadInput(

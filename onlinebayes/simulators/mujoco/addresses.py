@@ -226,6 +226,18 @@ def scalar_joint(model: mujoco.MjModel, name: str) -> tuple[int, int, int]:
     return int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i]), i
 
 
+def movable_body(model: mujoco.MjModel, name: str) -> int:
+    """Id of a body that can move.
+
+    Raises:
+        BadInput: there is no such body, or it is welded to the world.
+    """
+    i = element_id(model, "body", name)
+    if model.body_weldid[i] == 0:
+        raise BadInput(f"body '{name}' is fixed to the world", "name one that a joint moves")
+    return i
+
+
 def _servo(model: mujoco.MjModel, element: str, field: str, name: str) -> tuple[Cell, ...]:
     """Cells of kp and kv: position servo f = kp (u - q) - kv v, velocity servo f = kv (u - v)."""
     i = element_id(model, "actuator", element)

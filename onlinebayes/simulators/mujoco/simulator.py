@@ -17,7 +17,7 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, TargetKind
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
@@ -102,6 +102,29 @@ class MujocoSimulator(Simulator):
             if kind in (SLIDE, HINGE):
                 kinds[name] = "slide" if kind == SLIDE else "hinge"
         return kinds
+
+    def targets(self, kind: TargetKind) -> tuple[str, ...]:
+        """See :meth:`Simulator.targets`; bodies that move, by name, and the world."""
+        if kind == "body":
+            return tuple(self.body_sizes)
+        return ("world",) if kind == "world" else super().targets(kind)
+
+    @property
+    def body_sizes(self) -> dict[str, tuple[float, float]]:
+        """Mass [kg] of each named body that moves, and half the diagonal of the box with its inertia [m]."""
+        sizes = {}
+        for i, name in enumerate(names(self.model, "body")):
+            mass, trace = float(self.model.body_mass[i]), float(self.model.body_inertia[i].sum())
+            if name and self.model.body_weldid[i] and mass > 0:
+                # A box of sides 2a, 2b, 2c has the trace 2 m (a^2 + b^2 + c^2) / 3.
+                sizes[name] = (mass, max(math.sqrt(1.5 * trace / mass), 1e-6))
+        return sizes
+
+    @property
+    def actuator_gains(self) -> dict[str, float]:
+        """The first gain parameter of each actuator; for a servo its kp."""
+        gains = zip(names(self.model, "actuator"), self.model.actuator_gainprm[:, 0], strict=True)
+        return {name: abs(float(gain)) for name, gain in gains}
 
     @property
     def theta(self) -> Float[Tensor, "N P"]:

@@ -27,7 +27,15 @@ from torch import Tensor
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.mujoco.addresses import Address, element_id, model_array, names, resolve, scalar_joint
+from onlinebayes.simulators.mujoco.addresses import (
+    Address,
+    element_id,
+    model_array,
+    movable_body,
+    names,
+    resolve,
+    scalar_joint,
+)
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.sensors import add_torque_sensors, sensor_places
 
@@ -242,6 +250,11 @@ def _grown(effect: Effect) -> ParameterSpace:
 def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
     if effect.target_kind == "joint":
         scalar_joint(model, effect.target)
+    elif effect.target_kind == "body":
+        movable_body(model, effect.element)
+    elif effect.target_kind == "world":
+        if effect.element != "world":
+            raise BadInput(f"{effect.key} acts on the whole world", f"write {effect.name}@world")
     else:
         actuator = element_id(model, "actuator", effect.target)
         if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:
