@@ -15,17 +15,28 @@ from pathlib import Path
 from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, import_modules
+from onlinebayes.cli.mapping import command_columns, signal_columns
 from onlinebayes.cli.model import build_simulator, known_addresses, signal_units
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.split import split
-from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
-from onlinebayes.measurements.units import to_si
+from onlinebayes.measurements import Measurement, Signal, TableReader
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
-TOP = ("schema", "model", "measurements", "holdout", "ignore", "parameters", "signals", "selection", "effects")
+TOP = (
+    "schema",
+    "model",
+    "measurements",
+    "holdout",
+    "ignore",
+    "parameters",
+    "signals",
+    "commands",
+    "selection",
+    "effects",
+)
 
 
 @dataclass(frozen=True)
@@ -166,37 +177,13 @@ def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note
     reader = TableReader(
         signals=[Signal(name, units.get(name, "")) for name in simulator.signals],
         commands=simulator.commands,
-        mapped=_signals(top.section("signals", known=None), simulator, units),
+        mapped=signal_columns(top.section("signals"), simulator, units),
+        commanded=command_columns(top.section("commands"), simulator),
         ignore=top.texts("ignore", ()),
         known=known_addresses(simulator),
         note=note,
     )
     return reader.read(Path(top.file).parent / table for table in tables)
-
-
-def _signals(section: Section, simulator: Simulator, units: dict[str, str]) -> list[SignalColumn]:
-    Section(section.values, section.file, section.path, known=simulator.signals)
-    mapped = []
-    for name in section.values:
-        table = section.section(
-            name, ("column", "unit", "sign", "scale", "offset", "sd", "resolution"), later=("latency",)
-        )
-        sign = table.number("sign", 1.0)
-        if sign not in (1.0, -1.0):
-            raise table.error("sign", f"{sign} is no sign", "write 1 or -1")
-        factor = 1.0
-        if "unit" in table:
-            with table.at("unit"):
-                factor = to_si(table.text("unit"), units.get(name, ""))
-        scale = table.number("scale", 1.0) or 0.0
-        if scale == 0.0:
-            raise table.error("scale", "0 would erase the signal", "give what multiplies the column")
-        with section.at(name):
-            signal = Signal(name, units.get(name, ""), table.number("sd"), table.number("resolution"))
-        mapped.append(
-            SignalColumn(signal, table.text("column", ""), sign * scale * factor, table.number("offset", 0.0) or 0.0)
-        )
-    return mapped
 
 
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:
