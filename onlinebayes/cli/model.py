@@ -43,7 +43,8 @@ def build_simulator(top: Section, folder: Path, parameters: ParameterSpace) -> S
     with top.at("model"):
         if not (folder / model).is_file():
             raise BadInput(f"no such file: {folder / model}", "give an MJCF file, or 'package.module:factory'")
-        spec = load_spec(folder / model)
+        inside = (folder / model).resolve().is_relative_to(folder.resolve())
+        spec = load_spec(folder / model, root=folder if inside else (folder / model).parent)
         compiled = compile_spec(spec.copy())
     units = {}
     for name in parameters:

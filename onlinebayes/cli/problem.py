@@ -25,6 +25,9 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
+LARGEST, MOST_DOTS = 2**20, 2000
+"""Bytes of a problem file, and dots in one of its lines."""
+
 TOP = (
     "schema",
     "model",
@@ -102,13 +105,18 @@ def load_problem(
 def read_toml(path: Path) -> dict[str, Any]:
     """The parsed file; raises :class:`BadInput` with the line where it is missing, not UTF-8 or not TOML."""
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(LARGEST + 1)
     except FileNotFoundError:
         raise BadInput("no such file", "name the problem file", where=str(path)) from None
     except IsADirectoryError:
         raise BadInput("is a folder", "name the problem file in it", where=str(path)) from None
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", "check its permissions", where=str(path)) from None
+    if len(raw) > LARGEST or max(line.count(b".") for line in raw.split(b"\n")) > MOST_DOTS:
+        # A key of n parts costs the parser n^2: a few hundred kB of dots would take hours.
+        problem = f"has more than {LARGEST} bytes, or a line of more than {MOST_DOTS} dots"
+        raise BadInput(problem, "write long lists on several lines, and data into tables", where=str(path))
     try:
         return tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:

@@ -50,9 +50,9 @@ def lerobot_source(folder: Path) -> ArraySource:
             raise BadInput(problem, "write the same features into every file", where=str(path))
         cells += sum(map(len, columns.values()))
         check_cells(cells, 1, folder)
-        for name, values in columns.items():
-            parts.setdefault(name, []).append(values)
-    whole = {name: np.concatenate(values) for name, values in parts.items()}
+        for name, column in columns.items():
+            parts.setdefault(name, []).append(column)
+    whole = {name: np.concatenate(pieces) for name, pieces in parts.items()}
     episodes = whole.pop(EPISODE)
     order = np.argsort(episodes, kind="stable")  # rows of an episode may be spread over files
     stem = folder.resolve().name

@@ -79,7 +79,8 @@ class SeriesSource(Source):
     def __init__(self, path: Path, series: Mapping[str, Series]) -> None:
         super().__init__(path, ("time", *series), joined=True)
         self._samples = {
-            name: (np.asarray(one.instants, dtype=np.int64), np.asarray(one.values)) for name, one in series.items()
+            name: (np.frombuffer(one.instants, dtype=np.int64), np.frombuffer(one.values))
+            for name, one in series.items()
         }
         for name, (instants, _) in self._samples.items():
             _check_clock(instants, name, path)
