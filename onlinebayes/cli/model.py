@@ -43,8 +43,9 @@ def build_simulator(top: Section, folder: Path, parameters: ParameterSpace) -> S
     with top.at("model"):
         if not (folder / model).is_file():
             raise BadInput(f"no such file: {folder / model}", "give an MJCF file, or 'package.module:factory'")
-        inside = (folder / model).resolve().is_relative_to(folder.resolve())
-        spec = load_spec(folder / model, root=folder if inside else (folder / model).parent)
+        # A model that the file names elsewhere was named on purpose; what it may read then lies beside it.
+        inside = not Path(model).is_absolute() and ".." not in Path(model).parts
+        spec = load_spec(folder / model, root=folder if inside else (folder / model).resolve().parent)
         compiled = compile_spec(spec.copy())
     units = {}
     for name in parameters:

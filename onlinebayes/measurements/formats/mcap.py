@@ -11,7 +11,7 @@ import json
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from onlinebayes.measurements.formats.messages import record
 from onlinebayes.measurements.formats.series import Recorder, SeriesSource
@@ -107,13 +107,24 @@ def _plain(message: Any) -> dict[str, Any]:
     return plain
 
 
-def _records(file: Any, path: Path) -> Iterator[Any]:
+class _Bounded:
+    """A file that is never asked for more than it has: the library reads whatever length a record claims."""
+
+    def __init__(self, file: BinaryIO, size: int) -> None:
+        self._file, self._most = file, min(size, LARGEST)
+
+    def read(self, length: int) -> bytes:
+        return self._file.read(min(length, self._most))
+
+
+def _records(file: BinaryIO, path: Path) -> Iterator[Any]:
     """The records of the data section, chunks unpacked; the library's own loop would unpack them without a bound."""
     from mcap.records import Chunk
     from mcap.stream_reader import StreamReader, breakup_chunk
 
-    total = 0
-    for one in StreamReader(file, emit_chunks=True, record_size_limit=min(LARGEST, path.stat().st_size)).records:
+    total, size = 0, path.stat().st_size
+    bounded: Any = _Bounded(file, size)
+    for one in StreamReader(bounded, emit_chunks=True, record_size_limit=min(LARGEST, size)).records:
         if not isinstance(one, Chunk):
             yield one
             continue

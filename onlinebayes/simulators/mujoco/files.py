@@ -1,8 +1,8 @@
 """What an MJCF file may reach and how large it may make itself, checked before MuJoCo opens anything.
 
-A problem file is passed from hand to hand with its model. So a model read for one must not read files outside the folder
-that was handed over (includes, meshes, textures, links that lead out), must not define entities, and must not ask
-for more elements or pixels than a machine can hold. Source of the attributes:
+A problem file is passed from hand to hand with its model. So a model read for one must not read files outside the
+folder that was handed over (includes, meshes, textures, links that lead out), must not define entities, and must not
+ask for more elements or pixels than a machine can hold. Source of the attributes:
 https://mujoco.readthedocs.io/en/stable/XMLreference.html.
 """
 
@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
+from typing import cast
 from xml.etree.ElementTree import Element, ParseError, XMLPullParser
 
 from onlinebayes.runs import BadInput
@@ -35,6 +37,7 @@ def check_files(model: Path, root: Path | None = None) -> None:
         model: an MJCF file that exists.
         root: the folder that must hold every file the model names, links followed; anywhere when None.
     """
+    _check_inside(model, model, root)
     checked: set[Path] = set()
     waiting = [model]
     while waiting:
@@ -78,7 +81,18 @@ def _is_file(path: Path) -> bool:
 
 
 def _elements(path: Path) -> Iterator[Element]:
-    """Every element as it begins; not well-formed XML ends the walk, for MuJoCo's own message says more."""
+    """Every element as it begins, the copies that its ancestors make of it checked."""
+    copies: list[float] = []
+    for event, element in _events(_text(path)):
+        if element.tag in ("replicate", "composite", "flexcomp"):
+            copies = [*copies, _product(element.get("count", "1"))] if event == "start" else copies[:-1]
+            if (made := math.prod(copies)) > MOST_COPIES:
+                raise BadInput(f"{element.tag} makes {made:.3g} copies", f"make at most {MOST_COPIES}", where=str(path))
+        if event == "start":
+            yield element
+
+
+def _text(path: Path) -> bytes:
     size = path.stat().st_size
     if size > LARGEST:
         raise BadInput(f"has {size} bytes", f"a model may have {LARGEST}", where=str(path))
@@ -87,25 +101,17 @@ def _elements(path: Path) -> Iterator[Element]:
         raise BadInput("has NUL bytes: no XML in UTF-8", "save it as UTF-8", where=str(path))
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise BadInput("declares a document type or entities", "MJCF has neither: remove them", where=str(path))
-    parser = XMLPullParser(("start", "end"))
-    copies: list[float] = []
-    try:
+    return text
+
+
+def _events(text: bytes) -> Iterator[tuple[str, Element]]:
+    """Begins and ends of elements, up to the first fault of the XML: MuJoCo's own message says more of it."""
+    parser: XMLPullParser = XMLPullParser(("start", "end"))
+    with suppress(ParseError, ValueError, LookupError):
         parser.feed(text)
         parser.close()
-    except (ParseError, ValueError, LookupError):
-        pass  # what came before the fault is checked all the same
-    try:
-        for event, element in parser.read_events():
-            if element.tag in ("replicate", "composite", "flexcomp"):
-                copies = [*copies, _product(element.get("count", "1"))] if event == "start" else copies[:-1]
-                if event == "start" and math.prod(copies) > MOST_COPIES:
-                    problem = f"{element.tag} makes {math.prod(copies):.3g} copies"
-                    raise BadInput(problem, f"make at most {MOST_COPIES}", where=str(path))
-            if event == "start":
-                yield element
-    except (ParseError, ValueError, LookupError) as error:
-        if isinstance(error, BadInput):
-            raise
+    with suppress(ParseError):
+        yield from cast(Iterator[tuple[str, Element]], parser.read_events())
 
 
 def _check_size(element: Element, path: Path) -> None:
