@@ -19,7 +19,6 @@ from torch import Tensor
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 
-
 PAUSE = 10.0
 """Steps of the densest signal without any row that make a gap; a few lost rows do not."""
 

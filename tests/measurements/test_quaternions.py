@@ -47,11 +47,11 @@ def test_signs_and_norms_are_mended(tmp_path):
 def test_what_is_no_orientation(tmp_path):
     half = TRUTH.copy()
     half[3, 1] = np.nan
-    with pytest.raises(BadInput, match="row 5, column 'qpos.body.3': only some parts of a quaternion"):
+    with pytest.raises(BadInput, match=r"row 5, column 'qpos\.body\.3': only some parts of a quaternion"):
         read(tmp_path, half)
-    with pytest.raises(BadInput, match="row 2, column 'qpos.body.3': a quaternion of norm 2"):
+    with pytest.raises(BadInput, match=r"row 2, column 'qpos\.body\.3': a quaternion of norm 2"):
         read(tmp_path, 2 * TRUTH)
     with pytest.raises(BadInput, match="norm 0"):
         read(tmp_path, 0 * TRUTH)
-    with pytest.raises(BadInput, match="no column 'qpos.body.6'; a quaternion has all four parts"):
+    with pytest.raises(BadInput, match=r"no column 'qpos\.body\.6'; a quaternion has all four parts"):
         read(tmp_path, TRUTH, FREE[:6])
