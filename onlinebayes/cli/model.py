@@ -42,7 +42,9 @@ def build_simulator(
     with top.at("model"):
         if not factory and not (folder / model).is_file():
             raise BadInput(f"no such file: {folder / model}", "give an MJCF file, or 'package.module:factory'")
-        made = from_factory(model, parameters.space) if factory else load_spec(folder / model)
+        made = (
+            from_factory(model, parameters.space) if factory else load_spec(folder / model, root=_root(folder, model))
+        )
         if isinstance(made, mujoco.MjSpec):
             compile_spec(made.copy())
     edit, actuators = edits(top), top.section("actuators")
@@ -60,6 +62,12 @@ def build_simulator(
         if not math.isfinite(value):
             raise top.error("model", f"its own {name} is {value}", "give it a finite value in the MJCF")
     return simulator, parameters
+
+
+def _root(folder: Path, model: str) -> Path:
+    """Where a model may read: a model that the file names elsewhere was named on purpose, and reads what is beside it."""
+    inside = not Path(model).is_absolute() and ".." not in Path(model).parts
+    return folder if inside else (folder / model).resolve().parent
 
 
 def _sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:

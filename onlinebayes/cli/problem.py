@@ -15,20 +15,23 @@ from pathlib import Path
 from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
+from onlinebayes.cli.mapping import command_columns, signal_columns
 from onlinebayes.cli.model import build_simulator, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
-from onlinebayes.cli.signals import signal_columns
 from onlinebayes.criticism import Scope, Selection
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement, Signal, TableReader
-from onlinebayes.measurements.files import header
+from onlinebayes.measurements.formats import open_source
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
+LARGEST, MOST_DOTS = 2**20, 2000
+"""Bytes of a problem file, and dots in one of its lines."""
+
 TOP = (
     *("schema", "model", "measurements", "holdout", "ignore", "parameters"),
-    *("signals", "runs", "actuators", "model_edit", "selection", "effects"),
+    *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects"),
 )
 
 
@@ -98,13 +101,18 @@ def load_problem(
 def read_toml(path: Path) -> dict[str, Any]:
     """The parsed file; raises :class:`BadInput` with the line where it is missing, not UTF-8 or not TOML."""
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(LARGEST + 1)
     except FileNotFoundError:
         raise BadInput("no such file", "name the problem file", where=str(path)) from None
     except IsADirectoryError:
         raise BadInput("is a folder", "name the problem file in it", where=str(path)) from None
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", "check its permissions", where=str(path)) from None
+    if len(raw) > LARGEST or max(line.count(b".") for line in raw.split(b"\n")) > MOST_DOTS:
+        # A key of n parts costs the parser n^2: a few hundred kB of dots would take hours.
+        problem = f"has more than {LARGEST} bytes, or a line of more than {MOST_DOTS} dots"
+        raise BadInput(problem, "write long lists on several lines, and data into tables", where=str(path))
     try:
         return tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -149,7 +157,7 @@ def _scope(
 def _columns(top: Section, tables: Sequence[str]) -> set[str]:
     """Names of columns and of mapped signals that are not ignored."""
     ignored = top.texts("ignore", ())
-    found = {name for table in tables for name in header(Path(top.file).parent / table)}
+    found = {name for table in tables for name in open_source(Path(top.file).parent / table).names}
     kept = {name for name in found if not any(fnmatchcase(name, pattern) for pattern in ignored)}
     return kept | set(top.section("signals").values)
 
@@ -162,6 +170,7 @@ def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note
         signals=[Signal(name, units.get(name, "")) for name in simulator.signals],
         commands=simulator.commands,
         mapped=signal_columns(top.section("signals"), simulator.signals, units),
+        commanded=command_columns(top.section("commands"), simulator.commands),
         ignore=top.texts("ignore", ()),
         known=known_addresses(simulator),
         note=note,

@@ -139,5 +139,8 @@ def _dotted(key: str, value: Any, known: Sequence[str]) -> str | None:
 
 
 def _show(value: Any) -> str:
-    shown = repr(value)
+    try:
+        shown = repr(value)
+    except RecursionError:  # tables within tables without end
+        shown = f"a {type(value).__name__}"
     return shown if len(shown) <= 40 else shown[:37] + "..."

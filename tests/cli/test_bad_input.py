@@ -160,7 +160,22 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "add": (more("[effects]\nadd = ['dry_friction']"), "effects.add: 'dry_friction' names no target"),
     "add target": (more("[effects]\nadd = ['actuator_delay@moto']"), "no actuator 'moto' .*nearest: motor"),
     "module": (more("[effects]\nmodules = ['no_such_thing']"), "effects.modules: module 'no_such_thing' cannot be"),
+    "command": (more('[commands.moto]\ncolumn = "u"'), "commands.moto: unknown key; nearest: motor"),
+    "command key": (more("[commands.motor]\nsd = 1"), "commands.motor.sd: unknown key; known: column, unit"),
+    "command unit": (more('[commands.motor]\nunit = "volt"'), "commands.motor.unit: unit 'volt' is unknown"),
+    "command sign": (more("[commands.motor]\nsign = 2"), "commands.motor.sign: 2.0 is no sign"),
+    "command scale": (more("[commands.motor]\nscale = 0"), "commands.motor.scale: 0 would erase it"),
+    "command column": (more('[commands.motor]\ncolumn = "u"'), "no column 'u', the command of the model's actuator"),
+    "dots": (more("a" + ".a" * 100_000 + " = 1"), "a line of more than 2000 dots"),
+    "deep keys": (more("[parameters" + ".a" * 1900 + "]\nb = 1"), "carriage.toml"),
+    "huge toml": (content("carriage.toml", b"#" * 2_000_000), "more than 1048576 bytes"),
+    "NUL path": (problem('"carriage.csv"', '"a\\u0000b"'), "measurements|no such file"),
+    "NUL model": (problem('"carriage.xml"', '"a\\u0000b"'), "model: no such file"),
     # the model
+    "model reaches out": (
+        edit("carriage.xml", "<worldbody>", '<include file="../outside.xml"/><worldbody>'),
+        "model: .*outside the folder",
+    ),
     "model file": (problem("carriage.xml", "wagon.xml"), "model: no such file: .*wagon.xml"),
     "model broken": (edit("carriage.xml", "<body", "<bod"), "does not compile"),
     "model not XML": (content("carriage.xml", b"\x89PNG\r\n"), "does not compile"),
@@ -214,6 +229,7 @@ def one_line(captured: str, folder: Path) -> str:
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line_and_status_2(folder, capsys, name):
     change, message = BAD[name]
+    (folder.parent / "outside.xml").write_text("<mujoco/>")
     change(folder)
     before = sorted(folder.rglob("*"))
     assert main(["refine", str(folder / "carriage.toml"), "--out", str(folder / "out" / "deep")]) == 2
