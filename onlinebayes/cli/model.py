@@ -65,7 +65,7 @@ def build_simulator(
 
 
 def _root(folder: Path, model: str) -> Path:
-    """Where a model may read: a model that the file names elsewhere was named on purpose, and reads what is beside it."""
+    """Where a model may read. One that the problem file names elsewhere was named on purpose: what lies beside it."""
     inside = not Path(model).is_absolute() and ".." not in Path(model).parts
     return folder if inside else (folder / model).resolve().parent
 
