@@ -23,6 +23,7 @@ from onlinebayes.criticism.experiment.limits import Limits
 from onlinebayes.criticism.windows import Windows
 
 POSTURES = 3
+ANOTHER = 0.2  # of the travel, by which postures differ that are worth a start of their own
 MOST_INPUTS = 96
 TAPER = 0.1  # of the length, at most one horizon
 
@@ -74,7 +75,7 @@ def family(windows: Windows, limits: Limits, names: tuple[str, ...]) -> Inputs:
     rows = max(2, round(limits.seconds / windows.step)) + 1
     t = torch.arange(rows, dtype=windows.start.dtype, device=windows.start.device) * windows.step
     found = []
-    for place, start, held in _postures(windows):
+    for place, start, held in _postures(windows, limits):
         for actuators in _together(limits):
             who = names[actuators[0]] if len(actuators) == 1 else "all"
             for what, shape in _shapes(t, windows.horizon, _edges(limits, actuators), len(actuators)):
@@ -103,16 +104,16 @@ def _slow_enough(inputs: Inputs, limits: Limits) -> Inputs:
     return inputs.scaled((limits.rate / rate.clamp_min(1e-300)).amin(1).clamp_max(1.0))
 
 
-def _postures(windows: Windows) -> list[tuple[str, Float[Tensor, " J"], Float[Tensor, " U"]]]:
+def _postures(windows: Windows, limits: Limits) -> list[tuple[str, Float[Tensor, " J"], Float[Tensor, " U"]]]:
     """Where runs began, and what was commanded there: the first, and those that differ from it most."""
     J = windows.free.shape[1]
     firsts = [int((windows.run == r).nonzero()[0]) for r in windows.run.unique()]
     q, u = windows.start[firsts, :J], windows.command[firsts, 0]
-    width = (windows.start[:, :J].amax(0) - windows.start[:, :J].amin(0)).clamp_min(1e-12)
+    width = (limits.travel_high - limits.travel_low).clamp_min(1e-12)
     chosen = [0]
     while len(chosen) < min(POSTURES, len(firsts)):
         apart = ((q[:, None] - q[chosen]) / width).abs().amax(-1).amin(1)
-        if float(apart.max()) < 0.2:
+        if float(apart.max()) < ANOTHER:
             break
         chosen.append(int(apart.argmax()))
     names = [""] + [f", from where run '{windows.runs[int(windows.run[firsts[k]])]}' began" for k in chosen[1:]]
