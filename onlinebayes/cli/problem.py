@@ -25,7 +25,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
-TOP = ("schema", "model", "measurements", "holdout", "ignore", "parameters", "signals", "selection", "effects")
+TOP = ("schema", "model", "measurements", "holdout", "ignore", "parameters", "signals", "selection", "effects", "next")
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ def load_problem(
         BadInput: anything in the file, the model or the tables that cannot be used.
     """
     path = Path(path)
-    top = Section(read_toml(path), str(path), known=TOP, later=("runs", "actuators", "model_edit"))
+    top = read_top(path)
     if (schema := top.whole("schema", 1)) != 1:
         raise top.error("schema", f"version {schema} is unknown", "this version reads schema = 1")
     selection = _selection(top.section("selection", ("folds", "horizon_s", "alpha", "tolerance")))
@@ -86,6 +86,11 @@ def load_problem(
         _check_measured(part, what, path)
     simulator, added = add_effects(effects, add, simulator, fit, effect_bounds, selection.horizon_s)
     return Problem(path, simulator, measurement, holdout, candidates, selection, added)
+
+
+def read_top(path: Path) -> Section:
+    """The whole file as a section whose keys are known."""
+    return Section(read_toml(path), str(path), known=TOP, later=("runs", "actuators", "model_edit"))
 
 
 def read_toml(path: Path) -> dict[str, Any]:
