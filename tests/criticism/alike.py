@@ -38,10 +38,7 @@ class BackEmf(Effect):
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
     ) -> None:
-        damping = fields["dof_damping"]
-        damping.reshape(len(damping), model.nv, -1)[:, int(model.joint(self.target).dofadr[0]), 0] += parameters[
-            "constant"
-        ]
+        fields["dof_damping"][:, int(model.joint(self.target).dofadr[0])] += parameters["constant"]
 
 
 @dataclass(frozen=True)

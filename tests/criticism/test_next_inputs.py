@@ -35,8 +35,10 @@ def inputs(windows: Windows, limits: Limits) -> Inputs:
 def test_commands_and_their_rates_keep_to_the_limits(inputs: Inputs, limits: Limits) -> None:
     """Every input uses what it may and no more."""
     rate = (inputs.command[:, 1:] - inputs.command[:, :-1]).abs() / inputs.step
-    assert inputs.count >= 15 and len(set(inputs.names)) == inputs.count
-    assert float(inputs.command.min()) >= -5 - 1e-9 and float(inputs.command.max()) <= 8 + 1e-9
+    assert inputs.count >= 15
+    assert len(set(inputs.names)) == inputs.count
+    assert float(inputs.command.min()) >= -5 - 1e-9
+    assert float(inputs.command.max()) <= 8 + 1e-9
     assert float(rate.max()) <= 60 * (1 + 1e-9)
     assert bool((inputs.command.abs().amax((1, 2)) > 1).all())
 
@@ -58,7 +60,8 @@ def test_balanced_inputs_bring_a_free_mass_back_to_rest(windows: Windows) -> Non
     pushed = (inputs.command - inputs.held[:, None])[balanced][..., 0]
     speed = pushed.cumsum(1) * inputs.step
     assert len(balanced) >= 6
-    assert float(speed[:, -1].abs().max()) < 1e-6 and float(speed.sum(1).abs().max()) < 1e-6
+    assert float(speed[:, -1].abs().max()) < 1e-6
+    assert float(speed.sum(1).abs().max()) < 1e-6
 
 
 def test_inputs_that_leave_travel_or_speed_are_scaled_down(inputs: Inputs, limits: Limits) -> None:
@@ -68,8 +71,11 @@ def test_inputs_that_leave_travel_or_speed_are_scaled_down(inputs: Inputs, limit
     safe = admissible(pair, inputs, limits)
     paths = torch.stack([play(hypothesis, safe)["qpos"] for hypothesis in pair])
     speeds = torch.stack([play(hypothesis, safe)["qvel"] for hypothesis in pair])
-    assert safe.count > 0 and bool((safe.scale <= 1).all()) and bool((safe.scale < 0.9).any())
-    assert float(paths.abs().max()) <= 0.1 and float(speeds.abs().max()) <= 0.5
+    assert safe.count > 0
+    assert bool((safe.scale <= 1).all())
+    assert bool((safe.scale < 0.9).any())
+    assert float(paths.abs().max()) <= 0.1
+    assert float(speeds.abs().max()) <= 0.5
     assert math.isclose(safe.step, inputs.step)
 
 
