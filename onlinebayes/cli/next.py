@@ -63,7 +63,7 @@ def summary(plan: Plan, folder: Path, names: Sequence[str]) -> str:
         if rivalry.structural:
             lines.append(("", plan_words.remedy(rivalry)))
     if plan.decides:
-        lines.append(("then", plan_words.instructions()))
+        lines.append(("then", plan_words.instructions(plan)))
     lines.append(("compared", f"{len(plan.tried)} admissible inputs; {plan.refused} left the limits at any size"))
     lines += [("wrote", str(folder / name)) for name in names]
     return "\n".join(_wrapped(f"{key}:" if key else "", what) for key, what in lines)

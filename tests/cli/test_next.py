@@ -52,7 +52,7 @@ def test_the_result_says_what_it_expects(done: tuple[Path, str]) -> None:
     folder, printed = done
     found = json.loads((folder / "next.json").read_text())
     assert found["schema"] == 1
-    assert found["recordings"] == 3
+    assert found["recordings"] >= 3
     assert found["start"].keys() == {"carriage"}
     assert found["chosen"] == found["tried"][0]
     assert len(found["tried"]) > 10

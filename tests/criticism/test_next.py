@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import pytest
 import torch
@@ -22,7 +23,7 @@ from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
-from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, DryFriction, Effect, ViscousFriction
+from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, Effect, QuadraticDrag, ViscousFriction
 from tests.criticism import sprung
 from tests.criticism.alike import Armature, BackEmf
 
@@ -164,7 +165,7 @@ class Slider(TorchSimulator):
     """A mass on a rail in torch."""
 
     physical = ParameterSpace({"mass": Parameter(0.1, 10.0, "kg")})
-    defaults = {"mass": 2.0}
+    defaults: ClassVar = {"mass": 2.0}
     joints = (Joint("rail", "slide"),)
     actuators = (Actuator("motor", "rail"),)
     timestep = 0.04
@@ -186,13 +187,13 @@ def test_an_adequate_torch_model_gets_the_input_that_shows_most() -> None:
         q = q + 1e-3 * torch.randn(q.shape, generator=torch.Generator().manual_seed(r), dtype=q.dtype)
         runs[f"run{r}"] = {"time": time.numpy(), "ctrl.motor": u[:, 0].numpy(), "qpos.rail": q.numpy()}
     measured = Measurement.from_runs(runs, signals=[Signal("qpos.rail", "m", sd=1e-3)], commands=["motor"])
-    candidates = [DryFriction("rail", Parameter(0, 3.0)), ConstantLoad("rail", Parameter(-3.0, 3.0))]
+    candidates = [QuadraticDrag("rail", Parameter(0, 3.0)), ConstantLoad("rail", Parameter(-3.0, 3.0))]
     selection = Selection(horizon_s=0.8)
     result = diagnose(model, measured, holdout=sprung.HELD_OUT, selection=selection, candidates=candidates)
     assert result.verdict == "adequate"
     plan = next_experiment(result, model, fit_runs(measured), candidates=candidates, allowed=Allowed(seconds=2.0))
     assert {first.split(" = ")[0] for first, _ in (r.names for r in plan.rivalries)} == {
-        "dry_friction@rail",
+        "quadratic_drag@rail",
         "constant_load@rail",
     }
     assert all(r.names[1] == "the model as it is" for r in plan.rivalries)

@@ -10,6 +10,7 @@ discriminate between models (T-optimality), here with what the present data say 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -33,7 +34,10 @@ from onlinebayes.runs import BadInput, one_torch_thread
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
+FEWEST_INPUTS, MOST_INPUTS = 12, 96
+WORK = 2e7  # integration steps that comparing the inputs may take: minutes for an arm of six joints
 REFITTED = 3
+REPEATS = 2  # so that a block left out of a fit leaves another of the same motion in it
 
 
 @dataclass(frozen=True)
@@ -75,7 +79,7 @@ def next_experiment(
     rivals = find_rivals(result, simulator, measurement, candidates)
     model = rivals.hypotheses[0].simulator
     limits = find_limits(model, measurement, rivals.windows, allowed, _least_seconds(rivals))
-    every = family(rivals.windows, limits, model.commands)
+    every = family(rivals.windows, limits, model.commands, _affordable(rivals, limits))
     trials = []
     for payload in (None, *([allowed.payload] if allowed.payload else [])):
         say(f"playing {every.count} inputs" + (f" with {payload.mass:g} kg at '{payload.body}'" if payload else ""))
@@ -88,8 +92,19 @@ def next_experiment(
             "widen travel, max_speed or max_command under [next]",
         )
     say("refitting under the best inputs")
-    trials[0] = _confirmed(rivals, trials[0], measurement)
-    return _plan(result, rivals, limits, trials, every.count - trials[0].inputs.count, measurement)
+    if trials[0].payload is None:
+        trials[0] = _confirmed(rivals, trials[0], measurement)
+    plan = _plan(result, rivals, limits, trials, measurement)
+    enough = math.ceil(_least_seconds(rivals) / limits.seconds)
+    return replace(plan, refused=every.count - trials[0].inputs.count, recordings=max(REPEATS, enough) + 1)
+
+
+def _affordable(rivals: Rivals, limits: Limits) -> int:
+    """How many inputs are compared: each costs a replay for itself, every start and every parameter of every pair."""
+    joints = len(limits.speed)
+    worlds = sum(1 + 2 * joints + len(pair.other.hypothesis.theta) for pair in rivals.pairs)
+    steps = worlds * limits.seconds / rivals.hypotheses[0].simulator.timestep
+    return min(MOST_INPUTS, max(FEWEST_INPUTS, int(WORK / steps)))
 
 
 def _least_seconds(rivals: Rivals) -> float:
@@ -129,7 +144,6 @@ def _plan(
     rivals: Rivals,
     limits: Limits,
     trials: Sequence[_Trials],
-    refused: int,
     measurement: Measurement,
 ) -> Plan:
     sigma = torch.cat([part.sigma for part in trials])
@@ -155,7 +169,8 @@ def _plan(
         verdict=result.verdict,
         chosen=tried[best],
         tried=tuple(tried[k] for k in order),
-        refused=refused,
+        refused=0,
+        recordings=REPEATS + 1,
         rivalries=rivalries,
         time=time,
         command=command,

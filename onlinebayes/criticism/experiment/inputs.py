@@ -24,7 +24,6 @@ from onlinebayes.criticism.windows import Windows
 
 POSTURES = 3
 ANOTHER = 0.2  # of the travel, by which postures differ that are worth a start of their own
-MOST_INPUTS = 96
 TAPER = 0.1  # of the length, at most one horizon
 
 
@@ -64,13 +63,14 @@ class Inputs:
         return replace(self, command=held + factor[:, None, None] * (self.command - held), scale=self.scale * factor)
 
 
-def family(windows: Windows, limits: Limits, names: tuple[str, ...]) -> Inputs:
+def family(windows: Windows, limits: Limits, names: tuple[str, ...], most: int = 96) -> Inputs:
     """All inputs, within the bounds of the commands and their rates.
 
     Args:
         windows: of the measured runs; give the clock, the horizon and the postures.
         limits: what is admissible.
         names: of the U actuators.
+        most: number of inputs; of more, every so many-th is taken.
     """
     rows = max(2, round(limits.seconds / windows.step)) + 1
     t = torch.arange(rows, dtype=windows.start.dtype, device=windows.start.device) * windows.step
@@ -86,7 +86,7 @@ def family(windows: Windows, limits: Limits, names: tuple[str, ...]) -> Inputs:
                 clipped = torch.minimum(torch.maximum(command, limits.command_low), limits.command_high)
                 label = f"{who}: {what}" if len(names) > 1 else what
                 found.append((f"{label}{place}", clipped, start, held))
-    stride = math.ceil(len(found) / MOST_INPUTS)
+    stride = math.ceil(len(found) / most)
     kept = found[::stride]
     inputs = Inputs(
         tuple(label for label, _, _, _ in kept),

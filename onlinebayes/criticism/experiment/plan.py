@@ -66,6 +66,7 @@ class Plan:
         chosen: the input to play.
         tried: all admissible ones, best first.
         refused: number of inputs that no scaling brought within the limits.
+        recordings: how often it is to be played at least, one recording held out.
         rivalries: every pair of rivals.
         time: rows of the command table [s].
         command: what is played [command units].
@@ -79,6 +80,7 @@ class Plan:
     chosen: Tried
     tried: tuple[Tried, ...]
     refused: int
+    recordings: int
     rivalries: tuple[Rivalry, ...]
     time: Float[Tensor, " K"]
     command: Float[Tensor, "K U"]

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from onlinebayes.criticism.experiment import Plan, Tried
-from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan_page import to_page
 from onlinebayes.runs import write_atomic
 from onlinebayes.runs.results import versions
@@ -58,9 +57,9 @@ def to_dict(plan: Plan) -> dict[str, Any]:
         "verdict": plan.verdict,
         "decides": plan.decides,
         "chosen": _tried(plan, plan.chosen),
-        "seconds": float(plan.time[-1]),
+        "seconds": round(float(plan.time[-1]), 9),
         "start": dict(zip(plan.joints, plan.start.tolist(), strict=True)),
-        "recordings": plan_words.REPEATS + 1,
+        "recordings": plan.recordings,
         "rivalries": [asdict(rivalry) for rivalry in plan.rivalries],
         "tried": [_tried(plan, tried) for tried in plan.tried],
         "refused": plan.refused,

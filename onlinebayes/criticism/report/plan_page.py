@@ -34,7 +34,7 @@ def to_page(plan: Plan, *, title: str = "") -> str:
     parts = [
         tag("p", "onlinebayes next", f" · {title}" if title else "", kind="source"),
         tag("h1", plan_words.headline(plan)),
-        tag("p", f"From {plan_words.beginning(plan)}: {plan_words.instructions()}.", kind="lead"),
+        tag("p", f"From {plan_words.beginning(plan)}: {plan_words.instructions(plan)}.", kind="lead"),
         _rivalries(plan),
         _picture(plan),
         _tried(plan),

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from onlinebayes.criticism.experiment import Plan, Rivalry, Tried
 
-REPEATS = 2
-
 
 def headline(plan: Plan) -> str:
     """What to do, in one sentence."""
@@ -22,7 +20,9 @@ def described(tried: Tried) -> str:
 
 def beginning(plan: Plan) -> str:
     """From where it begins."""
-    posture = ", ".join(f"{joint} = {q:.4g}" for joint, q in zip(plan.joints, plan.start.tolist(), strict=True))
+    posture = ", ".join(
+        f"{joint} = {round(q, 6) + 0.0:.4g}" for joint, q in zip(plan.joints, plan.start.tolist(), strict=True)
+    )
     return f"at rest, {posture}"
 
 
@@ -47,9 +47,9 @@ def remedy(rivalry: Rivalry) -> str:
     return "; ".join(f"{remedy.what} would ({remedy.sigma:.3g} sigma)" for remedy in rivalry.remedies[:2])
 
 
-def instructions() -> str:
+def instructions(plan: Plan) -> str:
     """What to do with the command table."""
     return (
-        f"play next.csv at least {REPEATS + 1} times, log it as before, add the tables to 'measurements', "
+        f"play next.csv at least {plan.recordings} times, log it as before, add the tables to 'measurements', "
         "name one of the recordings under 'holdout', and run refine again"
     )
