@@ -79,9 +79,10 @@ class Rivals:
 
     @property
     def hypotheses(self) -> tuple[Hypothesis, ...]:
-        """All that may be true, each once."""
+        """All that may be true, each once, the present model first."""
         every = [h for pair in self.pairs for h in (pair.truth, pair.other.hypothesis)]
-        return tuple({hypothesis.name: hypothesis for hypothesis in every}.values())
+        once = {hypothesis.name: hypothesis for hypothesis in every}
+        return tuple(sorted(once.values(), key=lambda hypothesis: hypothesis.name != AS_IT_IS))
 
     @property
     def names(self) -> tuple[tuple[str, str], ...]:

@@ -46,12 +46,12 @@ def to_page(plan: Plan, *, title: str = "") -> str:
 def _rivalries(plan: Plan) -> Html:
     rows = [
         [
-            " or ".join(rivalry.names),
+            f"{number}. {' or '.join(rivalry.names)}",
             f"{rivalry.sigma:.3g}",
             f"{rivalry.best:.3g}",
             plan_words.remedy(rivalry) if rivalry.structural else "",
         ]
-        for rivalry in plan.rivalries
+        for number, rivalry in enumerate(plan.rivalries, 1)
     ]
     note = (
         "How surely a recording rules out one model if the other is true, its parameters and the windows' starts "
@@ -99,7 +99,8 @@ def _tried(plan: Plan) -> Html:
         ]
         for tried in plan.tried[:LISTED]
     ]
-    head = ("input", "of the largest command", *(" or ".join(r.names) for r in plan.rivalries), "how")
+    pairs = (f"sigma, pair {number}" for number in range(1, len(plan.rivalries) + 1))
+    head = ("input", "of the largest command", *pairs, "how")
     left_out = len(plan.tried) - len(rows)
     note = f"{plan.refused} further inputs left the limits at any size." if plan.refused else ""
     note += f" {left_out} more stand in next.json." if left_out > 0 else ""
