@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import sys
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.cli.limits import read_allowed
-from onlinebayes.cli.problem import load_problem, read_top
-from onlinebayes.cli.work import criticise, log, writable
+from onlinebayes.cli.problem import load_problem, read_toml
+from onlinebayes.cli.section import Section
+from onlinebayes.cli.work import criticise, writable
 from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan import write_plan
@@ -29,13 +31,13 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
     Raises:
         BadInput: the problem cannot be used, nothing is admissible, or the folder not be written.
     """
-    problem = load_problem(problem_file, add, note=log)
-    allowed = read_allowed(read_top(problem.path), problem.simulator)
+    problem = load_problem(problem_file, add, note=_log)
+    allowed = read_allowed(Section(read_toml(problem.path), problem_file), problem.simulator)
     with writable(Path(out)) as folder:
         try:
             result = criticise("refine", problem)
             if result.interrupted:
-                log("stopped by Ctrl-C; nothing is proposed")
+                _log("stopped by Ctrl-C; nothing is proposed")
                 return 130
             fit_runs, _ = split(problem.measurement, problem.holdout)
             plan = next_experiment(
@@ -44,7 +46,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
                 fit_runs,
                 candidates=problem.candidates,
                 allowed=allowed,
-                progress=log,
+                progress=_log,
             )
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
@@ -73,3 +75,7 @@ def _wrapped(key: str, what: str) -> str:
     """A key of 12 columns and its text, broken between words; paths stay whole."""
     lines = textwrap.wrap(what, WIDTH - COLUMN, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f"{key if k == 0 else '':<{COLUMN}}{line}" for k, line in enumerate(lines))
+
+
+def _log(line: str) -> None:
+    print(f"onlinebayes: {line}", file=sys.stderr, flush=True)

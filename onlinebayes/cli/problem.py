@@ -65,7 +65,7 @@ def load_problem(
         BadInput: anything in the file, the model or the tables that cannot be used.
     """
     path = Path(path)
-    top = read_top(path)
+    top = Section(read_toml(path), str(path), known=TOP, later=("runs", "actuators", "model_edit"))
     if (schema := top.whole("schema", 1)) != 1:
         raise top.error("schema", f"version {schema} is unknown", "this version reads schema = 1")
     selection = _selection(top.section("selection", ("folds", "horizon_s", "alpha", "tolerance")))
@@ -86,11 +86,6 @@ def load_problem(
         _check_measured(part, what, path)
     simulator, added = add_effects(effects, add, simulator, fit, effect_bounds, selection.horizon_s)
     return Problem(path, simulator, measurement, holdout, candidates, selection, added)
-
-
-def read_top(path: Path) -> Section:
-    """The whole file as a section whose keys are known."""
-    return Section(read_toml(path), str(path), known=TOP, later=("runs", "actuators", "model_edit"))
 
 
 def read_toml(path: Path) -> dict[str, Any]:

@@ -29,7 +29,7 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     Raises:
         BadInput: the problem cannot be used, or the folder not be written.
     """
-    problem = load_problem(problem_file, add, note=log)
+    problem = load_problem(problem_file, add, note=_log)
     with writable(Path(out)) as folder:
         try:
             result = criticise(command, problem)
@@ -39,7 +39,7 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         files = write_report(result, folder, title=problem.path.stem, problem=problem.path)
     print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:
-        log("stopped by Ctrl-C; the report holds what was found until then")
+        _log("stopped by Ctrl-C; the report holds what was found until then")
         return 130
     return 0
 
@@ -48,7 +48,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
     """The command's result on a loaded problem; a search that Ctrl-C stops gives what it has found until then."""
     model, data, how = problem.simulator, problem.measurement, problem.selection
     if command == "compare":
-        return compare(model, data, holdout=problem.holdout, selection=how, progress=log)
+        return compare(model, data, holdout=problem.holdout, selection=how, progress=_log)
     search = {"diagnose": diagnose, "refine": refine}[command]
     with Interrupt("onlinebayes: stopping after this stage; Ctrl-C again stops at once") as interrupt:
         return search(
@@ -57,7 +57,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
             holdout=problem.holdout,
             selection=how,
             candidates=problem.candidates,
-            progress=log,
+            progress=_log,
             interrupt=interrupt,
         )
 
@@ -95,6 +95,5 @@ def writable(folder: Path) -> Iterator[Path]:
             parent.rmdir()
 
 
-def log(line: str) -> None:
-    """One line of progress, on standard error."""
+def _log(line: str) -> None:
     print(f"onlinebayes: {line}", file=sys.stderr, flush=True)
