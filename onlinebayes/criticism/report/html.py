@@ -13,7 +13,7 @@ from onlinebayes.criticism.report.markup import Html, tag, text
 from onlinebayes.criticism.report.sections import errors, parameters, ranking, summary, usage
 from onlinebayes.criticism.results import Criticism
 
-_PAGE: Final = """<!doctype html>
+PAGE: Final = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -29,6 +29,7 @@ _PAGE: Final = """<!doctype html>
 </body>
 </html>
 """
+"""The frame of a page: ``title``, ``style``, ``body``."""
 
 
 def to_html(
@@ -54,4 +55,4 @@ def to_html(
         usage.provenance(result),
     ]
     head = text(f"{title or 'onlinebayes'}: {words.headline(result)}")
-    return _PAGE.format(title=head, style=style, body=Html("\n".join(part for part in parts if part)))
+    return PAGE.format(title=head, style=style, body=Html("\n".join(part for part in parts if part)))
