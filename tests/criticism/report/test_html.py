@@ -31,7 +31,11 @@ class Balanced(HTMLParser):
             self.open.append(tag)
         if tag in ("script", "link", "iframe", "img", "object"):
             self.outside.append(tag)
-        self.outside += [f"{name}={value}" for name, value in attrs if name in ("src", "href", "onload", "onclick")]
+        self.outside += [
+            f"{name}={value}"
+            for name, value in attrs
+            if name in ("src", "href", "onload", "onclick") and not (name == "href" and str(value).startswith("#"))
+        ]
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_starttag(tag, attrs)
