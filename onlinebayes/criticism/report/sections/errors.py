@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.report import quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, bar, folded, section, table, tag
+from onlinebayes.criticism.report import places, quantities, replays, svg, words
+from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism
 
-RUNS_SHOWN, RUNS_OPEN, REGIONS_SHOWN = 6, 2, 8
+RUNS_SHOWN, RUNS_OPEN, ROWS_SHOWN = 6, 2, 8
 
 
 def failures(result: Criticism) -> Html:
@@ -16,7 +16,7 @@ def failures(result: Criticism) -> Html:
         return Html("")
     rows = [
         (
-            tag("code", failure.where),
+            join(places.plainly(failure.where), tag("small", tag("code", failure.where))),
             tag("code", failure.signal),
             bar(failure.share_of_error, "before", quantities.percent(failure.share_of_error)),
             bar(failure.share_of_time, "floor", quantities.percent(failure.share_of_time)),
@@ -25,7 +25,7 @@ def failures(result: Criticism) -> Html:
     ]
     head = ("where", "signal", "share of the squared error", "share of the time")
     note = "Regions in which the base model is wrong more often than they occur, in the fit runs."
-    first, more = rows[:REGIONS_SHOWN], rows[REGIONS_SHOWN:]
+    first, more = rows[:ROWS_SHOWN], rows[ROWS_SHOWN:]
     shown = table("Share of error against share of time", head, first)
     rest = folded(f"{len(more)} more regions", table("More regions", head, more)) if more else ""
     return section("Where the error concentrates", shown, rest, note=note)
@@ -44,7 +44,10 @@ def remainder(result: Criticism) -> Html:
     ]
     note = "Residual of the final model in the fit runs, with free window starts, against the floor of its sensor."
     head = ("signal", "residual over floor", "sensor noise (sd)")
-    return section("What is left", tag("p", words.remainder(result)), table("What is left", head, rows), note=note)
+    shown = table("Residual over floor", head, rows[:ROWS_SHOWN])
+    more = rows[ROWS_SHOWN:]
+    rest = folded(f"{len(more)} more signals", table("Residual over floor, the others", head, more)) if more else ""
+    return section("What is left", tag("p", words.remainder(result)), shown, rest, note=note)
 
 
 def along(result: Criticism) -> Html:

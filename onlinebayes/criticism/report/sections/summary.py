@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from onlinebayes.criticism.report import quantities, replays, svg, words
+from onlinebayes.criticism.report import places, quantities, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag
 from onlinebayes.criticism.results import Criticism
 
@@ -93,7 +93,9 @@ def _where(result: Criticism) -> Html:
         return _tile("Where?", "everywhere alike", "no region holds much more of the error than of the time")
     worst = result.failures[0]
     share, time = quantities.percent(worst.share_of_error), quantities.percent(worst.share_of_time)
-    return _tile("Where?", worst.where, f"{share} of the squared error of {worst.signal} in {time} of the time")
+    return _tile(
+        "Where?", places.plainly(worst.where), f"{share} of the squared error of {worst.signal} in {time} of the time"
+    )
 
 
 def _missing(result: Criticism) -> Html:

@@ -6,7 +6,7 @@ import numpy as np
 
 from onlinebayes.criticism.detail import HorizonError
 from onlinebayes.criticism.report import multiples, quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, folded, join, section, tag
+from onlinebayes.criticism.report.markup import Html, folded, join, prose, section, tag
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism
 
@@ -25,7 +25,8 @@ def profiles(result: Criticism) -> Html:
         return Html("")
     several = len(shown) > 1
     parts = [join(tag("h4", tag("code", s)) if several else "", content) for s, content in shown[:SIGNALS_OPEN]]
-    parts += [folded(f"{s}, by what the machine did", content) for s, content in shown[SIGNALS_OPEN:]]
+    rest = [join(tag("h4", tag("code", s)), content) for s, content in shown[SIGNALS_OPEN:]]
+    parts += [folded(f"{len(rest)} more signals, by what the machine did", *rest)] if rest else []
     note = (
         "Grey: how much of the time the machine spent there. Coloured: how much of the squared error fell there. Where "
         "the coloured bar is the taller one, the model is wrong more often than it is there. All runs."
@@ -39,7 +40,7 @@ def _multiples(result: Criticism, signal: str) -> Html:
     pictures = [
         tag(
             "figure",
-            tag("figcaption", tag("b", multiples.title(profile)), tag("span", multiples.telling(profile))),
+            tag("figcaption", tag("b", multiples.title(profile)), tag("span", prose(multiples.telling(profile)))),
             Html(multiples.draw(profile, result.changed)),
         )
         for profile in mine
@@ -55,7 +56,8 @@ def horizons(result: Criticism) -> Html:
     if not charts:
         return Html("")
     parts = [content for _, content in charts[:SIGNALS_OPEN]]
-    parts += [folded(f"{signal}, by the time simulated", content) for signal, content in charts[SIGNALS_OPEN:]]
+    rest = [content for _, content in charts[SIGNALS_OPEN:]]
+    parts += [folded(f"{len(rest)} more signals, by the time simulated", *rest)] if rest else []
     note = (
         "Each window starts from the measured state; then the model runs freely. Thick: root mean square over all "
         "held-out windows. Thin: the size of the error in the worst of them, before."
