@@ -134,10 +134,11 @@ def _even(quantity: Quantity, name: str, unit: str, values: Array) -> _Binned:
 
 
 def _velocity(time: Array, position: Array) -> Array:
-    """Central differences over about DIFFERENCE; nan where a row there was not measured, and in short runs."""
-    found = np.full(len(time), np.nan)
-    if len(time) < 3:
+    """Central differences over about DIFFERENCE, gaps in the measurement bridged; nan at the ends and in short runs."""
+    found, known = np.full(len(time), np.nan), np.isfinite(position)
+    if len(time) < 3 or not known.any():
         return found
+    position = np.interp(time, time[known], position[known])
     half = max(1, round(0.5 * DIFFERENCE / float(np.median(np.diff(time)))))
     if len(time) > 2 * half:
         ahead, behind = slice(2 * half, None), slice(None, -2 * half)

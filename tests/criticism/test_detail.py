@@ -68,6 +68,23 @@ def test_rows_without_a_measurement_and_diverged_ones_count_nowhere() -> None:
     assert sum(profile.before) == pytest.approx(1.0)
 
 
+def test_a_signal_at_a_tenth_of_the_rate_still_has_velocities() -> None:
+    full = run(torch.full((400,), 0.1).double())
+    sparse = torch.where((torch.arange(400) % 10 == 0)[:, None], full.measured, torch.nan)
+    profile = found(dataclasses.replace(full, measured=sparse), dataclasses.replace(full, measured=sparse), "velocity")
+    assert profile.edges[-1] == pytest.approx(math.pi, rel=0.1)
+    assert sum(profile.time) == pytest.approx(1.0)
+
+
+def test_of_several_commands_the_telling_one_is_kept() -> None:
+    time = torch.arange(400, dtype=torch.float64) / 100
+    full = run(torch.where(time < 1, 0.1, 0.0).double())
+    two = torch.stack([torch.sin(9 * time), (time < 1).double()], 1)
+    full = dataclasses.replace(full, command=two)
+    shares = profiles((full,), (full,), SIGNALS, ("idle", "telling"), {"qpos.a": "rad"})
+    assert [profile.name for profile in shares if profile.quantity == "command"] == ["ctrl.telling"]
+
+
 def test_windows_average_back_to_the_whole() -> None:
     torch.manual_seed(0)
     before = run(torch.randn(400).double())

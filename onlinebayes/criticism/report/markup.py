@@ -20,7 +20,7 @@ def text(content: str) -> Html:
 
 def prose(content: str) -> Html:
     """A sentence whose numbers stay with their units when the line breaks."""
-    return Html(re.sub(r"(?<=\d) (?=[a-zA-Zµ%])", "&nbsp;", text(content)))
+    return Html(re.sub(r"(?<!\w)(\d[\d.]*) (?=[a-zA-Zµ%])", r"\1&nbsp;", text(content)))
 
 
 def tag(name: str, *content: str, kind: str = "") -> Html:
@@ -67,6 +67,11 @@ def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]], kind
     ]
     inner = tag("table", tag("caption", caption), Html(f"<thead><tr>{heads}</tr></thead>"), tag("tbody", *body))
     return Html(f'<div class="scroll" role="region" tabindex="0" aria-label="{text(caption)}">{inner}</div>')
+
+
+def wide(drawing: str, label: str) -> Html:
+    """A wide drawing, which on a narrow screen scrolls within a region of its own instead of shrinking out of sight."""
+    return Html(f'<div class="scroll" role="region" tabindex="0" aria-label="{text(label)}">{drawing}</div>')
 
 
 def bar(share: float, kind: str = "", label: str = "", error: float = 0.0) -> Html:

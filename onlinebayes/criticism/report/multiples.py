@@ -23,6 +23,7 @@ TITLES = {
     "run": "by run",
 }
 EVEN = 0.1  # concentration below which the error counts as spread evenly
+MOST_LABELS = 6  # categories that can be named below their bars; of more, the caption names the worst
 LIFT = 1.25  # share of error over share of time from which a bin belongs to a region
 
 
@@ -84,12 +85,10 @@ def _labels(profile: Profile, width: float) -> list[str]:
     y, n = HEIGHT - BOTTOM + 15, len(profile.time)
     if profile.labels:
         fits = max(3, int(width / 6.2))
-        every = 1 if n <= 6 else n
         return [
             f'<text class="tick" x="{LEFT + width * (b + 0.5):.1f}" y="{y}" text-anchor="middle">'
             f"{escape(text if len(text) <= fits else text[: fits - 1] + '…')}<title>{escape(text)}</title></text>"
-            for b, text in enumerate(profile.labels)
-            if b % every == 0 and n <= 6
+            for b, text in enumerate(profile.labels[: n if n <= MOST_LABELS else 0])
         ]
     scale = _scale(profile)
     parts = []

@@ -18,7 +18,7 @@ import numpy as np
 from onlinebayes.criticism.report import quantities
 from onlinebayes.criticism.results import Criticism
 
-WIDTH, LEFT, RIGHT, ROW, BOTTOM = 880, 236, 700, 44, 46
+WIDTH, LEFT, RIGHT, ROW, BOTTOM = 540, 8, 532, 58, 46
 MOST_TICKS = 200
 """Windows drawn one by one; more would hide each other."""
 
@@ -71,10 +71,10 @@ def draw(rows: Sequence[Row], title: str) -> str:
     parts = [_axis(px, high, ROW * len(rows) + 6)]
     for k, row in enumerate(rows):
         parts.append(_row(row, px, 6 + ROW * k))
-    label = escape(title, quote=True)
-    return (
-        f'<svg class="chart wide" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    head = (
+        f'<svg class="chart spread" viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{escape(title, quote=True)}">'
     )
+    return f"{head}{''.join(parts)}</svg>"
 
 
 def _axis(px: Callable[[float], float], high: float, bottom: float) -> str:
@@ -95,14 +95,13 @@ def _axis(px: Callable[[float], float], high: float, bottom: float) -> str:
 
 
 def _row(row: Row, px: Callable[[float], float], top: float) -> str:
-    name = row.signal if len(row.signal) <= 30 else f"{row.signal[:28]}…"
+    name = row.signal if len(row.signal) <= 36 else f"{row.signal[:35]}…"
     parts = [
-        f'<text class="name" x="{LEFT - 12}" y="{top + 25}" text-anchor="end">{escape(name)}'
-        f"<title>{escape(row.signal)}</title></text>",
-        f'<text class="value" x="{RIGHT + 12}" y="{top + 25}">{escape(row.words)}</text>',
+        f'<text class="name" x="{LEFT}" y="{top + 14}">{escape(name)}<title>{escape(row.signal)}</title></text>',
+        f'<text class="value" x="{RIGHT}" y="{top + 14}" text-anchor="end">{escape(row.words)}</text>',
     ]
     for k, (kind, value) in enumerate(row.values.items()):
-        y = top + (13 if k == 0 else 29) if len(row.values) > 1 else top + 21
+        y = top + (29 if k == 0 else 45) if len(row.values) > 1 else top + 36
         windows = row.windows[kind]
         if windows:
             low, high = (float(np.quantile(windows, q)) for q in (0.1, 0.9))

@@ -59,7 +59,8 @@ def chart(panels: Sequence[Panel], x_label: str, *, width: int = 880, title: str
         parts.append(_panel(panel, frame, x_label if k == len(panels) - 1 else None))
         top += panel.height + GAP
     label = escape(title, quote=True)
-    return f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    kind = "chart wide" if width > 600 else "chart"
+    return f'<svg class="{kind}" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
 
 def nice_ticks(low: float, high: float, count: int = 5) -> list[float]:

@@ -27,9 +27,9 @@ def picture(result: Criticism) -> Html:
     return tag(
         "figure",
         legend(result.changed, kinds),
-        _scrolled(spread.draw(rows[:SIGNALS_SHOWN], title)),
+        Html(spread.draw(rows[:SIGNALS_SHOWN], title)),
         tag("figcaption", caption),
-        folded(f"{len(rows) - SIGNALS_SHOWN} more signals, with smaller errors", _scrolled(more)) if more else "",
+        folded(f"{len(rows) - SIGNALS_SHOWN} more signals, with smaller errors", Html(more)) if more else "",
     )
 
 
@@ -60,7 +60,3 @@ def heldout(result: Criticism) -> Html:
             folded(f"{len(more)} more signals", table(f"{caption}, the other signals", head, more)) if more else "",
         ),
     )
-
-
-def _scrolled(drawing: str) -> Html:
-    return Html(f'<div class="scroll" role="region" tabindex="0" aria-label="figure">{drawing}</div>')

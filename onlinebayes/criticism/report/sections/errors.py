@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism.report import places, quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag
+from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism
 
@@ -64,7 +64,7 @@ def along(result: Criticism) -> Html:
         panel = svg.Panel(curves, f"error [{scale.unit}]", 110, band=floor)
         name = f"{trace.run}{' (held out)' if trace.held_out else ''}"
         chart = svg.chart([panel], "time [s]", title=f"error of {signal} along run {name}")
-        charts.append(tag("figure", tag("h4", name), Html(chart)))
+        charts.append(tag("figure", tag("h4", name), wide(chart, f"error of {signal} along run {name}")))
     if not charts:
         return Html("")
     shown = [*charts[:RUNS_OPEN]]

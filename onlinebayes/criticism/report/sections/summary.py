@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from onlinebayes.criticism.report import places, quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag
+from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
 from onlinebayes.criticism.results import Criticism
 
 
@@ -52,7 +52,7 @@ def picture(result: Criticism) -> Html:
     )
     kept = "held-out run" if worst.held_out else "run"
     caption = f"The window in which the model is furthest off: {kept} “{worst.run}”, both models started alike."
-    return tag("figure", legend(changed), Html(chart), tag("figcaption", caption))
+    return tag("figure", legend(changed), wide(chart, f"{signal} in the worst window"), tag("figcaption", caption))
 
 
 def legend(changed: bool, kinds: tuple[str, ...] = ("measured", "before", "after", "floor")) -> Html:

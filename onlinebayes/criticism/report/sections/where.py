@@ -6,7 +6,7 @@ import numpy as np
 
 from onlinebayes.criticism.detail import HorizonError
 from onlinebayes.criticism.report import multiples, quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, folded, join, prose, section, tag
+from onlinebayes.criticism.report.markup import Html, folded, join, prose, section, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism
 
@@ -81,7 +81,7 @@ def _horizon(result: Criticism, horizon: HorizonError) -> Html:
     panel = svg.Panel(curves, f"error [{scale.unit}]", 170)
     chart = svg.chart([panel], "time since the window's start [s]", title=title)
     caption = join(tag("code", horizon.signal), f": after {quantities.exact(round(horizon.time[-1], 3), 's')} {ends}")
-    return tag("figure", Html(chart), tag("figcaption", caption))
+    return tag("figure", wide(chart, title), tag("figcaption", caption))
 
 
 def worst(result: Criticism) -> Html:
