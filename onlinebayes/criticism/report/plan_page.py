@@ -59,7 +59,11 @@ def _rivalries(plan: Plan) -> Html:
     )
     return section(
         "What is open",
-        table(("rivals", "sigma, this input", "sigma, best input", "what would part them"), rows),
+        table(
+            "Rivals, and how surely a recording parts them",
+            ("rivals", "sigma, this input", "sigma, best input", "what would part them"),
+            rows,
+        ),
         note=note,
     )
 
@@ -104,7 +108,7 @@ def _tried(plan: Plan) -> Html:
     left_out = len(plan.tried) - len(rows)
     note = f"{plan.refused} further inputs left the limits at any size." if plan.refused else ""
     note += f" {left_out} more stand in next.json." if left_out > 0 else ""
-    return section("Inputs compared", table(head, rows), note=note.strip())
+    return section("Inputs compared", table("Inputs compared, the best first", head, rows), note=note.strip())
 
 
 def _array(values: Tensor) -> Array:
