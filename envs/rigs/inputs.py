@@ -1,6 +1,6 @@
 """What a rig is asked to do: sums of sines, chirps there and back, steps; a shape in turn for each run and actuator.
 
-    sines  u = sum_i cos(2 pi f_i t + phi_i) / sqrt(n / 2)     chirp  u = cos(2 pi int f dt)     steps  levels in [-1, 1]
+    sines  u = sum_i cos(2 pi f_i t + phi_i) / sqrt(n / 2)     chirp  u = cos(2 pi int f dt)     steps  levels in [-1, 1], ramps between
 
 Every input fades in over half a second, so that a run begins at rest with nothing commanded.
 """
@@ -58,4 +58,7 @@ def _steps(
 ) -> Float[ndarray, " T"]:
     hold = 0.5 / band[1], 2.0 / band[1]
     ends = np.cumsum(draw.uniform(*hold, int(times[-1] / hold[0]) + 2))
-    return draw.uniform(-1, 1, len(ends))[np.searchsorted(ends, times, side="right")]
+    levels = draw.uniform(-1, 1, len(ends) + 1)
+    # Ramps of a fifth of the shortest hold: an operator's controller is spared a jump.
+    corners = np.stack([ends, ends + 0.2 * hold[0]], -1).ravel()
+    return np.interp(times, corners, np.stack([levels[:-1], levels[1:]], -1).ravel())

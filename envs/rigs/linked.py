@@ -44,9 +44,9 @@ CART_POLE = Rig(
         resolution=(1e-5, _ENCODER),
         sd=(1e-4, 5e-4),
         speed_sd=(2e-3, 1e-2),
-        amplitude=(0.2,),
+        amplitude=(0.12,),
         feedback=((6.0, 0.8),),
-        band=(0.2, 1.8),
+        band=(0.2, 1.2),
     ),
     effects=(
         HiddenEffect("dry_friction@slider", {"frictionloss": 0.2}),
