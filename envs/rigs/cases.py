@@ -1,14 +1,14 @@
 """Blind cases: a rig, recorded with something hidden, and what an engineer would hand over; the truth kept apart.
 
-| kind    | what is wrong                                                                          | right verdict        |
-|---------|----------------------------------------------------------------------------------------|----------------------|
-| effect  | one effect of the rig's list, or two; weak, medium or strong                           | missing_effect       |
-| null    | base parameters off their nominal values, nothing hidden                               | adequate             |
-| tie     | one of two effects that the inputs cannot part                                         | tie                  |
-| outside | something that no vocabulary names                                                     | unexplained          |
-| bounds  | one base parameter lies outside the bounds given                                       | bounds_exclude_truth |
-| wiring  | sign, degrees, offset, swapped, latency, actuator_off, command_unit, gravity_compensation | data_problem      |
-| short   | a second or less of each of two runs                                                   | insufficient_data    |
+| kind    | what is wrong                                                         | right verdict        |
+|---------|-----------------------------------------------------------------------|----------------------|
+| effect  | one effect of the rig's list, or two; weak, medium or strong          | missing_effect       |
+| null    | base parameters off their nominal values, nothing hidden              | adequate             |
+| tie     | one of two effects that the inputs cannot part                        | tie                  |
+| outside | something that no vocabulary names                                    | unexplained          |
+| bounds  | one base parameter lies outside the bounds given                      | bounds_exclude_truth |
+| wiring  | the log is not what it says: see :mod:`envs.rigs.wiring`              | data_problem         |
+| short   | less than a second of each of two runs                                | insufficient_data    |
 
 Seeds below 1000 are for tuning, from 1000 on for reporting. The same rig, kind and seed give the same case.
 """
@@ -139,7 +139,7 @@ def _some_effects(rig: Rig, draw: np.random.Generator) -> tuple[HiddenEffect, ..
     first, second = draw.choice(len(rig.effects), 2, replace=False)
     pair = rig.effects[first], rig.effects[second]
     # Two laws of one name, or two at one place, are one question too many for a first judge.
-    apart = pair[0].key.split("@")[0] != pair[1].key.split("@")[0] and pair[0].key.split("@")[1] != pair[1].key.split("@")[1]
+    apart = all(one != other for one, other in zip(*(effect.key.split("@") for effect in pair), strict=True))
     return pair if apart and draw.random() < PAIRED else pair[:1]
 
 

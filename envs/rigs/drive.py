@@ -64,7 +64,10 @@ class Drive:
         self.limit = np.minimum(at("actuator.{}.forcerange[1]", math.inf), at("actuator_saturation@{}.limit", math.inf))
         self.dead = at("actuator_dead_zone@{}.width")
         self.lag, self.delay = at("actuator_lag@{}.time_constant"), at("actuator_delay@{}.delay")
-        self.derating, self.warming = at("thermal_derating@{}.coefficient"), at("thermal_derating@{}.time_constant", 1.0)
+        self.derating, self.warming = (
+            at("thermal_derating@{}.coefficient"),
+            at("thermal_derating@{}.time_constant", 1.0),
+        )
         self._past = np.zeros((math.ceil(self.delay.max(initial=0.0) / step) + 2, runs, len(actuators)))
         self._lagged = np.zeros((runs, len(actuators)))
         self._heat = np.zeros((runs, len(actuators)))

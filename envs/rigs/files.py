@@ -40,7 +40,14 @@ def _table(case: BlindCase) -> str:
 
 def _problem(case: BlindCase) -> str:
     held = ", ".join(f'"{run}"' for run in case.holdout)
-    lines = ["schema = 1", 'model = "model.xml"', 'measurements = ["log.csv"]', f"holdout = [{held}]", "", "[parameters]"]
+    lines = [
+        "schema = 1",
+        'model = "model.xml"',
+        'measurements = ["log.csv"]',
+        f"holdout = [{held}]",
+        "",
+        "[parameters]",
+    ]
     lines += [f'"{name}" = [{low!r}, {high!r}]' for name, (low, high) in case.parameters.items()]
     for signal, (sd, resolution) in case.noise.items():
         lines += ["", f'[signals."{signal}"]', f"sd = {sd!r}"]

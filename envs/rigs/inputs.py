@@ -1,6 +1,8 @@
 """What a rig is asked to do: sums of sines, chirps there and back, steps; a shape in turn for each run and actuator.
 
-    sines  u = sum_i cos(2 pi f_i t + phi_i) / sqrt(n / 2)     chirp  u = cos(2 pi int f dt)     steps  levels in [-1, 1], ramps between
+    sines   u = sum_i cos(2 pi f_i t + phi_i) / sqrt(n / 2)
+    chirp   u = cos(2 pi int f dt)                                  f up and back down
+    steps   levels in [-1, 1], short ramps between
 
 Every input fades in over half a second, so that a run begins at rest with nothing commanded.
 """
@@ -35,17 +37,13 @@ def inputs(
     return np.moveaxis(np.array(made), -1, 0) * fade[:, None, None] * gain
 
 
-def _sines(
-    times: Float[ndarray, " T"], band: tuple[float, float], draw: np.random.Generator
-) -> Float[ndarray, " T"]:
+def _sines(times: Float[ndarray, " T"], band: tuple[float, float], draw: np.random.Generator) -> Float[ndarray, " T"]:
     f = draw.uniform(*band, TONES)[:, None]
     phase = draw.uniform(0, 2 * np.pi, TONES)[:, None]
     return np.cos(2 * np.pi * f * times + phase).sum(0) / np.sqrt(TONES / 2)
 
 
-def _chirp(
-    times: Float[ndarray, " T"], band: tuple[float, float], draw: np.random.Generator
-) -> Float[ndarray, " T"]:
+def _chirp(times: Float[ndarray, " T"], band: tuple[float, float], draw: np.random.Generator) -> Float[ndarray, " T"]:
     low, high = band[0] * draw.uniform(1, 2), band[1] * draw.uniform(0.8, 1)
     along = 1 - np.abs(2 * times / times[-1] - 1)
     f = low + (high - low) * along
@@ -53,9 +51,7 @@ def _chirp(
     return np.cos(2 * np.pi * (cycles + draw.uniform()))
 
 
-def _steps(
-    times: Float[ndarray, " T"], band: tuple[float, float], draw: np.random.Generator
-) -> Float[ndarray, " T"]:
+def _steps(times: Float[ndarray, " T"], band: tuple[float, float], draw: np.random.Generator) -> Float[ndarray, " T"]:
     hold = 0.5 / band[1], 2.0 / band[1]
     ends = np.cumsum(draw.uniform(*hold, int(times[-1] / hold[0]) + 2))
     levels = draw.uniform(-1, 1, len(ends) + 1)

@@ -10,6 +10,9 @@ impulse of its own friction (the others feel it through M) and starts the next s
 Hidden behind a joint there may be one more mass, tied to it by a spring with free play:
 
     m_x a_x = -k dz(x - q) - c (v_x - v)  (+ the actuator, when it drives the mass),   dz: zero within the play
+
+What is private here runs in the innermost loop on arrays (R, N), N = n and the hidden mass; checks of their shapes
+would cost the tests more than the mechanics.
 """
 
 from __future__ import annotations
@@ -18,7 +21,7 @@ from dataclasses import dataclass
 from typing import final
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 from numpy import ndarray
 
 from envs.rigs.drive import Drive
@@ -121,9 +124,7 @@ class Plant:
         self._remember()
         self.time = t + h
 
-    def _loads(
-        self, q: Float[ndarray, "R N"], v: Float[ndarray, "R N"], u: Float[ndarray, "R m"], t: float
-    ) -> tuple[Float[ndarray, "R N N"], Float[ndarray, "R N"], Float[ndarray, "R n"]]:
+    def _loads(self, q: ndarray, v: ndarray, u: ndarray, t: float) -> tuple[ndarray, ndarray, ndarray]:
         """M, all forces but dry friction, and the actuators' alone."""
         inertia, bias = self.equations.terms(q[:, : self.joints], v[:, : self.joints])
         M = inertia + np.diag(self.laws.armature)
@@ -144,9 +145,7 @@ class Plant:
         tau[:, j] += tie - drives
         return M, np.column_stack([tau, drives - tie]), force
 
-    def _friction(
-        self, sign: Float[ndarray, "R N"], v: Float[ndarray, "R N"], force: Float[ndarray, "R n"]
-    ) -> Float[ndarray, "R N"]:
+    def _friction(self, sign: ndarray, v: ndarray, force: ndarray) -> ndarray:
         n = self.joints
         bound = np.zeros_like(v)
         bound[:, :n] = self.laws.bound(sign[:, :n], v[:, :n], force)
@@ -154,21 +153,19 @@ class Plant:
 
     def _acceleration(
         self,
-        q: Float[ndarray, "R N"],
-        v: Float[ndarray, "R N"],
-        u: Float[ndarray, "R m"],
+        q: ndarray,
+        v: ndarray,
+        u: ndarray,
         t: float,
-        sign: Float[ndarray, "R N"],
-        stuck: Bool[ndarray, "R N"],
-    ) -> Float[ndarray, "R N"]:
+        sign: ndarray,
+        stuck: ndarray,
+    ) -> ndarray:
         M, tau, force = self._loads(q, v, u, t)
         if self.laws.rubs:
             tau = tau - sign * self._friction(sign, v, force)
         return _solve(M, tau, stuck)
 
-    def _stick(
-        self, q: Float[ndarray, "R N"], v: Float[ndarray, "R N"], u: Float[ndarray, "R m"]
-    ) -> tuple[Float[ndarray, "R N"], Bool[ndarray, "R N"]]:
+    def _stick(self, q: ndarray, v: ndarray, u: ndarray) -> tuple[ndarray, ndarray]:
         """Which way each joint slips or breaks away, and which ones hold."""
         sign, stuck = np.sign(v), v == 0
         if not self.laws.rubs:
@@ -187,9 +184,7 @@ class Plant:
             sign, stuck = np.where(loose, np.sign(held), sign), stuck & ~loose
         return sign, stuck
 
-    def _stopped(
-        self, v: Float[ndarray, "R N"], sign: Float[ndarray, "R N"], u: Float[ndarray, "R m"]
-    ) -> Float[ndarray, "R N"]:
+    def _stopped(self, v: ndarray, sign: ndarray, u: ndarray) -> ndarray:
         """Velocities after the joints that turned round within the step were stopped."""
         still = np.zeros_like(v)
         turned = sign * v < 0
@@ -207,9 +202,7 @@ class Plant:
             self._memory = goal + (self._memory - goal) * np.exp(-np.abs(moved))
 
 
-def _solve(
-    M: Float[ndarray, "R N N"], tau: Float[ndarray, "R N"], held: Bool[ndarray, "R N"]
-) -> Float[ndarray, "R N"]:
+def _solve(M: ndarray, tau: ndarray, held: ndarray) -> ndarray:
     """a with M a = tau on the free coordinates and a = 0 on the held ones."""
     if held.any():
         free = ~held

@@ -115,5 +115,3 @@ class CompiledLaws:
         """F when the joint moves, or is about to, in direction ``sign`` [N, N m]."""
         static = self.breakaway * np.exp(-((v / self.stribeck_velocity) ** 2))
         return self.coulomb + static + np.where(sign > 0, self.positive, self.negative) + self.mu * np.abs(f)
-
-

@@ -49,29 +49,31 @@ CART_POLE = Rig(
         band=(0.2, 1.2),
     ),
     effects=(
-        HiddenEffect("dry_friction@slider", {"frictionloss": 0.2}),
-        HiddenEffect("dry_friction@hinge", {"frictionloss": 0.002}),
-        HiddenEffect("asymmetric_friction@slider", {"frictionloss_positive": 0.3, "frictionloss_negative": 0.1}),
-        HiddenEffect("quadratic_drag@slider", {"drag": 0.8}),
-        HiddenEffect("quadratic_drag@hinge", {"drag": 0.0008}),
-        HiddenEffect("joint_stiffness@hinge", {"stiffness": 0.03}, {"springref": 0.2}),
-        HiddenEffect("constant_load@slider", {"load": 0.2}),
-        HiddenEffect("armature@hinge", {"armature": 0.001}),
-        HiddenEffect("com_offset@pole", {"z": -0.015}),
-        HiddenEffect("gravity_tilt@world", {"angle": 0.02}),
-        HiddenEffect("actuator_delay@motor", {"delay": 0.008}),
-        HiddenEffect("actuator_lag@motor", {"time_constant": 0.01}),
-        HiddenEffect("actuator_gain@motor", {"gain": 0.1}),
-        HiddenEffect("actuator_dead_zone@motor", {"width": 0.05}),
-        HiddenEffect("actuator_saturation@motor", {"limit": 0.8}, shrinks=True),
-        HiddenEffect("sensor_scale@qpos.hinge", {"scale": 0.03}),
+        HiddenEffect("dry_friction@slider", {"frictionloss": 0.064}),
+        HiddenEffect("dry_friction@hinge", {"frictionloss": 0.0047}),
+        HiddenEffect("asymmetric_friction@slider", {"frictionloss_positive": 0.062, "frictionloss_negative": 0.021}),
+        HiddenEffect("quadratic_drag@slider", {"drag": 0.19}),
+        HiddenEffect("quadratic_drag@hinge", {"drag": 0.00048}),
+        HiddenEffect("joint_stiffness@hinge", {"stiffness": 0.0072}, {"springref": 0.2}),
+        HiddenEffect("constant_load@slider", {"load": 0.022}),
+        HiddenEffect("armature@hinge", {"armature": 0.00036}),
+        HiddenEffect("com_offset@pole", {"z": -0.0072}),
+        HiddenEffect("gravity_tilt@world", {"angle": 0.0027}),
+        HiddenEffect("actuator_delay@motor", {"delay": 0.005}),
+        HiddenEffect("actuator_lag@motor", {"time_constant": 0.005}),
+        HiddenEffect("actuator_gain@motor", {"gain": 0.096}),
+        HiddenEffect("actuator_dead_zone@motor", {"width": 0.009}),
+        HiddenEffect("actuator_saturation@motor", {"limit": 1.4}, shrinks=True),
+        HiddenEffect("sensor_scale@qpos.hinge", {"scale": 0.016}),
     ),
     outside=(
-        HiddenEffect("detent@hinge", {"amplitude": 0.01}, {"poles": 6.0, "speed": 1.0}),
-        HiddenEffect("periodic@slider", {"amplitude": 0.2}, {"frequency": 1.9, "phase": 0.1}),
-        HiddenEffect("flexible_mode@slider", {"mass": 0.08}, {"frequency": 5.0}),
+        HiddenEffect("detent@hinge", {"amplitude": 0.0079}, {"poles": 6.0, "speed": 1.0}),
+        HiddenEffect("periodic@slider", {"amplitude": 0.11}, {"frequency": 1.9, "phase": 0.1}),
+        HiddenEffect("flexible_mode@slider", {"mass": 0.24}, {"frequency": 5.0}),
     ),
-    ties=(Tie(HiddenEffect("back_emf@motor", {"constant": 0.03}), "viscous_friction@slider", ("joint.slider.damping",)),),
+    ties=(
+        Tie(HiddenEffect("back_emf@motor", {"constant": 0.022}), "viscous_friction@slider", ("joint.slider.damping",)),
+    ),
 )
 
 
@@ -112,8 +114,8 @@ TWO_LINK_ARM = Rig(
         band=(0.2, 2.0),
     ),
     effects=(
-        HiddenEffect("dry_friction@shoulder", {"frictionloss": 0.1}),
-        HiddenEffect("dry_friction@elbow", {"frictionloss": 0.03}),
+        HiddenEffect("dry_friction@shoulder", {"frictionloss": 0.05}),
+        HiddenEffect("dry_friction@elbow", {"frictionloss": 0.012}),
         HiddenEffect("stribeck_friction@elbow", {"coulomb": 0.02, "static": 0.04}, {"stribeck_velocity": 0.2}),
         HiddenEffect("load_dependent_friction@shoulder", {"mu": 0.08}),
         HiddenEffect("quadratic_drag@elbow", {"drag": 0.02}),
@@ -127,7 +129,7 @@ TWO_LINK_ARM = Rig(
         HiddenEffect("actuator_gain@shoulder_motor", {"gain": 0.05}),
         HiddenEffect("actuator_delay@shoulder_motor", {"delay": 0.008}),
         HiddenEffect("actuator_lag@elbow_motor", {"time_constant": 0.015}),
-        HiddenEffect("actuator_saturation@elbow_motor", {"limit": 0.7}, shrinks=True),
+        HiddenEffect("actuator_saturation@elbow_motor", {"limit": 1.1}, shrinks=True),
         HiddenEffect("thermal_derating@shoulder_motor", {"coefficient": 0.2}, {"time_constant": 2.0}),
         HiddenEffect("sensor_bias@qpos.elbow", {"bias": 0.01}),
         HiddenEffect("sensor_delay@qpos.elbow", {"delay": 0.008}),
@@ -138,8 +140,14 @@ TWO_LINK_ARM = Rig(
         HiddenEffect("flexible_mode@shoulder", {"mass": 0.02}, {"frequency": 5.0}),
     ),
     ties=(
-        Tie(HiddenEffect("back_emf@shoulder_motor", {"constant": 0.05}), "viscous_friction@shoulder", ("joint.shoulder.damping",)),
-        Tie(HiddenEffect("back_emf@elbow_motor", {"constant": 0.03}), "viscous_friction@elbow", ("joint.elbow.damping",)),
+        Tie(
+            HiddenEffect("back_emf@shoulder_motor", {"constant": 0.05}),
+            "viscous_friction@shoulder",
+            ("joint.shoulder.damping",),
+        ),
+        Tie(
+            HiddenEffect("back_emf@elbow_motor", {"constant": 0.03}), "viscous_friction@elbow", ("joint.elbow.damping",)
+        ),
     ),
 )
 

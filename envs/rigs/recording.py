@@ -82,16 +82,16 @@ def record(
     goal = amplitude * inputs(times, (runs, len(rig.actuators)), protocol.band, draw)
     sensor = _Sensor(rig, values, draw.standard_normal((len(at), runs, 2 * n)))
     controller = _Controller(rig, goal, times)
-    amplifier = _Amplifier(rig, values, interference or Interference(), times[-1])
+    amplifier = _Amplifier(rig, values, interference or Interference(), float(times[-1]))
     plant = rig.plant(values, *_start(protocol, (runs, n), draw))
     q, v = (np.empty((at[-1] + 1, runs, n)) for _ in range(2))
     q[0], v[0] = plant.q, plant.v
     command = np.empty_like(goal)
     reading = np.empty((len(at), runs, n))
-    for k, step in enumerate(at):
+    for k, step in enumerate(at.tolist()):
         reading[k] = sensor.position(k, step, q)
         command[k] = controller.command(k, reading[k])
-        until = at[k + 1] if k + 1 < len(at) else step
+        until = int(at[k + 1]) if k + 1 < len(at) else step
         for j in range(step, until):
             plant.advance(amplifier.sent(command[k], plant.q, j * protocol.step))
             q[j + 1], v[j + 1] = plant.q, plant.v
@@ -118,7 +118,7 @@ def _start(
 class _Sensor:
     """The encoders of n joints."""
 
-    def __init__(self, rig: Rig, values: Values, noise: Float[ndarray, "T R 2n"]) -> None:
+    def __init__(self, rig: Rig, values: Values, noise: Float[ndarray, "T R both"]) -> None:
         def at(effect: str, parameter: str) -> Float[ndarray, " n"]:
             return np.array([values.get(f"{effect}@qpos.{joint}.{parameter}", 0.0) for joint in rig.joints])
 

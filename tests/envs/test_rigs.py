@@ -33,6 +33,7 @@ def engineers_model(rig: Rig, values: Mapping[str, float]) -> mujoco.MjModel:
         else:
             assert field == "kp"
             model.actuator(name).gainprm[0], model.actuator(name).biasprm[1] = value, -value
+    mujoco.mj_setConst(model, mujoco.MjData(model))  # bodies that only translate use a mass prepared in advance
     return model
 
 
@@ -100,18 +101,18 @@ def test_a_stuck_hinge_rests_exactly_and_leaves_when_overloaded() -> None:
 
 
 def test_a_swinging_hinge_comes_to_an_exact_stop_where_friction_bears_its_weight() -> None:
-    plant = RIGS["swing"].plant({"dry_friction@hinge.frictionloss": 0.2}, np.array([[1.2]]), np.zeros((1, 1)))
-    for _ in range(4000):
+    plant = RIGS["swing"].plant({"dry_friction@hinge.frictionloss": 0.4}, np.array([[0.6]]), np.zeros((1, 1)))
+    for _ in range(1500):
         plant.advance(np.zeros((1, 1)))
     assert plant.v[0, 0] == 0.0
-    assert 0.6 * 9.81 * 0.35 * abs(math.sin(plant.q[0, 0])) <= 0.2
+    assert 0.6 * 9.81 * 0.35 * abs(math.sin(plant.q[0, 0])) <= 0.4
 
 
 def test_a_slide_stops_where_coulombs_law_says() -> None:
     """x = v0^2 / 2 (F/m), without damping."""
     values = {"dry_friction@carriage.frictionloss": 3.0, "joint.carriage.damping": 0.0}
     plant = RIGS["slide_drive"].plant(values, np.zeros((1, 1)), np.array([[0.4]]))
-    for _ in range(1500):
+    for _ in range(900):
         plant.advance(np.zeros((1, 1)))
     assert plant.v[0, 0] == 0.0
     assert plant.q[0, 0] == pytest.approx(0.4**2 / 2 / (3.0 / 6.0), abs=1e-6)
@@ -170,10 +171,12 @@ def test_a_delay_of_part_of_a_step_shifts_the_mean_command() -> None:
 def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
     rig, n = RIGS[name], len(RIGS[name].joints)
     steps, q = 60, np.full((1, n), 0.1) * (np.arange(n) < (1 if name == "pushed_block" else n))
-    command = np.array([[2.0 * actuator.reference for actuator in rig.actuators]])
+    # Strong enough for every limit; from nothing, for what was commanded before the log has no delay to show.
+    command = np.array([[8.0 * actuator.reference for actuator in rig.actuators]])
 
     def end(values: Mapping[str, float]) -> np.ndarray:
         plant = rig.plant(values, q, q.copy())
+        plant.advance(0 * command)
         for _ in range(steps):
             plant.advance(command)
         return plant.q[0]
@@ -189,11 +192,7 @@ def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_makes_a_case_that_a_problem_file_carries(kind: str, tmp_path: Path) -> None:
     made = case("thrown_ball", kind, 1001)
-    again = case("thrown_ball", kind, 1001)
-    for run, table in made.columns.items():
-        for name, column in table.items():
-            assert np.isfinite(column).all()
-            np.testing.assert_array_equal(column, again.columns[run][name])
+    assert all(np.isfinite(column).all() for table in made.columns.values() for column in table.values())
     inside = all(low <= made.truth[name] <= high for name, (low, high) in made.parameters.items())
     assert inside == (kind != "bounds")
     assert bool(made.hidden) == (kind in ("effect", "tie", "outside"))
@@ -223,9 +222,13 @@ def test_every_kind_on_every_rig(name: str, kind: str, tmp_path: Path) -> None:
         load_problem(write_case(made, tmp_path))
 
 
-def test_different_seeds_and_kinds_differ() -> None:
-    tables = [case("thrown_ball", kind, seed).columns["fit1"]["qpos.x"] for kind, seed in (("null", 1), ("null", 2))]
-    assert not np.array_equal(*tables)
+def test_the_seed_decides_everything() -> None:
+    first, again, other = (case("swing", "short", seed) for seed in (1, 1, 2))
+    assert first.truth == again.truth
+    assert first.truth != other.truth
+    for name, column in first.columns["fit1"].items():
+        np.testing.assert_array_equal(column, again.columns["fit1"][name])
+    assert not np.array_equal(first.columns["fit1"]["qpos.hinge"], other.columns["fit1"]["qpos.hinge"][: len(column)])
 
 
 @pytest.mark.parametrize(
