@@ -31,14 +31,14 @@ class Recording:
     Args:
         time: of the rows [s].
         command: held from its row to the next.
-        reading, speed: what the sensors of n joints say; ``speed`` is empty where none is measured.
+        reading, speed: what the sensors of n joints say; s = n, or 0 where no speed is measured.
         q, v: the true motion [SI].
     """
 
     time: Float[ndarray, " T"]
     command: Float[ndarray, "T R m"]
     reading: Float[ndarray, "T R n"]
-    speed: Float[ndarray, "T R n"]
+    speed: Float[ndarray, "T R s"]
     q: Float[ndarray, "T R n"]
     v: Float[ndarray, "T R n"]
 

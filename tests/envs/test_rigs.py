@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
+import jaxtyping
 import mujoco
 import numpy as np
 import pytest
@@ -16,7 +17,16 @@ from envs.rigs.equations import Lever
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.runs import BadInput
 
+# Shapes are checked in the short cases of every rig; in long integrations the checks would take most of the time.
+unchecked = pytest.mark.usefixtures("without_shape_checks")
 SMOOTH = ("swing", "cart_pole", "two_link_arm", "six_joint_arm")
+
+
+@pytest.fixture
+def without_shape_checks() -> Iterator[None]:
+    jaxtyping.config.update("jaxtyping_disable", True)
+    yield
+    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def engineers_model(rig: Rig, values: Mapping[str, float]) -> mujoco.MjModel:
@@ -37,6 +47,7 @@ def engineers_model(rig: Rig, values: Mapping[str, float]) -> mujoco.MjModel:
     return model
 
 
+@unchecked
 @pytest.mark.parametrize("name", RIGS)
 def test_with_nothing_hidden_agrees_with_the_engineers_model_within_a_tenth_of_the_noise(name: str) -> None:
     rig, draw = RIGS[name], np.random.default_rng(4)
@@ -60,6 +71,7 @@ def test_with_nothing_hidden_agrees_with_the_engineers_model_within_a_tenth_of_t
     assert (moved[: n if name != "pushed_block" else 1] > 50 * rig.protocol.floor[0]).all()
 
 
+@unchecked
 @pytest.mark.parametrize("name", SMOOTH)
 def test_energy_is_kept_without_resistance(name: str) -> None:
     rig, n = RIGS[name], len(RIGS[name].joints)
@@ -76,6 +88,7 @@ def test_energy_is_kept_without_resistance(name: str) -> None:
     np.testing.assert_allclose(plant.equations.energy(plant.q, plant.v), start, rtol=0, atol=1e-6)
 
 
+@unchecked
 def test_integrator_is_of_fourth_order() -> None:
     rig = RIGS["two_link_arm"]
 
@@ -90,6 +103,7 @@ def test_integrator_is_of_fourth_order() -> None:
     assert 12 < coarse / fine < 22
 
 
+@unchecked
 def test_a_stuck_hinge_rests_exactly_and_leaves_when_overloaded() -> None:
     rig = RIGS["swing"]
     plant = rig.plant({"dry_friction@hinge.frictionloss": 0.1}, np.zeros((2, 1)), np.zeros((2, 1)))
@@ -100,6 +114,7 @@ def test_a_stuck_hinge_rests_exactly_and_leaves_when_overloaded() -> None:
     assert plant.q[1, 0] > 0
 
 
+@unchecked
 def test_a_swinging_hinge_comes_to_an_exact_stop_where_friction_bears_its_weight() -> None:
     plant = RIGS["swing"].plant({"dry_friction@hinge.frictionloss": 0.4}, np.array([[0.6]]), np.zeros((1, 1)))
     for _ in range(1500):
@@ -108,6 +123,7 @@ def test_a_swinging_hinge_comes_to_an_exact_stop_where_friction_bears_its_weight
     assert 0.6 * 9.81 * 0.35 * abs(math.sin(plant.q[0, 0])) <= 0.4
 
 
+@unchecked
 def test_a_slide_stops_where_coulombs_law_says() -> None:
     """x = v0^2 / 2 (F/m), without damping."""
     values = {"dry_friction@carriage.frictionloss": 3.0, "joint.carriage.damping": 0.0}
@@ -118,6 +134,7 @@ def test_a_slide_stops_where_coulombs_law_says() -> None:
     assert plant.q[0, 0] == pytest.approx(0.4**2 / 2 / (3.0 / 6.0), abs=1e-6)
 
 
+@unchecked
 def test_two_links_with_a_stuck_elbow_swing_as_one_lever() -> None:
     rig = RIGS["two_link_arm"]
     values = {"dry_friction@elbow.frictionloss": 50.0, "joint.shoulder.damping": 0.0, "joint.shoulder.armature": 0.0}
@@ -145,6 +162,7 @@ def _leapfrog(lever: Lever, q: float, v: float, h: float) -> tuple[float, float]
     return q, v + 0.5 * h * slope(q)
 
 
+@unchecked
 def test_runs_together_equal_runs_alone() -> None:
     rig, draw = RIGS["two_link_arm"], np.random.default_rng(0)
     values = {"dry_friction@elbow.frictionloss": 0.2, "actuator_delay@shoulder_motor.delay": 0.0033}
@@ -167,6 +185,7 @@ def test_a_delay_of_part_of_a_step_shifts_the_mean_command() -> None:
     assert plant.v[0, 0] == pytest.approx(20 * 0.3 / 6.0 * (0.1 - 0.0123), rel=1e-9)
 
 
+@unchecked
 @pytest.mark.parametrize("name", RIGS)
 def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
     rig, n = RIGS[name], len(RIGS[name].joints)
@@ -189,6 +208,7 @@ def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
             assert np.abs(moved - plain).max() > 0, effect.key
 
 
+@unchecked
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_makes_a_case_that_a_problem_file_carries(kind: str, tmp_path: Path) -> None:
     made = case("thrown_ball", kind, 1001)
@@ -212,6 +232,7 @@ def test_every_rig_makes_a_case_that_a_problem_file_carries(name: str, tmp_path:
     assert (np.diff(first["time"]) > 0).all()
 
 
+@unchecked
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", RIGS)
