@@ -118,13 +118,13 @@ def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     if level not in LEVELS:
         raise BadInput(f"level '{level}' is unknown", f"use one of {', '.join(LEVELS)}")
     draw = np.random.default_rng([seed, zlib.crc32(f"{rig} {key} {level}".encode())])
-    return _made(RIGS[rig], "effect", seed, _Plan((known[key],), level), draw)
+    return _made(RIGS[rig], "effect", seed, _seen(RIGS[rig], (known[key],), level), draw)
 
 
 def _plan(rig: Rig, kind: str, draw: np.random.Generator) -> _Plan:
     level = str(draw.choice(list(LEVELS)))
     if kind == "effect":
-        return _Plan(_some_effects(rig, draw), level)
+        return _seen(rig, _some_effects(rig, draw), level)
     if kind == "tie":
         tie: Tie = rig.ties[draw.integers(len(rig.ties))]
         return _Plan((tie.hidden,), "medium", (tie.partner,), tie.fixed)
@@ -133,6 +133,10 @@ def _plan(rig: Rig, kind: str, draw: np.random.Generator) -> _Plan:
     if kind == "wiring":
         return _Plan(fault=Fault.drawn(rig, draw))
     return _Plan()
+
+
+def _seen(rig: Rig, hidden: tuple[HiddenEffect, ...], level: str) -> _Plan:
+    return _Plan(hidden, level, rig.partners(tuple(effect.key for effect in hidden)))
 
 
 def _some_effects(rig: Rig, draw: np.random.Generator) -> tuple[HiddenEffect, ...]:

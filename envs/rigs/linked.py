@@ -149,6 +149,7 @@ TWO_LINK_ARM = Rig(
             HiddenEffect("back_emf@elbow_motor", {"constant": 0.03}), "viscous_friction@elbow", ("joint.elbow.damping",)
         ),
     ),
+    alike=(("com_offset@fore", "sensor_bias@qpos.elbow"),),
 )
 
 

@@ -121,7 +121,9 @@ class Rig:
         protocol: how it is recorded.
         effects: what may hide in it.
         outside: what may hide in it and no vocabulary names.
-        ties: pairs of effects that look alike.
+        ties: pairs of effects that the cases of kind ``tie`` are made with.
+        alike: groups of effects that no input parts on this rig while ``free`` is free: the right name of one of them
+            is the name of any.
     """
 
     name: str
@@ -134,15 +136,17 @@ class Rig:
     effects: tuple[HiddenEffect, ...]
     outside: tuple[HiddenEffect, ...]
     ties: tuple[Tie, ...]
+    alike: tuple[tuple[str, ...], ...] = ()
 
     @property
     def xml(self) -> str:
         """The engineer's model."""
         return (MODELS / f"{self.name}.xml").read_text(encoding="utf-8")
 
-    def effect(self, key: str) -> HiddenEffect:
-        """The effect of that key; raises KeyError."""
-        return {effect.key: effect for effect in (*self.effects, *self.outside)}[key]
+    def partners(self, keys: tuple[str, ...]) -> tuple[str, ...]:
+        """Effects that look like one of these."""
+        groups = [group for group in self.alike if set(group) & set(keys)]
+        return tuple(key for group in groups for key in group if key not in keys)
 
     def plant(
         self, values: Values, q: Float[ndarray, "R n"], v: Float[ndarray, "R n"], step: float | None = None

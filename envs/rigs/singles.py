@@ -68,6 +68,10 @@ SLIDE_DRIVE = Rig(
         Tie(HiddenEffect("payload@carriage", {"mass": 1.1}), "armature@carriage", ("body.carriage.mass",)),
         Tie(HiddenEffect("constant_load@carriage", {"load": 0.1}), "gravity_tilt@world"),
     ),
+    alike=(
+        ("constant_load@carriage", "gravity_tilt@world"),
+        ("actuator_delay@motor", "sensor_delay@qpos.carriage"),
+    ),
 )
 
 
@@ -105,12 +109,10 @@ SWING = Rig(
         HiddenEffect("cogging@hinge", {"amplitude": 0.024}, {"poles": 7.0, "phase": 0.5}),
         HiddenEffect("armature@hinge", {"armature": 0.0029}),
         HiddenEffect("com_offset@bob", {"x": 0.002}),
-        HiddenEffect("actuator_gain@motor", {"gain": 0.08}),
         HiddenEffect("actuator_delay@motor", {"delay": 0.0098}),
         HiddenEffect("actuator_lag@motor", {"time_constant": 0.01}),
         HiddenEffect("actuator_saturation@motor", {"limit": 0.55}, shrinks=True),
         HiddenEffect("sensor_bias@qpos.hinge", {"bias": 0.0058}),
-        HiddenEffect("sensor_scale@qpos.hinge", {"scale": 0.03}),
         HiddenEffect("sensor_delay@qpos.hinge", {"delay": 0.01}),
     ),
     outside=(
@@ -121,6 +123,10 @@ SWING = Rig(
     ties=(
         Tie(HiddenEffect("back_emf@motor", {"constant": 0.02}), "viscous_friction@hinge", ("joint.hinge.damping",)),
         Tie(HiddenEffect("gravity_tilt@world", {"angle": 0.0058}), "sensor_bias@qpos.hinge"),
+    ),
+    alike=(
+        ("com_offset@bob", "gravity_tilt@world", "sensor_bias@qpos.hinge"),
+        ("actuator_delay@motor", "sensor_delay@qpos.hinge"),
     ),
 )
 
@@ -177,6 +183,10 @@ POSITION_SERVO = Rig(
         HiddenEffect("flexible_mode@horn", {"mass": 0.00077}, {"frequency": 6.0}),
     ),
     ties=(Tie(HiddenEffect("back_emf@servo", {"constant": 0.071}), "viscous_friction@horn", ("joint.horn.damping",)),),
+    alike=(
+        ("com_offset@load", "gravity_tilt@world"),
+        ("actuator_delay@servo", "sensor_delay@qpos.horn"),
+    ),
 )
 
 
@@ -210,7 +220,6 @@ PUSHED_BLOCK = Rig(
         HiddenEffect("quadratic_drag@along", {"drag": 0.21}),
         HiddenEffect("joint_stiffness@along", {"stiffness": 1.8}, {"springref": 0.0}),
         HiddenEffect("constant_load@along", {"load": 0.071}),
-        HiddenEffect("payload@block", {"mass": 0.055}),
         HiddenEffect("actuator_delay@pusher", {"delay": 0.0029}),
         HiddenEffect("actuator_saturation@pusher", {"limit": 15.0}, shrinks=True),
     ),
@@ -219,6 +228,11 @@ PUSHED_BLOCK = Rig(
         HiddenEffect("flexible_mode@along", {"mass": 0.053}, {"frequency": 5.0}),
     ),
     ties=(Tie(HiddenEffect("contact_friction@block", {"friction": 0.018}, neutral=0.3), "dry_friction@along"),),
+    alike=(
+        ("contact_friction@block", "dry_friction@along"),
+        ("constant_load@along", "gravity_tilt@world"),
+        ("actuator_delay@pusher", "sensor_delay@qpos.along"),
+    ),
 )
 
 
@@ -262,4 +276,5 @@ THROWN_BALL = Rig(
         HiddenEffect("flexible_mode@y", {"mass": 0.03}, {"frequency": 3.0}),
     ),
     ties=(Tie(HiddenEffect("constant_load@x", {"load": 0.02}), "gravity_tilt@world"),),
+    alike=(("constant_load@x", "gravity_tilt@world"),),
 )
