@@ -47,7 +47,7 @@ class HiddenEffect:
 
 
 # Effects whose size may have either sign.
-SIGNED = ("constant_load", "actuator_gain", "sensor_bias", "sensor_scale", "com_offset", "gravity_tilt", "wind")
+SIGNED = ("constant_load", "actuator_gain", "sensor_bias", "sensor_scale", "com_offset", "gravity_tilt")
 
 
 @final

@@ -40,7 +40,6 @@ class Fault:
     """A fault.
 
     Args:
-        name: as in the module's table, with the column it is in.
         kind: as in the module's table.
         column, other: the columns concerned.
         size: an offset [m, rad], a factor, or a latency [s].
@@ -53,8 +52,9 @@ class Fault:
 
     @property
     def name(self) -> str:
-        """``kind column``."""
-        return " ".join(part for part in (self.kind, self.column, self.other) if part)
+        """``kind column size``, as far as there are any."""
+        size = f"{self.size:.4g}" if self.size else ""
+        return " ".join(part for part in (self.kind, self.column, self.other, size) if part)
 
     @property
     def interference(self) -> Interference:
