@@ -32,6 +32,12 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
         BadInput: the problem cannot be used, nothing is admissible, or the folder not be written.
     """
     problem = load_problem(problem_file, add, note=_log)
+    if problem.scope:
+        raise BadInput(
+            "an experiment for parameters that differ between runs is not planned by this version",
+            'leave out [runs], [effects.scope] and scope = "per_run", or plan for one run\'s constants',
+            where=problem_file,
+        )
     allowed = read_allowed(Section(read_toml(problem.path), problem_file), problem.simulator)
     with writable(Path(out)) as folder:
         try:

@@ -96,7 +96,7 @@ def provenance(result: Criticism) -> Html:
         ("blocks of the cross-validation", str(blocks or "–")),
         ("level of the screening", f"{selection.alpha:g}"),
         ("sensor noise (sd)", words.listing(noise)),
-        ("random numbers", "none: the same data give the same result"),
+        ("random numbers", "fixed seeds: the same data give the same result"),
         ("machine", machine()),
         ("time taken", quantities.text(took, "s") if took else "–"),
         ("versions", ", ".join(f"{name} {version}" for name, version in versions().items())),
