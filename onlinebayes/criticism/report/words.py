@@ -227,7 +227,11 @@ def outcome(candidate: Candidate) -> str:
         equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
         return f"cannot be told from {equal}"
     if candidate.score_gain is None:
-        return "not significant"
+        return (
+            candidate.refused_because[0].partition(":")[0].partition(" (")[0]
+            if candidate.refused_because
+            else "not tried further"
+        )
     return "; ".join(candidate.refused_because) or "not needed"
 
 
