@@ -24,6 +24,9 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     lines += [words.headline(result), words.improvement(result)]
     if result.verdict != "insufficient_data":
         lines.append(words.remainder(result))
+    if result.wiring:
+        lines.append(f"wiring:    {words.wiring(result)}")
+        lines += ["to put in the problem file:", *(f"    {line}" for line in result.wiring.lines.splitlines())]
     if result.what_to_record:
         lines.append(f"to record: {result.what_to_record}")
     if result.command == "diagnose":

@@ -17,6 +17,7 @@ from onlinebayes.criticism.results import (
     ReplayedRun,
     Selection,
     Step,
+    Wiring,
 )
 
 __all__ = [
@@ -32,6 +33,7 @@ __all__ = [
     "ReplayedRun",
     "Selection",
     "Step",
+    "Wiring",
     "compare",
     "diagnose",
     "refine",

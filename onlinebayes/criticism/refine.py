@@ -1,11 +1,12 @@
 """The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
 
-fit runs: base model -> search (see ``search``) -> final model;    held-out runs: opened once, for the reported error
+fit runs: base model -> wiring check (see ``wiring``) -> search (see ``search``) -> final model;    held-out runs: opened once, for the reported error
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Literal
 
 from jaxtyping import Float
@@ -20,13 +21,14 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.ranking import rank, steps
-from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection
+from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection, Wiring
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
 from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.wiring import Suspicion, suspect
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -61,8 +63,9 @@ def compare(
     fit_runs, held_runs = split(measurement, holdout)
     say("fitting the base model")
     base = ground(simulator, fit_runs, selection)
+    fault = suspect(base, simulator, fit_runs, selection, say)
     found = Found(base, base, (), (), ())
-    return _assemble("compare", simulator, fit_runs, held_runs, found, selection, say)
+    return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
 def diagnose(
@@ -116,8 +119,18 @@ def _searched(
 ) -> Criticism:
     selection = selection or Selection()
     fit_runs, held_runs = split(measurement, holdout)
-    found = search(simulator, fit_runs, selection, candidates, most, say, interrupt)
-    return _assemble(question, simulator, fit_runs, held_runs, found, selection, say)
+    say("fitting the base model")
+    base = ground(simulator, fit_runs, selection)
+    fault = suspect(base, simulator, fit_runs, selection, say)
+    if fault is not None and fault.certain:
+        found = Found(base, base, (), (), ())
+    else:
+        found = search(simulator, fit_runs, selection, candidates, most, say, interrupt, base)
+        if fault is not None and fault.beats(found.final, selection):
+            found = replace(found, final=base, accepted=())
+        else:
+            fault = None
+    return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
 def _assemble(
@@ -126,6 +139,7 @@ def _assemble(
     fit_runs: Measurement,
     held_runs: Measurement,
     found: Found,
+    fault: Suspicion | None,
     selection: Selection,
     say: Say,
 ) -> Criticism:
@@ -150,6 +164,7 @@ def _assemble(
         before,
         after,
         selection.tolerance,
+        fault is not None,
     )
     say("opening the held-out runs")
     base_model = _model(base, simulator, base_blocks, fit_runs, held_runs, selection)
@@ -180,6 +195,7 @@ def _assemble(
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
         notes=_notes(simulator, found),
+        wiring=None if fault is None else _wiring(fault),
     )
 
 
@@ -262,6 +278,11 @@ def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
     if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
+
+
+def _wiring(suspicion: Suspicion) -> Wiring:
+    fault, equals = suspicion.fault, tuple((equal.says, equal.lines) for equal in suspicion.equals)
+    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.after, equals)
 
 
 def _silent(line: str) -> None:

@@ -158,6 +158,24 @@ class Numerics:
 
 
 @dataclass(frozen=True)
+class Wiring:
+    """A fault between sensor and table that explains the misfit better than any effect.
+
+    Args:
+        fault: what is wrong, in words.
+        lines: what to put in the problem file.
+        error_before, error_after: cross-validated RMS without and with these lines, the model refitted [floors].
+        alternatives: (fault, lines) of those that explain as much.
+    """
+
+    fault: str
+    lines: str
+    error_before: float
+    error_after: float
+    alternatives: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
 class FlatDirection:
     """A combination of parameters that the data do not determine, in words, and its direction: name -> component."""
 
@@ -225,6 +243,7 @@ class Criticism:
         units: signal -> unit.
         sensor_sd: signal -> sensor noise used, given or estimated [the signal's unit].
         interrupted: whether the search was stopped before its end.
+        wiring: with ``data_problem`` (from ``compare``: where it is suspected), the fault and the line that mends it.
     """
 
     command: Literal["compare", "diagnose", "refine"]
@@ -250,6 +269,7 @@ class Criticism:
     what_to_record: str = ""
     interrupted: bool = False
     notes: tuple[str, ...] = ()
+    wiring: Wiring | None = None
 
     @property
     def held_out_runs(self) -> tuple[str, ...]:

@@ -1,6 +1,6 @@
 """The verdict in one word, and what is left.
 
-In this order: insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped
+In this order: data_problem (the wiring check, see ``wiring.py``), insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped
 for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the
 floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
 
@@ -67,6 +67,7 @@ def decide(
     before: dict[str, float],
     after: dict[str, float],
     tolerance: float,
+    miswired: bool = False,
 ) -> Verdict:
     """The first verdict that applies.
 
@@ -78,7 +79,10 @@ def decide(
         tie: whether the first of them can be swapped.
         before, after: rms_over_floor of the base and the final model.
         tolerance: up to which a model is adequate.
+        miswired: whether a wiring fault explains the misfit.
     """
+    if miswired:
+        return "data_problem"
     if blocks < FEWEST or not moves:
         return "insufficient_data"
     worst = max(after.values(), default=0.0)

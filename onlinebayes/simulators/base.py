@@ -165,3 +165,7 @@ class Simulator(ABC):
             f"{type(self).__name__} has one integrator only",
             "override with_runge_kutta to let numerics be checked at coarse steps",
         )
+
+    def with_gravity_compensation(self) -> Self | None:
+        """The same system with its weight carried by its drives; None where that is not possible or changes nothing."""
+        return None

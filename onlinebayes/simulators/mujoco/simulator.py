@@ -25,6 +25,8 @@ from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
+JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))  # transmissions to a joint
+
 
 class MujocoSimulator(Simulator):
     """N worlds of one MJCF model, bit for bit what ``mj_step`` gives over N models whose fields were changed.
@@ -181,6 +183,17 @@ class MujocoSimulator(Simulator):
             return self
         spec = self._system.source.copy()
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        return self._integrated(spec, self.dt)
+
+    def with_gravity_compensation(self) -> Self | None:
+        """A new simulator with ``gravcomp = 1`` on every body; None unless an actuator drives each of the joints."""
+        driven = {int(i) for i, kind in zip(self.model.actuator_trnid[:, 0], self.model.actuator_trntype) if kind in JOINTS}
+        lifted = bool(self.model.opt.gravity.any()) and not bool((self.model.body_gravcomp[1:] == 1).all())
+        if not lifted or driven != set(range(self.model.njnt)):
+            return None
+        spec = self._system.source.copy()
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
         return self._integrated(spec, self.dt)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
