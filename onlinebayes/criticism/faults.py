@@ -68,6 +68,21 @@ class Fault(ABC):
 
 
 @dataclass(frozen=True)
+class AsItStands(Fault):
+    """No fault: the table and the model as they are, to compare with."""
+
+    @property
+    def says(self) -> str:
+        """Nothing is wrong."""
+        return "nothing is wrong"
+
+    @property
+    def lines(self) -> str:
+        """Nothing to write."""
+        return ""
+
+
+@dataclass(frozen=True)
 class Rescaled(Fault):
     """Columns that must be multiplied by ``factor``; ``instead`` says what they hold."""
 
@@ -83,7 +98,7 @@ class Rescaled(Fault):
 
     @property
     def lines(self) -> str:
-        """``sign`` or ``scale`` under [signals] or [actuators]."""
+        """``sign`` or ``scale`` under [signals] or [commands]."""
         value = "sign = -1" if self.factor == -1.0 else f"scale = {self.factor:.9g}"
         return "\n".join(f"{_header(self.kind, name)}\n{value}" for name in self.names)
 
@@ -143,14 +158,14 @@ class Swapped(Fault):
 
     @property
     def lines(self) -> str:
-        """``column`` of both under [signals] or [actuators]."""
+        """``column`` of both under [signals] or [commands]."""
         pairs = [*zip(self.first, self.second, strict=True), *zip(self.second, self.first, strict=True)]
         return "\n".join(f'{_header(self.kind, a)}\ncolumn = "{_column(self.kind, b)}"' for a, b in pairs)
 
     def mended(self, measurement: Measurement) -> Measurement:
         """The columns exchanged, and what was measured of them."""
         names = (*self.first, *self.second)
-        key, columns = _places(measurement, self.kind, names)
+        _, columns = _places(measurement, self.kind, names)
         sources = columns[len(self.first) :] + columns[: len(self.first)]
         keys = ("signal", "measured") if self.kind == "signal" else ("command", "enable")
         data = _copy(measurement.data, *keys)
@@ -186,8 +201,7 @@ class SwitchedOff(Fault):
 
     def mended(self, measurement: Measurement) -> Measurement:
         """The actuator disabled in these runs."""
-        key, columns = _places(measurement, "command", (self.actuator,))
-        del key
+        _, columns = _places(measurement, "command", (self.actuator,))
         data = _copy(measurement.data, "enable")
         for run in self.runs:
             if run in measurement.runs:
@@ -209,7 +223,7 @@ class Compensated(Fault):
     @property
     def lines(self) -> str:
         """``gravity_compensation`` of every actuator."""
-        return "\n".join(f"{_header('command', name)}\ngravity_compensation = true" for name in self.actuators)
+        return "\n".join(f"[actuators.{_bare(name)}]\ngravity_compensation = true" for name in self.actuators)
 
     def model(self, simulator: Simulator) -> Simulator:
         """The simulator whose weight is carried."""
@@ -221,7 +235,7 @@ def _column(kind: Kind, name: str) -> str:
 
 
 def _header(kind: Kind, name: str) -> str:
-    return f'[signals."{name}"]' if kind == "signal" else f"[actuators.{_bare(name)}]"
+    return f'[signals."{name}"]' if kind == "signal" else f"[commands.{_bare(name)}]"
 
 
 def _bare(name: str) -> str:

@@ -1,6 +1,7 @@
 """The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
 
-fit runs: base model -> wiring check (see ``wiring``) -> search (see ``search``) -> final model;    held-out runs: opened once, for the reported error
+fit runs: base model -> wiring check (see ``wiring``) -> search (see ``search``) -> final model
+held-out runs: opened once, for the reported error
 """
 
 from __future__ import annotations
@@ -21,7 +22,15 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.ranking import rank, steps
-from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection, Wiring
+from onlinebayes.criticism.results import (
+    Criticism,
+    FittedModel,
+    HeldOutError,
+    Remainder,
+    ReplayedRun,
+    Selection,
+    Wiring,
+)
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for

@@ -1,8 +1,9 @@
 """The verdict in one word, and what is left.
 
-In this order: data_problem (the wiring check, see ``wiring.py``), insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped
-for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the
-floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
+In this order: data_problem (a wiring fault explains the misfit, see ``wiring.py``), insufficient_data (fewer than 7
+blocks, or nothing moves), tie (the first accepted effect can be swapped for another that is not parted from it),
+missing_effect (accepted effects remove half of the squared error above the floor, or reach it), adequate (nothing
+accepted, rms_over_floor within the tolerance), unexplained.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4

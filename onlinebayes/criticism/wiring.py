@@ -17,12 +17,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.faults import Fault, SwitchedOff
+from onlinebayes.criticism.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.hypotheses import hypotheses
@@ -45,8 +46,8 @@ PROMISING = 0.8
 HALF = 0.5
 EQUAL = 1.05
 OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
-DRAWS = 8
-MOST_WINDOWS = 16  # that screening looks at
+DRAWS = 4
+MOST_WINDOWS = 8  # that screening looks at
 MOST_FITS = 4
 NEAR = 3.0  # of the best screened fault's error: what another may have to be fitted
 
@@ -112,15 +113,24 @@ class _Bench:
         """Every hypothesis but those about single runs."""
         return hypotheses(self.simulator, self.measurement)
 
-    def windows(self, fault: Fault | None = None) -> Windows:
-        """The windows with a fault put right."""
-        data = self.measurement if fault is None else fault.mended(self.measurement)
-        noise = self.base.windows.noise if fault is None else self.floor(fault)
+    def windows(self, fault: Fault, noise: Float[Tensor, " S"], excerpt: bool = False) -> Windows:
+        """All windows with a fault put right, or those of an excerpt that is enough to screen it."""
+        data = fault.mended(self.excerpt if excerpt else self.measurement)
         return make_windows(self._rung.of(self.simulator), data, self.horizon, 0.0, noise)
 
-    def model(self, fault: Fault | None = None) -> Simulator:
+    @cached_property
+    def excerpt(self) -> Measurement:
+        """Runs, evenly chosen, that hold enough windows; the beginning of a run that is long enough alone."""
+        data, enough = self.measurement, MOST_WINDOWS * self.horizon
+        mean = sum(data.durations) / len(data.runs)
+        if mean >= 2 * enough:
+            rows = int(data.lengths[0] * enough / mean)
+            return data.rows(data.runs[0], 0, rows)
+        return data.select(data.runs[:: max(1, int(len(data.runs) * mean / enough))])
+
+    def model(self, fault: Fault) -> Simulator:
         """The model with a fault put right."""
-        return self._rung.of(self.simulator if fault is None else fault.model(self.simulator))
+        return self._rung.of(fault.model(self.simulator))
 
     def floor(self, fault: Fault) -> Float[Tensor, " S"]:
         """The floor that the table has once the fault is put right [SI]."""
@@ -147,45 +157,42 @@ class _Bench:
 
 def _promising(bench: _Bench) -> list[tuple[Fault, Float[Tensor, " P"]]]:
     """The faults that the replay from the smoothed starts speaks for, in the order of the hypotheses."""
-    thetas, windows = bench.thetas(), bench.windows()
-    own = _window_rms(bench.model(), windows, thetas, bench.base.windows.noise)
+    thetas = bench.thetas()
     found: list[tuple[float, Fault, Float[Tensor, " P"]]] = []
-    for fault in (*bench.faults, *_switched_off(bench, thetas, windows, own)):
-        # Whole runs that differ must all be seen, anything else shows everywhere.
-        some = slice(None) if isinstance(fault, SwitchedOff) else slice(None, None, -(-windows.count // MOST_WINDOWS))
-        try:
-            mended = bench.windows(fault)
-        except BadInput:  # a table put right in a wrong way may leave nothing to compare
-            continue
-        mended = mended.select(torch.arange(mended.count)[some])
-        error = _window_rms(bench.model(fault), mended, thetas, bench.carried(fault)).mean(1)
-        if float(error.min()) < PROMISING * float(own[:, some].mean(1).min()):
-            found.append((float(error.min()), fault, thetas[int(error.argmin())]))
-    best = sorted(error for error, _, _ in found)[:MOST_FITS]
-    return [(fault, theta) for error, fault, theta in found if error in best and error <= NEAR * best[0]]
+    own = _replayed(bench, AsItStands(), thetas, True).mean(1).min()
+    for fault in bench.faults:
+        error = _replayed(bench, fault, thetas, True).mean(1)
+        found.append((float(error.min() / own), fault, thetas[int(error.argmin())]))
+    everywhere = _replayed(bench, AsItStands(), thetas)
+    for fault in _switched_off(bench, thetas, everywhere):  # single runs that differ: all must be seen
+        error = _replayed(bench, fault, thetas).mean(1)
+        found.append((float(error.min() / everywhere.mean(1).min()), fault, thetas[int(error.argmin())]))
+    best = sorted(share for share, _, _ in found if share < PROMISING)[:MOST_FITS]
+    return [(fault, theta) for share, fault, theta in found if share in best and share <= NEAR * best[0]]
 
 
-def _switched_off(
-    bench: _Bench, thetas: Float[Tensor, "M P"], windows: Windows, own: Float[Tensor, "M W"]
-) -> list[SwitchedOff]:
+def _switched_off(bench: _Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor, "M W"]) -> list[SwitchedOff]:
     """For each actuator, the runs that go better without it, at the theta at which that explains most."""
     found, runs = [], bench.measurement.runs
+    windows = bench.windows(AsItStands(), bench.base.windows.noise)
     for actuator in bench.simulator.commands:
-        still = bench.windows(SwitchedOff(actuator, runs))
-        off = _window_rms(bench.model(), still, thetas, bench.base.windows.noise)
+        off = _replayed(bench, SwitchedOff(actuator, runs), thetas)
         with_it, without = (e.new_zeros(len(e), len(runs)).index_add(1, windows.run, e) for e in (own, off))
         best = int(torch.minimum(with_it, without).sum(1).argmin())
-        idle = [run for run, a, b in zip(runs, with_it[best].tolist(), without[best].tolist(), strict=True) if b < OFF * a]
+        idle = [
+            run for run, a, b in zip(runs, with_it[best].tolist(), without[best].tolist(), strict=True) if b < OFF * a
+        ]
         if idle:
             found.append(SwitchedOff(actuator, tuple(idle)))
     return found
 
 
-def _window_rms(
-    simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
-) -> Float[Tensor, "M W"]:
+def _replayed(bench: _Bench, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
     """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
-    signals, valid = replay(simulator, windows, thetas, windows.start.expand(len(thetas), *windows.start.shape))
+    floor = bench.carried(fault)
+    windows = bench.windows(fault, floor, excerpt)
+    starts = windows.start.expand(len(thetas), *windows.start.shape)
+    signals, valid = replay(bench.model(fault), windows, thetas, starts)
     wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
     rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
     return torch.where(valid, rms, torch.full_like(rms, float("inf")))
@@ -196,10 +203,11 @@ def _fitted(bench: _Bench, promising: Sequence[tuple[Fault, Float[Tensor, " P"]]
     found = []
     for fault, theta in promising:
         try:
-            fitted = fit(bench.model(fault), bench.windows(fault), theta)
-        except BadInput:
+            floor = bench.floor(fault)
+            fitted = fit(bench.model(fault), bench.windows(fault, floor), theta)
+        except BadInput:  # a table put right in a wrong way may diverge
             continue
-        found.append((_total(signal_rms(fitted.projected), bench.floor(fault) / bench.carried(fault)), fault))
+        found.append((_total(signal_rms(fitted.projected), floor / bench.carried(fault)), fault))
     return found
 
 

@@ -166,6 +166,6 @@ class Simulator(ABC):
             "override with_runge_kutta to let numerics be checked at coarse steps",
         )
 
-    def with_gravity_compensation(self) -> Self | None:
+    def with_gravity_compensation(self) -> Simulator | None:
         """The same system with its weight carried by its drives; None where that is not possible or changes nothing."""
         return None

@@ -106,9 +106,11 @@ def wiring(result: Criticism) -> str:
     found = result.wiring
     if found is None:
         return ""
-    others = f" Just as well: {listing([fault for fault, _ in found.alternatives], 'or')}." if found.alternatives else ""
+    others = (
+        f" Just as well: {listing([fault for fault, _ in found.alternatives], 'or')}." if found.alternatives else ""
+    )
     fall = f"{quantities.times(found.error_before)} to {quantities.times(found.error_after)} the sensor floor"
-    return f"{_capital(found.fault)}: putting that right takes the cross-validated error from {fall}.{others}"
+    return f"{found.fault}; putting that right takes the cross-validated error from {fall}.{others}"
 
 
 def small(scale: quantities.Scale, floor: float) -> str:

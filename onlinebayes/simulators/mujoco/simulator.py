@@ -185,9 +185,10 @@ class MujocoSimulator(Simulator):
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
         return self._integrated(spec, self.dt)
 
-    def with_gravity_compensation(self) -> Self | None:
+    def with_gravity_compensation(self) -> Simulator | None:
         """A new simulator with ``gravcomp = 1`` on every body; None unless an actuator drives each of the joints."""
-        driven = {int(i) for i, kind in zip(self.model.actuator_trnid[:, 0], self.model.actuator_trntype) if kind in JOINTS}
+        ends = zip(self.model.actuator_trnid[:, 0].tolist(), self.model.actuator_trntype.tolist(), strict=True)
+        driven = {joint for joint, kind in ends if kind in JOINTS}
         lifted = bool(self.model.opt.gravity.any()) and not bool((self.model.body_gravcomp[1:] == 1).all())
         if not lifted or driven != set(range(self.model.njnt)):
             return None
