@@ -14,16 +14,16 @@ from pathlib import Path
 
 from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, match
-from onlinebayes.cli.model import signal_units
+from onlinebayes.cli.model import measured_sensors, signal_units
 from onlinebayes.criticism.report.toml import to_toml
-from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
-from onlinebayes.measurements.files import columns, header
+from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements.formats import Source, open_source
 from onlinebayes.measurements.units import to_si
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
-LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.")
+LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
 HEAD = """\
 A first problem file, made by onlinebayes init: read every line, above all the bounds.
 Then: onlinebayes compare {name} --out out   (how wrong is the model?)
@@ -82,22 +82,23 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     if not model.is_file():
         raise BadInput("no such file", "name the MJCF file of the model", where=str(model))
     simulator = MujocoSimulator(model, threads=1)
-    headers = [header(log) for log in logs]
-    shared = [name for name in headers[0] if all(name in other for other in headers)]
+    sources = [open_source(log) for log in logs]
+    shared = [name for name in sources[0].names if all(name in other.names for other in sources)]
     wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
     matches = match(wanted, [name for name in shared if name not in ("run", "time")])
     have = {found.name for found in matches}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in have]
     missing = tuple(([] if "time" in shared else ["time"]) + needed)
-    taken = {"run", "time", *(found.column for found in matches)}
-    unused = tuple(dict.fromkeys(name for names in headers for name in names if name not in taken))
+    own = (*measured_sensors(simulator.model, shared), *(f"enable.{name}" for name in simulator.commands))
+    taken = {"run", "time", *own, *(found.column for found in matches)}
+    unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
     measurement = None if missing else _measurement(simulator, logs, matches, unused)
     content = {
         "schema": 1,
         "model": _relative(model, target),
         "measurements": [_relative(log, target) for log in logs],
     }
-    runs = _runs(logs, headers)
+    runs = _runs(sources)
     if len(runs) > 1:
         content["holdout"] = runs[-(len(runs) // 3 or 1) :]
     if ignored := [name for name in unused if name.startswith(LIKE_THE_MODEL)]:
@@ -111,10 +112,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
 
 def _measurement(
     simulator: MujocoSimulator, logs: Sequence[Path], matches: Sequence[Match], unused: Sequence[str]
-) -> Measurement | None:
-    """The logs as the problem file will read them; None where they need a hand first."""
-    if any(found.name.startswith("ctrl.") and not found.exact for found in matches):
-        return None
+) -> Measurement:
+    """The logs as the problem file will read them."""
     units = signal_units(simulator)
     mapped = [
         SignalColumn(
@@ -123,15 +122,21 @@ def _measurement(
         for found in matches
         if not found.name.startswith("ctrl.")
     ]
-    reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands, mapped, unused)
+    commanded = [
+        CommandColumn(found.name.removeprefix("ctrl."), found.column)
+        for found in matches
+        if found.name.startswith("ctrl.")
+    ]
+    reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands, mapped, commanded, unused)
     return reader.read(logs)
 
 
-def _runs(logs: Sequence[Path], headers: Sequence[Sequence[str]]) -> list[str]:
+def _runs(sources: Sequence[Source]) -> list[str]:
     """Names of the runs, in order."""
     found: list[str] = []
-    for log, names in zip(logs, headers, strict=True):
-        found += [str(run) for run in columns(log, ["run"], ["run"])["run"]] if "run" in names else [log.stem]
+    for source in sources:
+        named = "run" in source.names
+        found += [str(run) for run in source.columns(["run"], ["run"])["run"]] if named else [source.path.stem]
     return list(dict.fromkeys(found))
 
 

@@ -17,8 +17,10 @@ from onlinebayes.criticism.results import (
     ReplayedRun,
     Selection,
     Step,
+    WidenedBounds,
     Wiring,
 )
+from onlinebayes.criticism.scope import Scope
 
 __all__ = [
     "Candidate",
@@ -31,8 +33,10 @@ __all__ = [
     "Numerics",
     "Remainder",
     "ReplayedRun",
+    "Scope",
     "Selection",
     "Step",
+    "WidenedBounds",
     "Wiring",
     "compare",
     "diagnose",

@@ -1,13 +1,12 @@
 """The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
 
-fit runs: base model -> wiring check (see ``wiring``) -> search (see ``search``) -> final model
+fit runs: base model -> wiring and effects (see ``inquiry``) -> final model
 held-out runs: opened once, for the reported error
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import Literal
 
 from jaxtyping import Float
@@ -16,6 +15,7 @@ from torch import Tensor
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
 from onlinebayes.criticism.noise import tau
@@ -29,15 +29,18 @@ from onlinebayes.criticism.results import (
     Remainder,
     ReplayedRun,
     Selection,
+    WidenedBounds,
     Wiring,
 )
-from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
+from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.scoped import scoped
+from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
 from onlinebayes.criticism.windows import Windows, make_windows
-from onlinebayes.criticism.wiring import Suspicion, suspect
+from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -54,6 +57,7 @@ def compare(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     progress: Say | None = None,
 ) -> Criticism:
     """Fit what is free, replay, and show where the model fails; no effect is tried and there is no verdict.
@@ -63,6 +67,7 @@ def compare(
         measurement: runs of commands and signals; every joint needs its position.
         holdout: runs kept for the reported error; None for the last third of the runs, or of the only run's time.
         selection: how effects are judged.
+        scope: which parameters differ between runs; None for none.
         progress: takes one line of text between stages.
 
     Raises:
@@ -71,6 +76,7 @@ def compare(
     selection, say = selection or Selection(), progress or _silent
     fit_runs, held_runs = split(measurement, holdout)
     say("fitting the base model")
+    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
     fault = suspect(base, simulator, fit_runs, selection, say)
     found = Found(base, base, (), (), ())
@@ -83,6 +89,7 @@ def diagnose(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
@@ -94,7 +101,7 @@ def diagnose(
         interrupt: stops the search between its rounds; what was found until then is returned.
     """
     return _searched(
-        "diagnose", simulator, measurement, holdout, selection, candidates, 1, progress or _silent, interrupt
+        "diagnose", simulator, measurement, holdout, selection, scope, candidates, 1, progress or _silent, interrupt
     )
 
 
@@ -104,13 +111,23 @@ def refine(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
     return _searched(
-        "refine", simulator, measurement, holdout, selection, candidates, MOST_EFFECTS, progress or _silent, interrupt
+        "refine",
+        simulator,
+        measurement,
+        holdout,
+        selection,
+        scope,
+        candidates,
+        MOST_EFFECTS,
+        progress or _silent,
+        interrupt,
     )
 
 
@@ -121,6 +138,7 @@ def _searched(
     measurement: Measurement,
     holdout: Sequence[str] | None,
     selection: Selection | None,
+    scope: Scope | None,
     candidates: str | Sequence[str | Effect],
     most: int,
     say: Say,
@@ -128,17 +146,8 @@ def _searched(
 ) -> Criticism:
     selection = selection or Selection()
     fit_runs, held_runs = split(measurement, holdout)
-    say("fitting the base model")
-    base = ground(simulator, fit_runs, selection)
-    fault = suspect(base, simulator, fit_runs, selection, say)
-    if fault is not None and fault.certain:
-        found = Found(base, base, (), (), ())
-    else:
-        found = search(simulator, fit_runs, selection, candidates, most, say, interrupt, base)
-        if fault is not None and fault.beats(found.final, selection):
-            found = replace(found, final=base, accepted=())
-        else:
-            fault = None
+    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
+    found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)
     return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
@@ -165,19 +174,22 @@ def _assemble(
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
     verdict = decide(
-        base_blocks.count,
-        moves,
+        found.enough,
+        found.undecided,
         base.numerics,
         len(found.accepted),
         bool(found.accepted and equal[found.accepted[0][1].effect.key]),
+        found.widened is not None,
         before,
         after,
         selection.tolerance,
         fault is not None,
     )
     say("opening the held-out runs")
-    base_model = _model(base, simulator, base_blocks, fit_runs, held_runs, selection)
-    final_model = base_model if final is base else _model(final, simulator, blocks, fit_runs, held_runs, selection)
+    # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
+    step = min(model.timestep for model in (simulator, base.fitted.simulator, final.fitted.simulator))
+    base_model = _model(base, step, base_blocks, fit_runs, held_runs, selection)
+    final_model = base_model if final is base else _model(final, step, blocks, fit_runs, held_runs, selection)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
     lacking = verdict == "insufficient_data"
     return Criticism(
@@ -204,6 +216,7 @@ def _assemble(
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
         notes=_notes(simulator, found),
+        widened=_bounds(found),
         wiring=None if fault is None else _wiring(fault),
     )
 
@@ -216,15 +229,15 @@ def residual_tau(grounds: Grounds) -> float:
 
 def _model(
     grounds: Grounds,
-    simulator: Simulator,
+    step: float,
     blocks: Blocks,
     fit_runs: Measurement,
     held_runs: Measurement,
     selection: Selection,
 ) -> FittedModel:
-    """The fitted model at the finer of its own step and the one it was judged at, with its replays at every row."""
+    """The fitted model integrated with ``step`` [s], with its replays at every row."""
     fitted = grounds.fitted
-    model = Rung(min(simulator.timestep, fitted.simulator.timestep)).of(fitted.simulator)
+    model = Rung(step).of(fitted.simulator)
     covariance = covariance_of(fitted, blocks)
     flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
@@ -287,6 +300,13 @@ def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
     if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
+
+
+def _bounds(found: Found) -> dict[str, WidenedBounds]:
+    wide = found.widened
+    if wide is None:
+        return {}
+    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
 
 
 def _wiring(suspicion: Suspicion) -> Wiring:

@@ -46,6 +46,7 @@ PROMISING = 0.8
 HALF = 0.5
 EQUAL = 1.05
 OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
+OVERWHELMING = 0.3
 DRAWS = 4
 MOST_WINDOWS = 8  # that screening looks at
 MOST_FITS = 4
@@ -74,10 +75,39 @@ class Suspicion:
         return self.certain or self.after <= _total(cross_validated(final, selection))
 
 
-def suspect(
+@dataclass(frozen=True)
+class Leads:
+    """The faults that the replay from the smoothed starts speaks for, none of them fitted yet.
+
+    Args:
+        bench: what they are tried on.
+        faults: in the order of the hypotheses, each with the theta that suits it best.
+        share: the best one's error over that of the table as it stands; infinite without any.
+    """
+
+    bench: Bench
+    faults: tuple[tuple[Fault, Float[Tensor, " P"]], ...]
+    share: float
+
+    @property
+    def overwhelming(self) -> bool:
+        """Whether one replays so much better that it is worth a fit before any effect is."""
+        return self.share < OVERWHELMING
+
+    def explain(self, selection: Selection) -> Suspicion | None:
+        """The fault that explains the base model's misfit once the parameters are fitted anew, if one does."""
+        limit = HALF * _total(signal_rms(self.bench.base.fitted.projected))
+        found = [(error, fault) for error, fault in _fitted(self.bench, self.faults) if error <= limit]
+        if not found:
+            return None
+        best = min(error for error, _ in found)
+        return _judged([fault for error, fault in found if error <= EQUAL * best], self.bench, selection)
+
+
+def look(
     base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, say: Callable[[str], None]
-) -> Suspicion | None:
-    """The wiring fault that explains the base model's misfit, if one does.
+) -> Leads | None:
+    """Screen every hypothesis by replay alone; None where the base model errs by too little for such a fault.
 
     Args:
         base: the base model fitted to the measurement as it stands.
@@ -90,17 +120,11 @@ def suspect(
     if rms <= max(GROSS, selection.tolerance):
         return None
     say("checking signs, units and columns")
-    bench = _Bench(simulator, measurement, selection.horizon_s, base)
-    limit = HALF * _total(signal_rms(base.fitted.projected))
-    found = [(error, fault) for error, fault in _fitted(bench, _promising(bench)) if error <= limit]
-    if not found:
-        return None
-    best = min(error for error, _ in found)
-    return _judged([fault for error, fault in found if error <= EQUAL * best], bench, selection)
+    return _promising(Bench(simulator, measurement, selection.horizon_s, base))
 
 
 @dataclass(frozen=True)
-class _Bench:
+class Bench:
     """What hypotheses are tried on: the base model on the coarsest rung, and the table as it stands."""
 
     simulator: Simulator
@@ -155,8 +179,8 @@ class _Bench:
         return ladder(self.simulator, self.horizon)[0]
 
 
-def _promising(bench: _Bench) -> list[tuple[Fault, Float[Tensor, " P"]]]:
-    """The faults that the replay from the smoothed starts speaks for, in the order of the hypotheses."""
+def _promising(bench: Bench) -> Leads:
+    """The hypotheses replayed from the smoothed starts."""
     thetas = bench.thetas()
     found: list[tuple[float, Fault, Float[Tensor, " P"]]] = []
     own = _replayed(bench, AsItStands(), thetas, True).mean(1).min()
@@ -168,10 +192,11 @@ def _promising(bench: _Bench) -> list[tuple[Fault, Float[Tensor, " P"]]]:
         error = _replayed(bench, fault, thetas).mean(1)
         found.append((float(error.min() / everywhere.mean(1).min()), fault, thetas[int(error.argmin())]))
     best = sorted(share for share, _, _ in found if share < PROMISING)[:MOST_FITS]
-    return [(fault, theta) for share, fault, theta in found if share in best and share <= NEAR * best[0]]
+    kept = tuple((fault, theta) for share, fault, theta in found if share in best and share <= NEAR * best[0])
+    return Leads(bench, kept, best[0] if best else float("inf"))
 
 
-def _switched_off(bench: _Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor, "M W"]) -> list[SwitchedOff]:
+def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor, "M W"]) -> list[SwitchedOff]:
     """For each actuator, the runs that go better without it, at the theta at which that explains most."""
     found, runs = [], bench.measurement.runs
     windows = bench.windows(AsItStands(), bench.base.windows.noise)
@@ -187,7 +212,7 @@ def _switched_off(bench: _Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor
     return found
 
 
-def _replayed(bench: _Bench, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
+def _replayed(bench: Bench, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
     """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
     floor = bench.carried(fault)
     windows = bench.windows(fault, floor, excerpt)
@@ -198,7 +223,7 @@ def _replayed(bench: _Bench, fault: Fault, thetas: Float[Tensor, "M P"], excerpt
     return torch.where(valid, rms, torch.full_like(rms, float("inf")))
 
 
-def _fitted(bench: _Bench, promising: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> list[tuple[float, Fault]]:
+def _fitted(bench: Bench, promising: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> list[tuple[float, Fault]]:
     """Start-projected RMS with each fault put right and the parameters fitted anew [floors]."""
     found = []
     for fault, theta in promising:
@@ -216,7 +241,7 @@ def _total(by_signal: Float[Tensor, " S"], unit: Float[Tensor, " S"] | float = 1
     return float((by_signal * unit).square().mean().sqrt())
 
 
-def _judged(alike: Sequence[Fault], bench: _Bench, selection: Selection) -> Suspicion | None:
+def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspicion | None:
     """The first of the faults that explain most, along the base model's road."""
     fault = alike[0]
     floor, carried = bench.floor(fault), bench.carried(fault)

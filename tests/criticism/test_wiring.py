@@ -10,10 +10,11 @@ import torch
 from onlinebayes.criticism import Selection, compare, refine
 from onlinebayes.criticism.faults import Compensated, Fault, Offset, Rescaled, Swapped, SwitchedOff
 from onlinebayes.criticism.hypotheses import hypotheses
+from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.json import to_dict
 from onlinebayes.criticism.search import ground
-from onlinebayes.criticism.wiring import Suspicion, suspect
+from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, ActuatorGain, ConstantLoad, DryFriction

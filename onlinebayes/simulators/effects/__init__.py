@@ -1,11 +1,21 @@
 """The vocabulary of physical effects: named terms with bounded parameters, added with ``simulator.with_effect``."""
 
+from onlinebayes.simulators.effects.actuator_dead_zone import ActuatorDeadZone
 from onlinebayes.simulators.effects.actuator_delay import ActuatorDelay
 from onlinebayes.simulators.effects.actuator_gain import ActuatorGain
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.actuator_lag import ActuatorLag
+from onlinebayes.simulators.effects.actuator_saturation import ActuatorSaturation
+from onlinebayes.simulators.effects.armature import Armature
+from onlinebayes.simulators.effects.asymmetric_friction import AsymmetricFriction
+from onlinebayes.simulators.effects.back_emf import BackEmf
+from onlinebayes.simulators.effects.base import Effect, Scales, TargetKind
+from onlinebayes.simulators.effects.com_offset import ComOffset
 from onlinebayes.simulators.effects.constant_load import ConstantLoad
+from onlinebayes.simulators.effects.cubic_stiffness import CubicStiffness
 from onlinebayes.simulators.effects.dry_friction import DryFriction
+from onlinebayes.simulators.effects.gravity_tilt import GravityTilt
 from onlinebayes.simulators.effects.joint_stiffness import JointStiffness
+from onlinebayes.simulators.effects.payload import Payload
 from onlinebayes.simulators.effects.quadratic_drag import QuadraticDrag
 from onlinebayes.simulators.effects.viscous_friction import ViscousFriction
 
@@ -14,24 +24,45 @@ EFFECTS: dict[str, type[Effect]] = {
     for effect in (
         ViscousFriction,
         DryFriction,
+        AsymmetricFriction,
         QuadraticDrag,
         JointStiffness,
+        CubicStiffness,
         ConstantLoad,
+        Armature,
+        Payload,
+        ComOffset,
+        GravityTilt,
         ActuatorGain,
+        ActuatorLag,
         ActuatorDelay,
+        ActuatorDeadZone,
+        ActuatorSaturation,
+        BackEmf,
     )
 }
 """Every known effect by the contract's name; a module of one's own adds to it."""
 
 __all__ = [
     "EFFECTS",
+    "ActuatorDeadZone",
     "ActuatorDelay",
     "ActuatorGain",
+    "ActuatorLag",
+    "ActuatorSaturation",
+    "Armature",
+    "AsymmetricFriction",
+    "BackEmf",
+    "ComOffset",
     "ConstantLoad",
+    "CubicStiffness",
     "DryFriction",
     "Effect",
+    "GravityTilt",
     "JointStiffness",
+    "Payload",
     "QuadraticDrag",
     "Scales",
+    "TargetKind",
     "ViscousFriction",
 ]

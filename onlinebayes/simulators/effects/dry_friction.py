@@ -69,15 +69,21 @@ class DryFriction(Effect):
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
     ) -> None:
-        """``dof_frictionloss += F``, and a hard ``dof_solimp`` and ``dof_solref`` where F > 0."""
-        dof = int(model.joint(self.target).dofadr[0])
-        bound = parameters["frictionloss"]
-        fields["dof_frictionloss"][:, dof] += bound
-        fields["dof_solimp"][bound > 0, dof] = SOLIMP
-        # Negative values are stiffness (without meaning for friction) and b, which mjModel divides by the impedance.
-        rate = RATE.get(mujoco.mjtIntegrator(model.opt.integrator), 1.0) / model.opt.timestep
-        fields["dof_solref"][bound > 0, dof] = (-1.0, -rate * SOLIMP[0])
+        """See :func:`add_friction`."""
+        add_friction(model, fields, self.target, parameters["frictionloss"])
 
     def friction_bound(self, parameters: Mapping[str, Tensor]) -> Float[Tensor, " N"]:
         """F [N, N m]."""
         return parameters["frictionloss"]
+
+
+def add_friction(
+    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, bound: Float[np.ndarray, " N"]
+) -> None:
+    """``dof_frictionloss += F`` [N, N m], and a hard ``dof_solimp`` and ``dof_solref`` where F > 0."""
+    dof = int(model.joint(joint).dofadr[0])
+    fields["dof_frictionloss"][:, dof] += bound
+    fields["dof_solimp"][bound > 0, dof] = SOLIMP
+    # Negative values are stiffness (without meaning for friction) and b, which mjModel divides by the impedance.
+    rate = RATE.get(mujoco.mjtIntegrator(model.opt.integrator), 1.0) / model.opt.timestep
+    fields["dof_solref"][bound > 0, dof] = (-1.0, -rate * SOLIMP[0])
