@@ -25,6 +25,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 
@@ -65,6 +66,11 @@ class Fault(ABC):
         """The floor of each signal carried along [SI], so that a factor alone makes no error smaller."""
         del names
         return noise
+
+    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+        """Windows of the table as it stands whose smoothed starts are put right; all else in them stays."""
+        del joints
+        return windows
 
 
 @dataclass(frozen=True)
@@ -116,6 +122,11 @@ class Rescaled(Fault):
         factors = [abs(self.factor) if name in self.names else 1.0 for name in names]
         return noise * noise.new_tensor(factors)
 
+    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+        """The rescaled joints' positions and velocities, both smoothed from the position, times the factor."""
+        factors = [self.factor if f"qpos.{joint}" in self.names else 1.0 for joint in joints]
+        return replace(windows, start=windows.start * windows.start.new_tensor(2 * factors))
+
 
 @dataclass(frozen=True)
 class Offset(Fault):
@@ -140,6 +151,11 @@ class Offset(Fault):
         data = _copy(measurement.data, key)
         data[key][..., columns] += self.value
         return replace(measurement, data=data)
+
+    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+        """The joint's position plus the value."""
+        values = [self.value if self.signal == f"qpos.{joint}" else 0.0 for joint in joints]
+        return replace(windows, start=windows.start + windows.start.new_tensor([*values, *(0.0 for _ in joints)]))
 
 
 @dataclass(frozen=True)
@@ -175,11 +191,20 @@ class Swapped(Fault):
 
     def noise(self, names: Sequence[str], noise: Float[Tensor, " S"]) -> Float[Tensor, " S"]:
         """The floors of two signals exchanged."""
+        return noise if self.kind == "command" else noise[self._order(list(names))]
+
+    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+        """The joints exchanged: where they start, and in which windows they move."""
         if self.kind == "command":
-            return noise
+            return windows
+        order = self._order([f"qpos.{joint}" for joint in joints])
+        both = order + [len(order) + place for place in order]
+        return replace(windows, start=windows.start[:, both], free=windows.free[:, order])
+
+    def _order(self, names: list[str]) -> list[int]:
+        """For each name the place of the one that it is exchanged with."""
         partner = dict(zip((*self.first, *self.second), (*self.second, *self.first), strict=True))
-        order = list(names)
-        return noise[[order.index(partner.get(name, name)) for name in order]]
+        return [names.index(partner.get(name, name)) for name in names]
 
 
 @dataclass(frozen=True)

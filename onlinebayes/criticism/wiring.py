@@ -16,7 +16,7 @@ A base model within three floors is not looked at: no fault of this kind is that
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -36,7 +36,7 @@ from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -137,10 +137,37 @@ class Bench:
         """Every hypothesis but those about single runs."""
         return hypotheses(self.simulator, self.measurement)
 
-    def windows(self, fault: Fault, noise: Float[Tensor, " S"], excerpt: bool = False) -> Windows:
-        """All windows with a fault put right, or those of an excerpt that is enough to screen it."""
-        data = fault.mended(self.excerpt if excerpt else self.measurement)
-        return make_windows(self._rung.of(self.simulator), data, self.horizon, 0.0, noise)
+    def windows(self, fault: Fault, noise: Float[Tensor, " S"]) -> Windows:
+        """All windows with a fault put right, smoothed anew."""
+        return make_windows(self.coarse, fault.mended(self.measurement), self.horizon, 0.0, noise)
+
+    def replayed(self, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
+        """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged.
+
+        Args:
+            fault: what is put right, in the starts too: the table is smoothed once, as it stands.
+            thetas: M parameter vectors [SI].
+            excerpt: replay only the windows that are enough to screen by.
+        """
+        floor = self.carried(fault)
+        own, table = (self._part, self.excerpt) if excerpt else (self.whole, self.measurement)
+        like = replace(fault.started(own, joint_names(self.simulator)), noise=floor)
+        windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
+        starts = windows.start.expand(len(thetas), *windows.start.shape)
+        signals, valid = replay(self.model(fault), windows, thetas, starts)
+        wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
+        rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
+        return torch.where(valid, rms, torch.full_like(rms, float("inf")))
+
+    @cached_property
+    def whole(self) -> Windows:
+        """All windows of the table as it stands."""
+        same = self.base.rung == self._rung
+        return self.base.windows if same else self.windows(AsItStands(), self.base.windows.noise)
+
+    @cached_property
+    def _part(self) -> Windows:
+        return make_windows(self.coarse, self.excerpt, self.horizon, 0.0, self.base.windows.noise)
 
     @cached_property
     def excerpt(self) -> Measurement:
@@ -153,8 +180,8 @@ class Bench:
         return data.select(data.runs[:: max(1, int(len(data.runs) * mean / enough))])
 
     def model(self, fault: Fault) -> Simulator:
-        """The model with a fault put right."""
-        return self._rung.of(fault.model(self.simulator))
+        """The coarse model with a fault put right."""
+        return fault.model(self.coarse)
 
     def floor(self, fault: Fault) -> Float[Tensor, " S"]:
         """The floor that the table has once the fault is put right [SI]."""
@@ -174,6 +201,11 @@ class Bench:
         draws = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(DRAWS).to(fitted)
         return torch.cat([fitted[None], nominal[None], space.from_unit(draws)])
 
+    @cached_property
+    def coarse(self) -> Simulator:
+        """The base model on the coarsest rung."""
+        return self._rung.of(self.simulator)
+
     @property
     def _rung(self) -> Rung:
         return ladder(self.simulator, self.horizon)[0]
@@ -183,13 +215,13 @@ def _promising(bench: Bench) -> Leads:
     """The hypotheses replayed from the smoothed starts."""
     thetas = bench.thetas()
     found: list[tuple[float, Fault, Float[Tensor, " P"]]] = []
-    own = _replayed(bench, AsItStands(), thetas, True).mean(1).min()
+    own = bench.replayed(AsItStands(), thetas, True).mean(1).min()
     for fault in bench.faults:
-        error = _replayed(bench, fault, thetas, True).mean(1)
+        error = bench.replayed(fault, thetas, True).mean(1)
         found.append((float(error.min() / own), fault, thetas[int(error.argmin())]))
-    everywhere = _replayed(bench, AsItStands(), thetas)
+    everywhere = bench.replayed(AsItStands(), thetas)
     for fault in _switched_off(bench, thetas, everywhere):  # single runs that differ: all must be seen
-        error = _replayed(bench, fault, thetas).mean(1)
+        error = bench.replayed(fault, thetas).mean(1)
         found.append((float(error.min() / everywhere.mean(1).min()), fault, thetas[int(error.argmin())]))
     best = sorted(share for share, _, _ in found if share < PROMISING)[:MOST_FITS]
     kept = tuple((fault, theta) for share, fault, theta in found if share in best and share <= NEAR * best[0])
@@ -199,10 +231,9 @@ def _promising(bench: Bench) -> Leads:
 def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor, "M W"]) -> list[SwitchedOff]:
     """For each actuator, the runs that go better without it, at the theta at which that explains most."""
     found, runs = [], bench.measurement.runs
-    windows = bench.windows(AsItStands(), bench.base.windows.noise)
     for actuator in bench.simulator.commands:
-        off = _replayed(bench, SwitchedOff(actuator, runs), thetas)
-        with_it, without = (e.new_zeros(len(e), len(runs)).index_add(1, windows.run, e) for e in (own, off))
+        off = bench.replayed(SwitchedOff(actuator, runs), thetas)
+        with_it, without = (e.new_zeros(len(e), len(runs)).index_add(1, bench.whole.run, e) for e in (own, off))
         best = int(torch.minimum(with_it, without).sum(1).argmin())
         idle = [
             run for run, a, b in zip(runs, with_it[best].tolist(), without[best].tolist(), strict=True) if b < OFF * a
@@ -210,17 +241,6 @@ def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor,
         if idle:
             found.append(SwitchedOff(actuator, tuple(idle)))
     return found
-
-
-def _replayed(bench: Bench, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
-    """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
-    floor = bench.carried(fault)
-    windows = bench.windows(fault, floor, excerpt)
-    starts = windows.start.expand(len(thetas), *windows.start.shape)
-    signals, valid = replay(bench.model(fault), windows, thetas, starts)
-    wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
-    rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
-    return torch.where(valid, rms, torch.full_like(rms, float("inf")))
 
 
 def _fitted(bench: Bench, promising: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> list[tuple[float, Fault]]:
