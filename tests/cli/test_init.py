@@ -59,6 +59,40 @@ def test_near_names_are_proposed_with_their_unit(folder, capsys) -> None:
     assert float((loaded - own).abs().max()) < 1e-9
 
 
+def test_a_mapped_command_tells_parameters_apart_as_its_own_name_does(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("ctrl.motor", "motor_effort"))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert "ctrl.motor <- motor_effort" in said
+    problem = load_problem(folder / "first.toml")
+    assert problem.simulator.parameters.names == ("joint.carriage.damping", "body.carriage.mass")
+    own = load_problem(folder / "carriage.toml").measurement.data
+    assert bool((problem.measurement.data["command"] == own["command"]).all())
+
+
+def test_logs_of_other_formats_are_read(folder, capsys) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = [row.split(",") for row in table().splitlines()]
+    columns = {name: [row[k] if name == "run" else float(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
+    pq.write_table(pa.table(columns), folder / "lab.parquet")
+    status, _ = make(folder, capsys, log="lab.parquet")
+    assert status == 0
+    problem = load_problem(folder / "first.toml")
+    assert problem.holdout == ("second",)
+    assert problem.simulator.parameters.names == ("joint.carriage.damping", "body.carriage.mass")
+
+
+def test_a_measured_joint_torque_is_no_foreign_column(folder, capsys) -> None:
+    (folder / "carriage.csv").write_text(
+        "\n".join(f"{row},{'qfrc.carriage' if k == 0 else '0.1'}" for k, row in enumerate(table().splitlines())) + "\n"
+    )
+    make(folder, capsys)
+    signals = load_problem(folder / "first.toml").measurement.signals
+    assert [signal.name for signal in signals] == ["qpos.carriage", "qfrc.carriage"]
+
+
 def test_what_cannot_be_matched_is_named(folder, capsys) -> None:
     (folder / "lab.csv").write_text(table().replace("qpos.carriage", "channel 7"))
     status, said = make(folder, capsys, log="lab.csv")

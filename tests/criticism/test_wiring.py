@@ -7,12 +7,13 @@ import math
 import pytest
 import torch
 
-from onlinebayes.criticism import Selection, compare, refine
+from onlinebayes.criticism import Scope, Selection, compare, refine
 from onlinebayes.criticism.faults import Compensated, Fault, Offset, Rescaled, Swapped, SwitchedOff
 from onlinebayes.criticism.hypotheses import hypotheses
 from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.json import to_dict
+from onlinebayes.criticism.scoped import scoped
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
@@ -135,6 +136,34 @@ def test_the_verdict_and_the_report(reversed_sign) -> None:
     assert result.wiring.lines == '[signals."qpos.hinge"]\nsign = -1'
     assert to_dict(result)["wiring"]["lines"] == result.wiring.lines
     assert "qpos.hinge: the reversed sign" in words.headline(result)
+
+
+@pytest.mark.slow
+def test_a_fault_that_no_replay_makes_plain_is_found_after_the_search() -> None:
+    """An actuator off in one run of six: what effects leave shows it, and they are taken back."""
+    off, said = SwitchedOff("lift", ("run1",)), []
+    result = refine(
+        ARM.model(), ARM.measure(off=off), candidates=["dry_friction", "actuator_gain"], progress=said.append
+    )
+    assert any(line.startswith("screening") for line in said)
+    assert result.verdict == "data_problem"
+    assert result.wiring is not None
+    assert result.wiring.lines == off.lines
+    assert result.accepted == ()
+    assert not result.changed
+
+
+@pytest.mark.slow
+def test_parameters_that_differ_between_runs_do_not_hide_a_fault() -> None:
+    damping = "joint.hinge.damping"
+    measurement = sign("signal", POSITION).mended(PENDULUM.measure())
+    simulator = scoped(PENDULUM.model(), Scope(per_run=(damping,)), measurement, measurement.runs)
+    found = suspect(
+        ground(simulator, measurement, Selection()), simulator, measurement, Selection(), lambda _line: None
+    )
+    assert found is not None
+    assert found.fault == sign("signal", POSITION)
+    assert found.certain
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ from onlinebayes.runs.results import versions
 
 NEXT = {
     None: "Run onlinebayes diagnose to rank the effects that could be missing.",
-    "data_problem": "Put the line below into the problem file and run again.",
+    "data_problem": "Put the line below into the problem file and run again; a sign or scale multiplies one "
+    "that stands there.",
     "insufficient_data": "Record more, then run again.",
     "bounds_exclude_truth": "Widen the bound named above if the value is physically possible, and run again.",
     "tie": "Decide by what you know of the machine, add that effect with --add, or record an experiment in which the "
