@@ -1,4 +1,4 @@
-"""``onlinebayes compare | diagnose | refine problem.toml --out DIR``; before them ``init``, after them ``show``.
+"""``onlinebayes compare | diagnose | refine | next problem.toml --out DIR``; before them ``init``, after them ``show``.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (with its traceback), 130 stopped by
 Ctrl-C. What is slow to import is imported only once the arguments are known to be right.
@@ -25,6 +25,8 @@ examples:
       the same, then rank the physical effects that the model may lack
   onlinebayes refine carriage.toml --out out/refine
       add the best effect, refit, repeat; writes refined.toml and refined.xml
+  onlinebayes next carriage.toml --out out/next
+      propose the recording that decides what is open; writes next.csv
   onlinebayes compare carriage.toml --out out/by-hand --add dry_friction@carriage
       the same with an effect that you add yourself
   onlinebayes show out/refine
@@ -36,6 +38,7 @@ COMMANDS = {
     "compare": "fit what is free, replay, show where it fails",
     "diagnose": "the same, then rank the missing effects",
     "refine": "add the best effect, refit, repeat until the verdict stands",
+    "next": "propose the recording that decides what is open",
 }
 
 
@@ -112,6 +115,10 @@ def _run(arguments: argparse.Namespace) -> int:
         from onlinebayes.cli.init import init
 
         return init(arguments.model, arguments.logs, arguments.out, arguments.force)
+    if arguments.command == "next":
+        from onlinebayes.cli.next import propose_next
+
+        return propose_next(arguments.problem, arguments.out, arguments.add)
     from onlinebayes.cli.work import work
 
     return work(arguments.command, arguments.problem, arguments.out, arguments.add)

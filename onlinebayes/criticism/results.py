@@ -14,6 +14,8 @@ from typing import Literal
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from onlinebayes.criticism.detail import Detail
+from onlinebayes.criticism.timing import Timing
 from onlinebayes.simulators.base import Simulator
 
 Verdict = Literal[
@@ -253,6 +255,8 @@ class Criticism:
         interrupted: whether the search was stopped before its end.
         notes: what else a reader should know, a sentence each.
         widened: parameter -> bounds, with ``bounds_exclude_truth``; ``final`` is then the model within the wider ones.
+        detail: the held-out error window by window and over time, and how the error spreads over what the machine did.
+        timings: the stages of the work and how long each took, up to the result.
         wiring: with ``data_problem`` (from ``compare``: where it is suspected), the fault and the line that mends it.
     """
 
@@ -280,6 +284,8 @@ class Criticism:
     interrupted: bool = False
     notes: tuple[str, ...] = ()
     widened: Mapping[str, WidenedBounds] = field(default_factory=dict)
+    detail: Detail = field(default_factory=Detail)
+    timings: tuple[Timing, ...] = ()
     wiring: Wiring | None = None
 
     @property

@@ -196,6 +196,10 @@ class ScopedSimulator(Simulator):
         other = self.physics.with_gravity_compensation()
         return None if other is None else self._around(other)
 
+    def with_payload(self, body: str, mass: float) -> Self:
+        """See :meth:`Simulator.with_payload`."""
+        return self._around(self.physics.with_payload(body, mass))
+
     def _around(self, physics: Simulator) -> Self:
         return type(self)(physics, self.scope, self.runs)
 

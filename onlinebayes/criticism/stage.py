@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, judge
+from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, contained, judge
 from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, make_blocks, t_quantile
 from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
 from onlinebayes.criticism.fit import Fit, fit
@@ -102,6 +102,9 @@ def run_stage(
     screened = screen(current, windows, effects, flip_groups(windows, correlation))
     leading = [s for s in screened if s.p_value is not None]
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
+    # A richer effect waits for the significant simpler one that it contains: it would fit as well by construction.
+    seen = {s.effect.key for s in leading if (s.p_value or 0.0) < selection.alpha}
+    leading = [s for s in leading if not seen & contained(s.effect)]
     refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0.0) < below][:MOST_REFITS]
     judged = []
     for candidate in refits:

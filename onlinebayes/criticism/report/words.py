@@ -57,8 +57,13 @@ def listing(items: Sequence[str], last: str = "and") -> str:
 
 def worst_signal(result: Criticism) -> str:
     """The signal whose base error is largest in units of its noise floor."""
+    return signals_by_error(result)[0]
+
+
+def signals_by_error(result: Criticism) -> list[str]:
+    """The scored signals, the one that stands highest above its noise floor first."""
     scored = [signal for signal in result.signals if signal in result.heldout_error.before]
-    return max(scored, key=lambda signal: over_floor(result, signal))
+    return sorted(scored, key=lambda signal: -over_floor(result, signal))
 
 
 def over_floor(result: Criticism, signal: str) -> float:
@@ -186,6 +191,26 @@ def ties(result: Criticism) -> list[str]:
             "act differently, does."
         )
     return sentences
+
+
+def nested(result: Criticism) -> list[str]:
+    """One sentence for each candidate that a richer one contains."""
+    return [
+        f"{_capital(plain(candidate.effect))} is a special case of "
+        f"{listing([plain(effect) for effect in candidate.nested_in], 'and of')}: the richer effect enters only where "
+        "the simpler one does not do."
+        for candidate in result.candidates
+        if candidate.nested_in and candidate.score_gain is not None
+    ]
+
+
+def confounded(result: Criticism) -> list[str]:
+    """One phrase for each candidate that the free parameters do already: ``viscous friction at a: a.damping``."""
+    return [
+        f"{plain(candidate.effect)}: {listing(list(candidate.confounded_with))}"
+        for candidate in result.candidates
+        if candidate.confounded_with
+    ]
 
 
 def sizes(result: Criticism, candidate: Candidate) -> dict[str, Estimate]:

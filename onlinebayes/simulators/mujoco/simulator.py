@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -228,6 +229,19 @@ class MujocoSimulator(Simulator):
         spec = self._system.source.copy()
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
+        return self._integrated(spec, self.dt)
+
+    def with_payload(self, body: str, mass: float) -> Self:
+        """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
+        known = [self.model.body(k).name for k in range(1, self.model.nbody)]
+        if body not in known:
+            near = difflib.get_close_matches(body, known, n=3, cutoff=0.4) or known
+            raise BadInput(f"the model has no body '{body}'", f"nearest: {', '.join(near)}")
+        spec = self._system.source.copy()
+        centre = self.model.body(body).ipos
+        # Welded on, so that a free mass of the body itself stays what it is; MuJoCo adds the two up.
+        point = spec.body(body).add_body(name=f"payload@{body}", pos=centre, mass=mass, inertia=[1e-9 * mass] * 3)
+        point.explicitinertial = True
         return self._integrated(spec, self.dt)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
