@@ -22,8 +22,10 @@ def read_allowed(top: Section, simulator: Simulator) -> Allowed:
         simulator: gives the names of actuators and joints.
 
     Raises:
-        BadInput: an unknown key or name, or a value that limits nothing or everything.
+        BadInput: no actuators, an unknown key or name, or a value that limits nothing or everything.
     """
+    if not simulator.commands:
+        raise top.error("model", "it has no actuators", "there is no command to propose: add an actuator to the model")
     section = top.section("next", KEYS)
     joints = joint_names(simulator)
     seconds = section.number("seconds")

@@ -65,6 +65,17 @@ def test_the_result_says_what_it_expects(done: tuple[Path, str]) -> None:
     assert max(map(len, printed.splitlines())) <= 80 + len(str(folder))
 
 
+def test_a_model_without_actuators_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Before any long work: there is no command to propose."""
+    start, _, rest = MODEL.partition("<actuator>")
+    (folder / "carriage.xml").write_text(start + rest.partition("</actuator>")[2])
+    rows = (line.split(",") for line in table(8.0).splitlines())
+    (folder / "carriage.csv").write_text("".join(f"{run},{time},{q}\n" for run, time, _, q in rows))
+    assert main(["next", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 2
+    assert "model: it has no actuators" in capsys.readouterr().err
+    assert not (folder / "out").exists()
+
+
 @pytest.mark.parametrize(
     ("lines", "message"),
     [

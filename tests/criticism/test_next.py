@@ -37,7 +37,7 @@ def fit_runs(measurement: Measurement) -> Measurement:
 @pytest.mark.slow
 @pytest.mark.parametrize("truth", [sprung.LOAD, sprung.SPRING])
 def test_recording_what_is_proposed_settles_a_tie(truth: Effect) -> None:
-    """Load and spring are tied on small motions; after the proposed recording, twice, the right one is named alone."""
+    """Load and spring are tied on small motions; after the proposed recordings the right one is named alone."""
     model, candidates = sprung.model(), [sprung.LOAD, sprung.SPRING]
     real, theta = model.with_effect(truth), (*sprung.TRUTH, *sprung.SIZES[truth])
     runs = sprung.small_runs(real, theta)
@@ -47,7 +47,7 @@ def test_recording_what_is_proposed_settles_a_tie(truth: Effect) -> None:
     plan = next_experiment(before, model, fit_runs(measured), candidates=candidates, allowed=WIDE)
     assert plan.decides
     assert plan.rivalries[0].sigma > 20
-    for k in (1, 2):
+    for k in range(1, plan.recordings):
         runs[f"next{k}"] = sprung.record(real, theta, plan.time, plan.command, float(plan.start[0]), 70 + k)
     after = refine(model, sprung.measurement(runs), holdout=sprung.HELD_OUT, candidates=candidates)
     assert (after.verdict, after.accepted) == ("missing_effect", (truth.key,))

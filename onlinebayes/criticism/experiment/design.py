@@ -37,7 +37,7 @@ from onlinebayes.simulators.effects import Effect
 FEWEST_INPUTS, MOST_INPUTS = 12, 96
 WORK = 2e7  # integration steps that comparing the inputs may take: minutes for an arm of six joints
 REFITTED = 3
-REPEATS = 2  # so that a block left out of a fit leaves another of the same motion in it
+REPEATS = 4  # new runs outweigh all older ones, and by flipping the signs of two or three nothing becomes significant
 
 
 @dataclass(frozen=True)

@@ -240,7 +240,8 @@ def outcome(candidate: Candidate) -> str:
         equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
         return f"cannot be told from {equal}"
     if candidate.score_gain is None:
-        return "not significant"
+        reason = candidate.refused_because[0] if candidate.refused_because else "not tried further"
+        return reason.partition(" (")[0].partition(":")[0]
     return "; ".join(candidate.refused_because) or "not needed"
 
 
