@@ -5,6 +5,7 @@ PIP_INDEX = $(if $(TORCH_INDEX),--extra-index-url $(TORCH_INDEX))
 BIN := .venv/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt
 OUT ?= out
+WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
 .PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps clean
@@ -26,8 +27,8 @@ demo: setup      ## the main job: measurement -> missing effect -> posterior -> 
 demo-seeds: setup  ## the demo on five seeds -> docs/results/demo-seeds.json
 	$(BIN)/python -m recipes.studies.demo_seeds
 
-test: setup lint ## lint, types, arrows, fast tests (under 8 minutes)
-	$(BIN)/python -m pytest
+test: setup lint ## lint, types, arrows, fast tests (under 8 minutes; WORKERS=2 processes)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -35,7 +36,7 @@ lint: setup
 	$(BIN)/lint-imports --no-cache
 
 check: setup     ## a sample of the slow evidence (under 20 minutes)
-	$(BIN)/python -m pytest -m slow --timeout 1200
+	$(BIN)/python -m pytest -m slow --timeout 1200 -n $(WORKERS) --dist loadscope
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed

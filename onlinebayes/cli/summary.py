@@ -30,6 +30,9 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         sentences.append(words.remainder(result))
     for sentence in sentences:
         lines += textwrap.wrap(sentence, WIDTH, break_long_words=False)
+    if result.wiring:
+        lines += _labelled("wiring", words.wiring(result))
+        lines += ["to put in the problem file:", *(f"    {line}" for line in result.wiring.lines.splitlines())]
     if result.what_to_record:
         lines += _labelled("to record", result.what_to_record)
     lines += ["", *_errors(result), ""]

@@ -19,6 +19,7 @@ from onlinebayes.criticism.results import (
     Selection,
     Step,
     WidenedBounds,
+    Wiring,
 )
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.timing import Timing
@@ -43,6 +44,7 @@ __all__ = [
     "Timing",
     "WidenedBounds",
     "WindowError",
+    "Wiring",
     "compare",
     "diagnose",
     "refine",

@@ -1,6 +1,7 @@
 """The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
 
-fit runs: base model -> search (see ``search``) -> final model;    held-out runs: opened once, for the reported error
+fit runs: base model -> wiring and effects (see ``inquiry``) -> final model
+held-out runs: opened once, for the reported error
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from torch import Tensor
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
 from onlinebayes.criticism.noise import tau
@@ -28,16 +30,18 @@ from onlinebayes.criticism.results import (
     ReplayedRun,
     Selection,
     WidenedBounds,
+    Wiring,
 )
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.scoped import scoped
-from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
+from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
 from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -75,8 +79,9 @@ def compare(
     say("fitting the base model")
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
+    fault = suspect(base, simulator, fit_runs, selection, say)
     found = Found(base, base, (), (), ())
-    return _assemble("compare", simulator, fit_runs, held_runs, found, selection, say)
+    return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
 def diagnose(
@@ -132,8 +137,8 @@ def _searched(
     selection, say = selection or Selection(), Stopwatch(progress or _silent)
     fit_runs, held_runs = split(measurement, holdout)
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
-    found = search(simulator, fit_runs, selection, candidates, most, say, interrupt)
-    return _assemble(question, simulator, fit_runs, held_runs, found, selection, say)
+    found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)
+    return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
 def _assemble(
@@ -142,6 +147,7 @@ def _assemble(
     fit_runs: Measurement,
     held_runs: Measurement,
     found: Found,
+    fault: Suspicion | None,
     selection: Selection,
     say: Stopwatch,
 ) -> Criticism:
@@ -167,6 +173,7 @@ def _assemble(
         before,
         after,
         selection.tolerance,
+        fault is not None,
     )
     say("opening the held-out runs")
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
@@ -204,6 +211,7 @@ def _assemble(
         widened=_bounds(found),
         detail=detail,
         timings=say.timings(),
+        wiring=None if fault is None else _wiring(fault),
     )
 
 
@@ -277,6 +285,11 @@ def _bounds(found: Found) -> dict[str, WidenedBounds]:
     if wide is None:
         return {}
     return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
+
+
+def _wiring(suspicion: Suspicion) -> Wiring:
+    fault, equals = suspicion.fault, tuple((equal.says, equal.lines) for equal in suspicion.equals)
+    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.after, equals)
 
 
 def _silent(line: str) -> None:

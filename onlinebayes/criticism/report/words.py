@@ -86,7 +86,8 @@ def headline(result: Criticism) -> str:
     if result.verdict == "bounds_exclude_truth":
         return f"No effect is missing: the bounds of {listing(list(result.widened))} exclude what the data ask for."
     if result.verdict == "data_problem":
-        return "The data themselves explain the misfit better than any missing physics."
+        fault = f" ({result.wiring.fault})" if result.wiring else ""
+        return f"The data themselves explain the misfit better than any missing physics{fault}."
     if result.verdict == "unexplained":
         helped = f"; {effects} helps, but not enough" if result.accepted else ""
         return f"The model is wrong, and no effect that was tried explains it{helped}."
@@ -104,6 +105,18 @@ def improvement(result: Criticism) -> str:
     if result.changed:
         return f"{over}: {scale.text(before)} → {scale.text(after)} ({better(before, after)}); {noise}."
     return f"{over}: {scale.text(before)}; {noise}."
+
+
+def wiring(result: Criticism) -> str:
+    """What the wiring check found and how far mending it brings the error, in one sentence; empty with nothing."""
+    found = result.wiring
+    if found is None:
+        return ""
+    others = (
+        f" Just as well: {listing([fault for fault, _ in found.alternatives], 'or')}." if found.alternatives else ""
+    )
+    fall = f"{quantities.times(found.error_before)} to {quantities.times(found.error_after)} the sensor floor"
+    return f"{found.fault}; putting that right takes the cross-validated error from {fall}.{others}"
 
 
 def bounds(result: Criticism) -> list[str]:

@@ -26,6 +26,8 @@ from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
+JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))  # transmissions to a joint
+
 
 class MujocoSimulator(Simulator):
     """N worlds of one MJCF model, bit for bit what ``mj_step`` gives over N models whose fields were changed.
@@ -214,6 +216,19 @@ class MujocoSimulator(Simulator):
             return self
         spec = self._system.source.copy()
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        return self._integrated(spec, self.dt)
+
+    def with_gravity_compensation(self) -> Simulator | None:
+        """A new simulator with ``gravcomp = 1`` on every body; None unless the actuators drive each of the joints."""
+        if not all(kind in JOINTS for kind in self.model.actuator_trntype.tolist()):
+            return None
+        driven = set(self.model.actuator_trnid[:, 0].tolist())
+        lifted = bool(self.model.opt.gravity.any()) and not bool((self.model.body_gravcomp[1:] == 1).all())
+        if not lifted or driven != set(range(self.model.njnt)):
+            return None
+        spec = self._system.source.copy()
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
         return self._integrated(spec, self.dt)
 
     def with_payload(self, body: str, mass: float) -> Self:

@@ -107,6 +107,8 @@ def _missing(result: Criticism) -> Html:
         return _tile(question, members, "the data cannot tell these apart")
     if result.verdict == "insufficient_data":
         return _tile(question, "not decided", result.what_to_record or "the measurements are too few")
+    if result.verdict == "data_problem" and result.wiring:
+        return _tile("What is wrong?", "the data", words.wiring(result))
     if result.widened:
         return _tile("What is wrong?", "a bound excludes the truth", join(*map(_bound, words.bounds(result))))
     if not result.accepted:

@@ -9,7 +9,8 @@ from onlinebayes.runs.results import machine, versions
 
 NEXT = {
     None: "Run onlinebayes diagnose to rank the effects that could be missing.",
-    "data_problem": "Put the line named above into the problem file and run again.",
+    "data_problem": "Put the line below into the problem file and run again; a sign or scale multiplies one "
+    "that stands there.",
     "insufficient_data": "Record more, then run again.",
     "bounds_exclude_truth": "Widen the bound named above if the value is physically possible, and run again.",
     "tie": "Decide by what you know of the machine, add that effect with --add, or record an experiment in which the "
@@ -52,7 +53,18 @@ def _next(result: Criticism) -> Html:
     """What to do with this verdict."""
     record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
     advice = ADD if result.command == "diagnose" and result.accepted else NEXT[result.verdict]
-    return join(tag("p", advice, kind="lead"), record, *_notes(result))
+    return join(tag("p", advice, kind="lead"), record, *_wiring(result), *_notes(result))
+
+
+def _wiring(result: Criticism) -> list[Html]:
+    """The fault, the lines that mend it, and those that would do as well."""
+    found = result.wiring
+    if found is None:
+        return []
+    parts = [tag("p", words.wiring(result)), tag("pre", tag("code", found.lines))]
+    for fault, lines in found.alternatives:
+        parts += [tag("p", f"Or, if it is rather {fault}:"), tag("pre", tag("code", lines))]
+    return parts
 
 
 def _notes(result: Criticism) -> list[Html]:
