@@ -202,7 +202,8 @@ class TorchSimulator(Simulator):
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        known = [joint.name for joint in self.joints] if effect.target_kind == "joint" else self.commands
+        targets = {"joint": [j.name for j in self.joints], "actuator": self.commands, "signal": self.signals}
+        known = targets[effect.target_kind]
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
             raise BadInput(
@@ -210,8 +211,7 @@ class TorchSimulator(Simulator):
             )
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
-        kind = type(effect)
-        if not effect.has_command and kind.force is Effect.force and kind.friction_bound is Effect.friction_bound:
+        if not effect.has_command and not effect.has_force and effect.target_kind != "signal":
             raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")
         grown = copy.copy(self)
         grown.effects = (*self.effects, effect)

@@ -12,6 +12,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -24,8 +25,18 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.mujoco.addresses import Address, element_id, model_array, names, resolve, scalar_joint
+from onlinebayes.simulators.effects import Effect, sticking
+from onlinebayes.simulators.mujoco.actuation import JointActuator
+from onlinebayes.simulators.mujoco.addresses import (
+    HINGE,
+    SLIDE,
+    Address,
+    element_id,
+    model_array,
+    names,
+    resolve,
+    scalar_joint,
+)
 from onlinebayes.simulators.mujoco.model import compile_spec
 
 STATE = {
@@ -98,13 +109,21 @@ class MujocoSystem:
         self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
         self.commands = _commands(self.model, names(base, "actuator"))
         self.signals = _signals(self.model)
+        self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
+        self.staged = tuple(e for e in self.effects if e.has_force and not e.fields)
+        self.joint_actuators = _joint_actuators(self.model, self.commands)
+        for effect in self.staged:
+            _check_staged(self.model, self.joint_actuators, effect)
         self.fields = tuple(
-            sorted({c.array for a in self.addresses for c in a.cells} | {f for e in self.effects for f in e.fields})
+            sorted(
+                {c.array for a in self.addresses for c in a.cells}
+                | {f for e in self.effects for f in e.fields}
+                | {f for e in self.staged if e.rubs for f in sticking.FIELDS}
+            )
         )
         self._base = {name: model_array(self.model, name).copy() for name in self.fields}
         self._scatter = _scatter(self.addresses, self._base)
         self.needs_const = any(is_const_input(f) for f in self.fields)
-        self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
         self._places = {command.name: command.ctrl for command in self.commands}
         self.record = _record(self.model)
         self.parts = tuple(self.record.columns)
@@ -128,12 +147,19 @@ class MujocoSystem:
         for effect in self.effects:
             if effect.fields:
                 effect.write(self.model, fields, self.own(effect, theta))
+        for effect in self.staged:
+            if effect.rubs:
+                # Its bound is written between timesteps; here the solver is made ready where there may be one.
+                own, neutral = self.own(effect, theta), effect.neutral
+                acts = np.any([own[name] != neutral[name] for name in effect.parameters], axis=0)
+                sticking.harden(self.model, fields, effect.target, acts)
         return fields
 
     def rest(self, worlds: int) -> dict[str, TensorDict]:
-        """Hidden states of the command stages before anything has happened."""
+        """Hidden states of the command and force stages before anything has happened."""
         like = torch.zeros((), dtype=torch.float64)
-        rests = {e.key: e.rest(worlds, self.model.opt.timestep, like) for e in self.stages}
+        effects = [e for e in self.effects if e in self.stages or e in self.staged]
+        rests = {e.key: e.rest(worlds, self.model.opt.timestep, like) for e in effects}
         return {key: rest for key, rest in rests.items() if rest is not None}
 
     def hidden(self, state: TensorDictBase | None, worlds: int) -> dict[str, TensorDict]:
@@ -224,12 +250,44 @@ def _grown(effect: Effect) -> ParameterSpace:
 def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
     if effect.target_kind == "joint":
         scalar_joint(model, effect.target)
+    elif effect.target_kind == "signal":
+        known = _signals(model)
+        if effect.target not in known:
+            near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
+            raise BadInput(f"signal '{effect.target}' of {effect.key} is unknown", f"nearest: {', '.join(near)}")
+        return
     else:
         actuator = element_id(model, "actuator", effect.target)
         if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:
             raise BadInput(f"{effect.key}: the actuator has several commands", "an input stage acts on a single one")
-    if not effect.fields and not effect.has_command:
-        raise BadInput(f"{effect.key} has no form in MuJoCo", "write its fields and write(), or its command()")
+    if not (effect.fields or effect.has_command or effect.has_force):
+        raise BadInput(
+            f"{effect.key} has no form in MuJoCo", "write its fields and write(), its command(), or its force()"
+        )
+
+
+def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], effect: Effect) -> None:
+    if effect.target_kind == "actuator":
+        mine = [a for a in actuators if a.actuator == model.actuator(effect.target).id]
+        if not mine or model.jnt_type[mine[0].joint] not in (SLIDE, HINGE):
+            raise BadInput(f"{effect.key}: the actuator drives no slide or hinge joint", "use an actuator of a joint")
+        if effect.rubs:
+            raise BadInput(f"{effect.key}: dry friction acts on a joint", "give it a joint as target")
+    else:
+        mine = [a for a in actuators if a.joint == model.joint(effect.target).id]
+    if effect.needs_drive:
+        for actuator in mine:
+            actuator.check(model, effect.key)
+
+
+def _joint_actuators(model: mujoco.MjModel, commands: Sequence[Command]) -> tuple[JointActuator, ...]:
+    """The model's own actuators that act on joints and take a single command."""
+    found = [
+        JointActuator.of(model, c.actuator, column, c.ctrl)
+        for column, c in enumerate(commands)
+        if model.actuator_ctrlnum[c.actuator] == 1
+    ]
+    return tuple(actuator for actuator in found if actuator is not None)
 
 
 def _commands(model: mujoco.MjModel, visible: Sequence[str]) -> tuple[Command, ...]:
