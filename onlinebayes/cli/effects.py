@@ -17,6 +17,7 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.effects.base import Target
 
 
 def import_modules(section: Section, folder: Path) -> None:
@@ -58,8 +59,10 @@ def check_effect(key: str, simulator: Simulator) -> None:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
 
 
-def targets(simulator: Simulator, kind: Literal["joint", "actuator"]) -> list[str]:
-    """Names of the joints (by their position signals) or of the actuators."""
+def targets(simulator: Simulator, kind: Target) -> list[str]:
+    """Names of the joints (by their position signals), of the actuators or of the signals."""
+    if kind == "signal":
+        return list(simulator.signals)
     if kind == "actuator":
         return list(simulator.commands)
     return [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]

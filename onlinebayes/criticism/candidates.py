@@ -53,7 +53,8 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     Raises:
         BadInput: an unknown effect or target.
     """
-    targets = {"joint": joint_names(simulator), "actuator": tuple(simulator.commands)}
+    measured = tuple(simulator.signals[i] for i in windows.columns)
+    targets = {"joint": joint_names(simulator), "actuator": tuple(simulator.commands), "signal": measured}
     listed = list(EFFECTS) if isinstance(wanted, str) and wanted == "all" else wanted
     if isinstance(listed, str):
         listed = [listed]
@@ -76,13 +77,26 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
         for place in (target,) if target else targets[kind]:
             if (kind, place) not in scales:
                 scales[kind, place] = target_scales(simulator, windows, kind, place)
-            found.setdefault(f"{name}@{place}", EFFECTS[name].scaled(place, scales[kind, place]))
+            effect = EFFECTS[name].scaled(place, scales[kind, place])
+            if target or _carries(simulator, effect):
+                found.setdefault(effect.key, effect)
     present = {effect.key for effect in simulator.effects}
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
+def _carries(simulator: Simulator, effect: Effect) -> bool:
+    """Whether the simulator takes the effect: what nobody named need not fit (heat of a muscle, say)."""
+    if effect.key in {present.key for present in simulator.effects}:
+        return False
+    try:
+        simulator.with_effect(effect)
+    except BadInput:
+        return False
+    return True
+
+
 def target_scales(simulator: Simulator, windows: Windows, kind: str, target: str) -> Scales:
-    """Typical sizes at a joint or an actuator, from the measurements and one step of the simulator."""
+    """Typical sizes at a joint, an actuator or a signal, from the measurements and one step of the simulator."""
     joints = joint_names(simulator)
     time = DEAD_TIME * windows.horizon
     if kind == "actuator":
@@ -90,6 +104,8 @@ def target_scales(simulator: Simulator, windows: Windows, kind: str, target: str
         return Scales(
             force=max(float(windows.command[..., column].abs().max()), 1e-9), speed=1.0, travel=1.0, time=time
         )
+    if kind == "signal":
+        return _signal_scales(simulator, windows, target, time)
     j = joints.index(target)
     position, speed, acceleration = _motion(simulator, windows, j)
     inertia, drive = _one_step(simulator, windows, j)
@@ -103,6 +119,15 @@ def target_scales(simulator: Simulator, windows: Windows, kind: str, target: str
         unit=simulator.joint_kinds.get(target, "hinge"),
         centre=float(position.max() + position.min()) / 2,
     )
+
+
+def _signal_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:
+    """Range of what was measured of a signal."""
+    s = windows.columns.index(simulator.signals.index(target))
+    values = windows.value[..., s][windows.measured[..., s]]
+    travel = float(values.max() - values.min()) if len(values) else 0.0
+    kind = simulator.joint_kinds.get(target.partition(".")[2], "hinge")
+    return Scales(force=1.0, speed=1.0, travel=max(travel, 1e-9), time=time, unit=kind)
 
 
 def trials(effects: Sequence[Effect]) -> tuple[Trial, ...]:

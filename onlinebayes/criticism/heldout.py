@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.replay import replay, rollout
+from onlinebayes.criticism.replay import replay, rollout, shown
 from onlinebayes.criticism.results import ReplayedRun
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
@@ -24,7 +24,7 @@ def replay_runs(
     """Every run of the windows as measured and as simulated; rows from a window in which the model diverged are nan."""
     trajectory = rollout(simulator, windows, theta[None], windows.start[None])[0]
     valid = trajectory["valid"][..., None]
-    simulated = simulator.read(trajectory)[..., list(windows.columns)]
+    simulated = shown(simulator, windows, theta[None], windows.start[None], trajectory[None])[0]
     simulated = torch.where(valid & torch.isfinite(simulated), simulated, torch.nan)
     qpos = torch.where(valid, trajectory["qpos"], torch.nan)
     measured = torch.where(windows.measured, windows.value, torch.nan)

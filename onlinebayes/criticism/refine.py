@@ -26,7 +26,7 @@ from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
-from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -219,7 +219,7 @@ def _model(
 def _all_rows(
     simulator: Simulator, measurement: Measurement, selection: Selection, noise: Float[Tensor, " S"]
 ) -> Windows:
-    memory = 0.1 * selection.horizon_s
+    memory = MEMORY * selection.horizon_s
     return make_windows(simulator, measurement, selection.horizon_s, memory, noise, inset=True)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -144,17 +144,37 @@ def screen(current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Eff
 def _sensitivities(
     current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Effect], tried: Sequence[Trial]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"]]:
-    simulator = grown(current.simulator, effects)
-    neutral = grown_theta(current.simulator, current.theta, effects)
-    moved = torch.stack([grown_theta(current.simulator, current.theta, effects, trial) for trial in tried])
-    raw, valid = columns(simulator, windows, neutral, moved, current.lin.starts)
-    raw = raw * valid[:, None, None, None]
+    raw = _raw(current, windows, effects, tried)
     horizons = []
     for pieces in (1, PIECES):
         projected = project(windows, current.lin, current.projected.weight, pieces)
         c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
         horizons.append(block_scores(projected, c, blocks.of.repeat_interleave(pieces), blocks.count))
     return horizons, raw
+
+
+def _raw(
+    current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]
+) -> Float[Tensor, "C W n S"]:
+    """How the binned replay moves under each trial; 0 where a world diverged.
+
+    Candidates are grown together in groups that cost the same: those that MuJoCo carries inside the engine, those that
+    make it walk timestep by timestep, and those whose hidden states remember equally long.
+    """
+    groups: dict[tuple[bool, float], list[int]] = {}
+    for k, effect in enumerate(effects):
+        groups.setdefault((effect.staged, effect.memory), []).append(k)
+    found: dict[int, Tensor] = {}
+    for members in groups.values():
+        group = [effects[k] for k in members]
+        mine = [i for i, trial in enumerate(tried) if trial.candidate in members]
+        simulator = grown(current.simulator, group)
+        neutral = grown_theta(current.simulator, current.theta, group)
+        moved = [replace(tried[i], candidate=members.index(tried[i].candidate)) for i in mine]
+        theta = torch.stack([grown_theta(current.simulator, current.theta, group, trial) for trial in moved])
+        raw, valid = columns(simulator, windows, neutral, theta, current.lin.starts)
+        found.update(zip(mine, raw * valid[:, None, None, None], strict=True))
+    return torch.stack([found[i] for i in range(len(tried))])
 
 
 def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:

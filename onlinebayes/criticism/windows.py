@@ -23,6 +23,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 START_LOOSENESS = 20.0
+MEMORY = 20.0  # horizons before a window whose commands are kept for hidden states
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Windows:
         bin_rows: rows averaged into one bin.
         run, first: number of the run and the grid row at which each window starts.
         command, enable: during the window.
-        history, history_enable: during the Q rows before it (the command of the run's first row where it began later).
+        history, history_enable: during the Q rows before it (the command of the run's first row, and actuators
+            off, where it began later).
         value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
         measured, inside: what was measured, still or not, and which rows lie within the run.
         start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
@@ -247,7 +249,8 @@ def _whole_part(whole: float, about: float, timestep: float) -> float:
 def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ...]:
     during = torch.arange(first, first + rows, device=grid.value.device)
     held = during.clamp_max(grid.rows)
-    before = torch.arange(first - history, first, device=grid.value.device).clamp_min(0)
+    before = torch.arange(first - history, first, device=grid.value.device)
+    began, before = before >= 0, before.clamp_min(0)
     after = during + 1
     inside = after <= grid.rows
     after = after.clamp_max(grid.rows)
@@ -255,7 +258,7 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
         grid.command[held],
         grid.enable[held],
         grid.command[before],
-        grid.enable[before],
+        grid.enable[before] * began[:, None].to(grid.enable),
         grid.value[after],
         grid.observed[after] & inside[:, None],
         inside,

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import EFFECTS, ActuatorDelay, Scales
+from onlinebayes.simulators.effects import EFFECTS, ActuatorDelay, Cogging, Scales, SensorBias
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.simulators.models import ARM, SLIDE
 from tests.simulators.test_mujoco import ARM_SPACE
@@ -56,7 +56,8 @@ def test_plain_mujoco_replays_the_file_alike(seed: int) -> None:
     simulator = MujocoSimulator(ARM, SPACE)
     elbow = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
     for cls in EFFECTS.values():
-        simulator = simulator.with_effect(cls.scaled("elbow" if cls.target_kind == "joint" else "bend", elbow))
+        if cls.fields or cls.has_command:
+            simulator = simulator.with_effect(cls.scaled("elbow" if cls.target_kind == "joint" else "bend", elbow))
     theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
     # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.
     command = 1.5 * torch.randn(400, 2, dtype=torch.float64)
@@ -64,6 +65,13 @@ def test_plain_mujoco_replays_the_file_alike(seed: int) -> None:
     model = mujoco.MjModel.from_xml_string(simulator.export_xml(theta))
     assert np.abs(_plain(model, command) - _rolled(simulator, theta, command)).max() < 1e-9
     assert np.abs(_plain(simulator.export(theta).compile(), command) - _plain(model, command)).max() < 1e-9
+
+
+def test_force_stages_and_sensors_are_foreign() -> None:
+    scales = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05)
+    simulator = MujocoSimulator(ARM).with_effect(Cogging.scaled("elbow", scales))
+    simulator = simulator.with_effect(SensorBias.scaled("qpos.elbow", scales))
+    assert simulator.foreign(simulator.nominal) == ("cogging@elbow", "sensor_bias@qpos.elbow")
 
 
 def test_each_parameter_arrives_in_the_file() -> None:

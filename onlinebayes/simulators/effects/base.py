@@ -140,6 +140,16 @@ class Effect(ABC):
         """Finite values from which screening also starts, for what is not small-signal linear; none by default."""
         return ()
 
+    @property
+    def staged(self) -> bool:
+        """Whether MuJoCo carries it between the engine's timesteps, which are then walked one by one."""
+        return self.has_force and not self.fields
+
+    @property
+    def memory(self) -> float:
+        """How long what has happened acts on through the hidden state [s]; 0 without one."""
+        return 0.0
+
     # --- MuJoCo -------------------------------------------------------------------------------------------------
 
     def edit(self, spec: mujoco.MjSpec) -> None:

@@ -73,6 +73,11 @@ class ThermalDerating(Effect):
         coefficient = 0.1 * self.coefficient.high
         return tuple({"coefficient": coefficient, "time_constant": self._time(part)} for part in (0.3, 0.5, 0.7))
 
+    @property
+    def memory(self) -> float:
+        """Five of the longest time constants [s], after which a hundredth of the heat is left."""
+        return 5 * self.time_constant.high
+
     def rest(self, worlds: int, timestep: float, like: Tensor) -> TensorDict:
         """A cold motor."""
         heat = torch.zeros(worlds, dtype=like.dtype, device=like.device)

@@ -18,9 +18,9 @@ from torch import Tensor
 
 from onlinebayes.runs import BadInput
 
-_GAINS = (mujoco.mjtGain.mjGAIN_FIXED, mujoco.mjtGain.mjGAIN_AFFINE)
-_BIASES = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
-_JOINT = (mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT)
+_GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
+_BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+_JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 FIELDS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_forcerange")
 """Fields of the model that the force depends on; they may differ between worlds."""
 
@@ -50,15 +50,15 @@ class JointActuator:
     @classmethod
     def of(cls, model: mujoco.MjModel, actuator: int, column: int, ctrl: int) -> JointActuator | None:
         """The actuator, or None where it acts through a tendon, a site or a body."""
-        if model.actuator_trntype[actuator] not in _JOINT:
+        if int(model.actuator_trntype[actuator]) not in _JOINT:
             return None
         return cls(
             actuator,
             column,
             ctrl,
             int(model.actuator_trnid[actuator, 0]),
-            model.actuator_gaintype[actuator] == mujoco.mjtGain.mjGAIN_AFFINE,
-            model.actuator_biastype[actuator] == mujoco.mjtBias.mjBIAS_AFFINE,
+            bool(model.actuator_gaintype[actuator] == int(mujoco.mjtGain.mjGAIN_AFFINE)),
+            bool(model.actuator_biastype[actuator] == int(mujoco.mjtBias.mjBIAS_AFFINE)),
             bool(model.actuator_ctrllimited[actuator]),
             bool(model.actuator_forcelimited[actuator]),
         )
@@ -66,8 +66,8 @@ class JointActuator:
     def check(self, model: mujoco.MjModel, key: str) -> None:
         """Raise :class:`BadInput` where the force is not the module's equation (muscles, activations, delays)."""
         i = self.actuator
-        linear = model.actuator_gaintype[i] in _GAINS and model.actuator_biastype[i] in _BIASES
-        if not linear or model.actuator_dyntype[i] != mujoco.mjtDyn.mjDYN_NONE or model.actuator_delay[i]:
+        linear = int(model.actuator_gaintype[i]) in _GAINS and int(model.actuator_biastype[i]) in _BIASES
+        if not linear or model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE) or model.actuator_delay[i]:
             raise BadInput(
                 f"{key}: the force of actuator '{model.actuator(i).name}' is not linear in command and motion",
                 "use a motor, a servo or a general actuator with affine gain and bias, no activation and no delay",

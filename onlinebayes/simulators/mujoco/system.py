@@ -110,7 +110,7 @@ class MujocoSystem:
         self.commands = _commands(self.model, names(base, "actuator"))
         self.signals = _signals(self.model)
         self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
-        self.staged = tuple(e for e in self.effects if e.has_force and not e.fields)
+        self.staged = tuple(e for e in self.effects if e.staged)
         self.joint_actuators = _joint_actuators(self.model, self.commands)
         for effect in self.staged:
             _check_staged(self.model, self.joint_actuators, effect)
@@ -269,7 +269,7 @@ def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
 def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], effect: Effect) -> None:
     if effect.target_kind == "actuator":
         mine = [a for a in actuators if a.actuator == model.actuator(effect.target).id]
-        if not mine or model.jnt_type[mine[0].joint] not in (SLIDE, HINGE):
+        if not mine or int(model.jnt_type[mine[0].joint]) not in (int(SLIDE), int(HINGE)):
             raise BadInput(f"{effect.key}: the actuator drives no slide or hinge joint", "use an actuator of a joint")
         if effect.rubs:
             raise BadInput(f"{effect.key}: dry friction acts on a joint", "give it a joint as target")
