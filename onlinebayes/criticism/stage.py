@@ -153,9 +153,7 @@ def _sensitivities(
     return horizons, raw
 
 
-def _raw(
-    current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]
-) -> Float[Tensor, "C W n S"]:
+def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]) -> Float[Tensor, "C W n S"]:
     """How the binned replay moves under each trial; 0 where a world diverged.
 
     Candidates are grown together in groups that cost the same: those that MuJoCo carries inside the engine, those that

@@ -28,9 +28,7 @@ FIELDS = ("dof_frictionloss", "dof_solimp", "dof_solref")
 """The fields that dry friction sets."""
 
 
-def harden(
-    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, where: Bool[np.ndarray, " N"]
-) -> None:
+def harden(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, where: Bool[np.ndarray, " N"]) -> None:
     """Make the joint's friction stick in the worlds ``where`` it rubs; elsewhere nothing changes."""
     dof = int(model.joint(joint).dofadr[0])
     fields["dof_solimp"][where, dof] = SOLIMP
