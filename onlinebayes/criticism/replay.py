@@ -3,7 +3,8 @@
     (theta_m, start_mw, commands_w) -> simulated signals (M, W, K, S),   M x W worlds at once
 
 Hidden states of effects (delay buffers, heat) come from a forced replay: each world first runs through the commands of
-the seconds before its window, as many as the effects remember (actuators are off before the run began), then its positions and velocities are set to the window's start and the hidden states kept.
+the seconds before its window, as many as the effects remember (actuators are off before the run began), then its
+positions and velocities are set to the window's start and the hidden states kept.
 """
 
 from __future__ import annotations

@@ -154,7 +154,8 @@ class Stepper:
 
         Hidden states are moved on to the end of the step, in place of those in ``hidden``.
         """
-        tau, bounds = list(drive.joints[..., k].unbind(0)), {}
+        tau = list(drive.joints[..., k].unbind(0))
+        bounds: dict[int, Tensor] = {}
         acting = [effect for effect in self.effects if effect.has_force]
         if not acting:
             return drive.joints[..., k], bounds

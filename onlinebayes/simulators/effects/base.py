@@ -8,7 +8,7 @@ An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parame
 | hook                          | backend | what it does                                                          |
 |-------------------------------|---------|-----------------------------------------------------------------------|
 | ``edit`` + ``fields``/``write`` | MuJoCo | structure before compiling; per-world fields of the compiled model     |
-| ``force``, ``friction_bound``, ``advance`` | both | the force stage: a force, the bound of a dry friction that the solver makes stick, and the hidden state after, from what the effect sees (:class:`Seen`) |
+| ``force``, ``friction_bound``, ``advance`` | both | force stage: a force, a dry friction's bound, hidden state |
 | ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state                              |
 | ``sense``, ``unsense``        | both    | what a sensor shows of the motion, and the state behind what it showed |
 

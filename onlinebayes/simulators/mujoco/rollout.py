@@ -1,7 +1,8 @@
 """Trajectories of M worlds from given states under given commands, all timesteps inside the engine.
 
 Row k of the inputs is spread over the whole timesteps from ``times[k-1]`` to ``times[k]``, command stages run over the
-whole sequence at once, and the states at ``times`` are picked from the recorded timesteps. With a force stage the timesteps are walked one by one.
+whole sequence at once, and the states at ``times`` are picked from the recorded timesteps. With a force stage the
+timesteps are walked one by one.
 """
 
 from __future__ import annotations

@@ -157,7 +157,7 @@ class MujocoSimulator(Simulator):
         inputs: TensorDictBase,
         times: Float[Tensor, " T"],
     ) -> TensorDict:
-        """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without a force stage every timestep runs in the engine."""
+        """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without force stages all runs in the engine."""
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
