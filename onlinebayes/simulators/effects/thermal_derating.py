@@ -4,6 +4,8 @@ h is the winding's excess of temperature in units of the one that it reaches und
 go as the square of the current, cooling as the excess: one thermal time constant); c h is by how much its resistance,
 and so the current that a voltage drives, has changed. f is the actuator's force without the effect. Over a timestep f
 is held, so that the step is exact:  h+ = w h + (1 - w) (f / f_ref)^2,  w = exp(-timestep / T).
+The force of a step takes the heat at its middle: that of its start would lag by half a timestep (1 ms against T = .4 s
+moved a fitted T by 6 %).
 """
 
 from __future__ import annotations
@@ -85,16 +87,19 @@ class ThermalDerating(Effect):
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """f / (1 + c h) - f, written so that it is zero for c = 0 [N, N m at the transmission]."""
-        assert seen.hidden is not None
-        loss = parameters["coefficient"] * seen.hidden["heat"]
+        loss = parameters["coefficient"] * self._heat(parameters, seen, 0.5)
         return -seen.drive * (loss / (1.0 + loss))
 
     def advance(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict:
         """The heat at the end of the step."""
-        assert seen.hidden is not None
-        kept = torch.exp(-seen.timestep / parameters["time_constant"])
-        heat = kept * seen.hidden["heat"] + (1.0 - kept) * (seen.drive / self.reference).square()
+        heat = self._heat(parameters, seen, 1.0)
         return TensorDict({"heat": heat}, batch_size=heat.shape, device=heat.device)
+
+    def _heat(self, parameters: Mapping[str, Tensor], seen: Seen, part: float) -> Float[Tensor, " N"]:
+        """h after this part of the step."""
+        assert seen.hidden is not None
+        kept = torch.exp(-part * seen.timestep / parameters["time_constant"])
+        return kept * seen.hidden["heat"] + (1.0 - kept) * (seen.drive / self.reference).square()
 
     def _time(self, part: float) -> float:
         low, high = self.time_constant.low, self.time_constant.high
