@@ -115,6 +115,15 @@ class ParameterSpace(Mapping[str, Parameter]):
         except ValueError:
             raise self._unknown(name) from None
 
+    def replaced(self, name: str, parameter: Parameter) -> ParameterSpace:
+        """The same space with other bounds for ``name``.
+
+        Raises:
+            BadInput: the name is unknown.
+        """
+        self.index(name)
+        return ParameterSpace({**self._parameters, name: parameter})
+
     def subspace(self, names: Iterable[str]) -> ParameterSpace:
         """The space of some of the parameters, in the order given."""
         return ParameterSpace({name: self[name] for name in names})

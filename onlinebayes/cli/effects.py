@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Literal
 
-from onlinebayes.cli.model import import_module
+from onlinebayes.cli.factory import import_module
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.windows import make_windows
@@ -17,14 +16,14 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
-from onlinebayes.simulators.effects.base import Target
+from onlinebayes.simulators.effects.base import split_axis
 
 
-def import_modules(section: Section, folder: Path) -> None:
+def import_modules(section: Section) -> None:
     """Import the user's modules, which register effects of their own in ``EFFECTS``."""
     for name in section.texts("modules", ()):
         with section.at("modules"):
-            import_module(name, folder)
+            import_module(name)
 
 
 def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] | tuple[str, ...]:
@@ -54,18 +53,9 @@ def check_effect(key: str, simulator: Simulator) -> None:
         raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(EFFECTS)))
     if at:
         kind = EFFECTS[name].target_kind
-        known = targets(simulator, kind)
-        if target not in known:
+        known = simulator.targets(kind)
+        if split_axis(target, EFFECTS[name].axes)[0] not in known:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
-
-
-def targets(simulator: Simulator, kind: Target) -> list[str]:
-    """Names of the joints (by their position signals), of the actuators or of the signals."""
-    if kind == "signal":
-        return list(simulator.signals)
-    if kind == "actuator":
-        return list(simulator.commands)
-    return [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]
 
 
 def add_effects(

@@ -3,87 +3,102 @@
 from __future__ import annotations
 
 import dataclasses
-import importlib
-import inspect
 import math
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Collection
 from pathlib import Path
-from types import ModuleType
 
 import mujoco
 
+from onlinebayes.cli.edit import edited, edits
+from onlinebayes.cli.factory import from_factory
+from onlinebayes.cli.parameters import Declared
 from onlinebayes.cli.section import Section
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.addresses import resolve
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, expand, names, resolve
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
+from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 
 
-def build_simulator(top: Section, folder: Path, parameters: ParameterSpace) -> Simulator:
-    """The simulator whose free parameters are ``parameters``.
+def build_simulator(
+    top: Section, folder: Path, parameters: Declared, columns: Collection[str] = ()
+) -> tuple[Simulator, Declared]:
+    """The simulator whose free parameters are those of the file, and the file's parameters with globs written out.
 
     Args:
-        top: the problem file; its ``model`` is the path of an MJCF file relative to ``folder``, or
-            ``"package.module:factory"``. The factory is called with the :class:`ParameterSpace` (without an argument
-            where it takes none) and returns a Simulator.
-        folder: where the problem file lies; modules beside it can be named.
+        top: the problem file; its ``model`` is the path of an MJCF file relative to ``folder``, or a factory (see
+            :mod:`.factory`).
+        folder: where the problem file lies.
         parameters: addresses and bounds.
+        columns: names that the tables and ``[signals]`` use; the sensors among them become signals.
 
     Raises:
         BadInput: no such model or factory, one that does not compile or run, or unknown addresses.
     """
     model = top.text("model")
-    if ":" in model and not model.endswith(".xml"):
-        with top.at("model"):
-            return _from_factory(model, folder, parameters)
+    factory = ":" in model and not model.endswith(".xml")
     with top.at("model"):
-        if not (folder / model).is_file():
+        if not factory and not (folder / model).is_file():
             raise BadInput(f"no such file: {folder / model}", "give an MJCF file, or 'package.module:factory'")
-        spec = load_spec(folder / model)
-        compiled = compile_spec(spec.copy())
-    units = {}
-    for name in parameters:
-        with top.section("parameters").at(name):
-            units[name] = resolve(compiled, name).unit
-    named = {name: dataclasses.replace(parameter, unit=units[name]) for name, parameter in parameters.items()}
-    simulator = MujocoSimulator(spec, ParameterSpace(named))
-    for name, value in zip(parameters, simulator.nominal.tolist(), strict=True):
+        made = (
+            from_factory(model, parameters.space) if factory else load_spec(folder / model, root=_root(folder, model))
+        )
+        if isinstance(made, mujoco.MjSpec):
+            compile_spec(made.copy())
+    edit, actuators = edits(top), top.section("actuators")
+    if isinstance(made, Simulator):
+        _check_made(top, made, parameters)
+        return made, parameters
+    spec = edited(made, edit, actuators)
+    compiled = compile_spec(spec.copy())
+    parameters = parameters.expanded(lambda name: expand(compiled, name), top.section("parameters"))
+    sensors = _sensors(compiled, columns)
+    space = _with_units(top, compiled, parameters)
+    with top.at("parameters"):
+        simulator = MujocoSimulator(spec, space, sensors=sensors)
+    for name, value in zip(simulator.parameters, simulator.nominal.tolist(), strict=True):
         if not math.isfinite(value):
             raise top.error("model", f"its own {name} is {value}", "give it a finite value in the MJCF")
-    return simulator
+    return simulator, parameters
 
 
-def _from_factory(model: str, folder: Path, parameters: ParameterSpace) -> Simulator:
-    module, _, factory = model.rpartition(":")
-    make = getattr(import_module(module, folder), factory, None)
-    if not callable(make):
-        raise BadInput(f"module '{module}' has no factory '{factory}'", "name a function that returns a Simulator")
-    try:
-        simulator = make(parameters) if inspect.signature(make).parameters else make()
-    except BadInput:
-        raise
-    except Exception as error:  # the user's own code: whatever it raises is theirs to mend
-        raise BadInput(f"'{model}' raised {type(error).__name__}: {error}", "mend the factory") from error
-    if not isinstance(simulator, Simulator):
-        raise BadInput(f"'{model}' returned a {type(simulator).__name__}", "return an onlinebayes Simulator")
-    if simulator.parameters.names != parameters.names:
+def _root(folder: Path, model: str) -> Path:
+    """Where a model may read. One that the problem file names elsewhere was named on purpose: what lies beside it."""
+    inside = not Path(model).is_absolute() and ".." not in Path(model).parts
+    return folder if inside else (folder / model).resolve().parent
+
+
+def _sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:
+    """The model's sensors and joint torques that the tables hold, in the model's order."""
+    joints = [name for name, kind in zip(names(model, "joint"), model.jnt_type, strict=True) if kind in (SLIDE, HINGE)]
+    known = [*sensor_signals(model), *(f"{TORQUE}{joint}" for joint in joints)]
+    return [signal for signal in known if signal in columns]
+
+
+def _with_units(top: Section, model: mujoco.MjModel, parameters: Declared) -> ParameterSpace:
+    """The space with each address resolved, so that an error names the key that it stands under."""
+    named = {}
+    for name, parameter in parameters.space.items():
+        table = top.section("parameters") if name in parameters.model else top.section("runs")
+        with table.at(name):
+            named[name] = dataclasses.replace(parameter, unit=resolve(model, name).unit)
+    return ParameterSpace(named)
+
+
+def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> None:
+    """What a factory's own simulator must have, and what cannot be done to it."""
+    for key in ("model_edit", "actuators"):
+        if top.section(key).values:
+            raise top.error(key, "the factory returns a simulator, which cannot be edited", "return an MjSpec instead")
+    if parameters.globs:
+        cure = "name each parameter, or return an MjSpec"
+        raise top.section("parameters").error(parameters.globs[0], "a glob needs the model's names", cure)
+    if simulator.parameters.names != parameters.space.names:
         have = ", ".join(simulator.parameters.names) or "none"
-        raise BadInput(f"'{model}' has the parameters {have}", "name exactly these under [parameters]")
-    return simulator
-
-
-def import_module(name: str, folder: Path) -> ModuleType:
-    """A module by its dotted name, also one that lies in ``folder``; raises :class:`BadInput` when it cannot be."""
-    with _on_path(folder):
-        try:
-            return importlib.import_module(name)
-        except Exception as error:
-            problem = f"module '{name}' cannot be imported: {type(error).__name__}: {error}"
-            raise BadInput(problem, "install it or put it beside the problem file") from error
+        cure = "name exactly these under [parameters]"
+        raise top.error("model", f"'{top.text('model')}' has the parameters {have}", cure)
 
 
 def signal_units(simulator: Simulator) -> dict[str, str]:
@@ -102,6 +117,8 @@ def known_addresses(simulator: Simulator) -> tuple[str, ...]:
 
 def _unit(model: mujoco.MjModel, kind: str, rest: str) -> str:
     """Unit of ``<kind>.<rest>``; empty for a quaternion's parts and what is no joint's."""
+    if kind == "qfrc":
+        return "N" if model.jnt_type[_joint(model, rest)] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
     rate = {"qpos": "", "qvel": "/s"}.get(kind)
     if rate is None:
         return ""
@@ -116,12 +133,3 @@ def _unit(model: mujoco.MjModel, kind: str, rest: str) -> str:
 
 def _joint(model: mujoco.MjModel, name: str) -> int:
     return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, name)
-
-
-@contextmanager
-def _on_path(folder: Path) -> Iterator[None]:
-    sys.path.insert(0, str(folder.resolve()))
-    try:
-        yield
-    finally:
-        sys.path.remove(str(folder.resolve()))

@@ -14,18 +14,25 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
-from onlinebayes.cli.effects import add_effects, check_candidates, import_modules
+from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
+from onlinebayes.cli.mapping import command_columns, signal_columns
 from onlinebayes.cli.model import build_simulator, known_addresses, signal_units
+from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
-from onlinebayes.criticism import Selection
+from onlinebayes.criticism import Scope, Selection
 from onlinebayes.criticism.split import split
-from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
-from onlinebayes.measurements.units import to_si
-from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.measurements import Measurement, Signal, TableReader
+from onlinebayes.measurements.formats import open_source
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
-TOP = ("schema", "model", "measurements", "holdout", "ignore", "parameters", "signals", "selection", "effects")
+LARGEST, MOST_DOTS = 2**20, 2000
+"""Bytes of a problem file, and dots in one of its lines."""
+
+TOP = (
+    *("schema", "model", "measurements", "holdout", "ignore", "parameters"),
+    *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects"),
+)
 
 
 @dataclass(frozen=True)
@@ -40,6 +47,7 @@ class Problem:
         candidates: effects to try.
         selection: how they are judged.
         added: keys of the effects that are already part of the model.
+        scope: which parameters differ between runs; None for none.
     """
 
     path: Path
@@ -49,6 +57,7 @@ class Problem:
     candidates: Literal["all"] | tuple[str, ...]
     selection: Selection
     added: tuple[str, ...]
+    scope: Scope | None = None
 
 
 def load_problem(
@@ -65,15 +74,15 @@ def load_problem(
         BadInput: anything in the file, the model or the tables that cannot be used.
     """
     path = Path(path)
-    top = Section(read_toml(path), str(path), known=TOP, later=("runs", "actuators", "model_edit"))
+    top = Section(read_toml(path), str(path), known=TOP)
     if (schema := top.whole("schema", 1)) != 1:
         raise top.error("schema", f"version {schema} is unknown", "this version reads schema = 1")
     selection = _selection(top.section("selection", ("folds", "horizon_s", "alpha", "tolerance")))
-    effects = top.section("effects", ("candidates", "add", "modules"), later=("scope",))
+    effects = top.section("effects", ("candidates", "add", "modules", "scope"))
     tables = top.texts("measurements")
-    model, effect_bounds = _parameters(top)
-    import_modules(effects, path.parent)
-    simulator = build_simulator(top, path.parent, model)
+    parameters = declared(top, effects)
+    import_modules(effects)
+    simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
     measurement = _read_tables(top, tables, simulator, note)
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
@@ -84,20 +93,26 @@ def load_problem(
     fit, held_out = split(measurement, holdout)
     for part, what in ((fit, "fit"), (held_out, "held-out")):
         _check_measured(part, what, path)
-    simulator, added = add_effects(effects, add, simulator, fit, effect_bounds, selection.horizon_s)
-    return Problem(path, simulator, measurement, holdout, candidates, selection, added)
+    simulator, added = add_effects(effects, add, simulator, fit, parameters.effects, selection.horizon_s)
+    scope = _scope(top, effects, parameters, simulator, measurement)
+    return Problem(path, simulator, measurement, holdout, candidates, selection, added, scope)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The parsed file; raises :class:`BadInput` with the line where it is missing, not UTF-8 or not TOML."""
     try:
-        raw = path.read_bytes()
+        with path.open("rb") as file:
+            raw = file.read(LARGEST + 1)
     except FileNotFoundError:
         raise BadInput("no such file", "name the problem file", where=str(path)) from None
     except IsADirectoryError:
         raise BadInput("is a folder", "name the problem file in it", where=str(path)) from None
     except OSError as error:
         raise BadInput(f"cannot be read: {error.strerror}", "check its permissions", where=str(path)) from None
+    if len(raw) > LARGEST or max(line.count(b".") for line in raw.split(b"\n")) > MOST_DOTS:
+        # A key of n parts costs the parser n^2: a few hundred kB of dots would take hours.
+        problem = f"has more than {LARGEST} bytes, or a line of more than {MOST_DOTS} dots"
+        raise BadInput(problem, "write long lists on several lines, and data into tables", where=str(path))
     try:
         return tomllib.loads(raw.decode("utf-8-sig"))
     except UnicodeDecodeError as error:
@@ -119,44 +134,32 @@ def _selection(section: Section) -> Selection:
     return Selection(**given)
 
 
-def _parameters(top: Section) -> tuple[ParameterSpace, dict[str, Parameter]]:
-    """The model's free parameters, and the bounds given for parameters of added effects (addresses with an @)."""
-    section = top.section("parameters")
-    if not section.values:
-        raise BadInput("[parameters] is missing or empty", "name what may be inferred, with bounds", where=top.file)
-    found = {key: _parameter(section, key, value) for key, value in section.values.items()}
-    model = {key: parameter for key, parameter in found.items() if "@" not in key}
-    return ParameterSpace(model), {key: parameter for key, parameter in found.items() if "@" in key}
+def _scope(
+    top: Section, effects: Section, parameters: Declared, simulator: Simulator, measurement: Measurement
+) -> Scope | None:
+    """How parameters differ between runs, every name in it checked."""
+    scopes = effects.section("scope")
+    for key in scopes.values:
+        with scopes.at(key):
+            check_effect(key, simulator)
+    if (scope := parameters.scope) is None:
+        return None
+    for pattern, values in parameters.known.items():
+        for address in values:
+            with top.section("runs").at(pattern):
+                if "@" in address:
+                    check_effect(address.rpartition(".")[0], simulator)
+    with top.at("runs"):
+        scope.check(simulator.parameters, measurement.runs)
+    return scope
 
 
-def _parameter(section: Section, key: str, value: Any) -> Parameter:
-    if any(mark in key for mark in "*?"):
-        raise section.error(key, "shared parameters (globs) are not supported by this version", "name each one")
-    if isinstance(value, list):
-        value = dict(zip(("low", "high"), value, strict=True)) if len(value) == 2 else value
-    quoted = key.count(".") >= 2 or "@" in key
-    if isinstance(value, dict) and not quoted and any(isinstance(part, dict | list) for part in value.values()):
-        raise section.error(key, "an address that is not in quotes", f'write "{_flat(key, value)}" = [low, high]')
-    if not isinstance(value, dict):
-        raise section.error(key, f"{value!r} is no pair of bounds", "write [low, high] in SI units")
-    table = Section(value, section.file, section.full(key), ("low", "high", "scale", "tie", "scope"))
-    if table.values.get("tie", False) is not False:
-        raise table.error("tie", "shared parameters are not supported by this version", "leave it out")
-    if table.text("scope", "shared") != "shared":
-        raise table.error("scope", "only 'shared' is supported by this version", "leave it out")
-    low, high = (table.number(name) for name in ("low", "high"))
-    if low is None or high is None:
-        raise section.error(key, "a bound is missing", "write [low, high] or { low = .., high = .. } in SI units")
-    with section.at(key):
-        return Parameter(low, high, scale=table.text("scale", "linear"))
-
-
-def _flat(key: str, value: Any) -> str:
-    """The address that ``a.b.c = ..`` without quotes meant, which TOML reads as tables within tables."""
-    while isinstance(value, dict) and value and not {"low", "high"} & value.keys():
-        inner, value = next(iter(value.items()))
-        key = f"{key}.{inner}"
-    return key
+def _columns(top: Section, tables: Sequence[str]) -> set[str]:
+    """Names of columns and of mapped signals that are not ignored."""
+    ignored = top.texts("ignore", ())
+    found = {name for table in tables for name in open_source(Path(top.file).parent / table).names}
+    kept = {name for name in found if not any(fnmatchcase(name, pattern) for pattern in ignored)}
+    return kept | set(top.section("signals").values)
 
 
 def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note: Callable[[str], None]) -> Measurement:
@@ -166,37 +169,13 @@ def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note
     reader = TableReader(
         signals=[Signal(name, units.get(name, "")) for name in simulator.signals],
         commands=simulator.commands,
-        mapped=_signals(top.section("signals", known=None), simulator, units),
+        mapped=signal_columns(top.section("signals"), simulator.signals, units),
+        commanded=command_columns(top.section("commands"), simulator.commands),
         ignore=top.texts("ignore", ()),
         known=known_addresses(simulator),
         note=note,
     )
     return reader.read(Path(top.file).parent / table for table in tables)
-
-
-def _signals(section: Section, simulator: Simulator, units: dict[str, str]) -> list[SignalColumn]:
-    Section(section.values, section.file, section.path, known=simulator.signals)
-    mapped = []
-    for name in section.values:
-        table = section.section(
-            name, ("column", "unit", "sign", "scale", "offset", "sd", "resolution"), later=("latency",)
-        )
-        sign = table.number("sign", 1.0)
-        if sign not in (1.0, -1.0):
-            raise table.error("sign", f"{sign} is no sign", "write 1 or -1")
-        factor = 1.0
-        if "unit" in table:
-            with table.at("unit"):
-                factor = to_si(table.text("unit"), units.get(name, ""))
-        scale = table.number("scale", 1.0) or 0.0
-        if scale == 0.0:
-            raise table.error("scale", "0 would erase the signal", "give what multiplies the column")
-        with section.at(name):
-            signal = Signal(name, units.get(name, ""), table.number("sd"), table.number("resolution"))
-        mapped.append(
-            SignalColumn(signal, table.text("column", ""), sign * scale * factor, table.number("offset", 0.0) or 0.0)
-        )
-    return mapped
 
 
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:

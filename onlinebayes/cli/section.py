@@ -95,6 +95,10 @@ class Section:
         """A whole number, or the default."""
         return self._get(key, int, default) if key in self.values else default
 
+    def flag(self, key: str) -> bool:
+        """True or false; false where it is absent."""
+        return bool(self._get(key, bool, False))
+
     def texts(self, key: str, default: Sequence[str] | None = None) -> tuple[str, ...]:
         """A list of strings, each once; required without a default."""
         values = self._get(key, list, None if default is None else list(default))
@@ -135,5 +139,8 @@ def _dotted(key: str, value: Any, known: Sequence[str]) -> str | None:
 
 
 def _show(value: Any) -> str:
-    shown = repr(value)
+    try:
+        shown = repr(value)
+    except RecursionError:  # tables within tables without end
+        shown = f"a {type(value).__name__}"
     return shown if len(shown) <= 40 else shown[:37] + "..."

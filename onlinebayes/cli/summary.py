@@ -30,6 +30,7 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         lines += _ranking(result)
     if result.accepted:
         lines.append(f"added:     {', '.join(result.accepted)}")
+    lines += [f"bounds:    {sentence}" for sentence in words.bounds(result)]
     lines += [f"note:      {note}" for note in result.notes]
     lines += [f"wrote:     {folder / name}" for name in more]
     lines.append(f"report:    {folder / 'report.html'}   (to open it: onlinebayes show {folder})")

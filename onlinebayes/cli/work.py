@@ -48,7 +48,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
     """The command's result on a loaded problem; a search that Ctrl-C stops gives what it has found until then."""
     model, data, how = problem.simulator, problem.measurement, problem.selection
     if command == "compare":
-        return compare(model, data, holdout=problem.holdout, selection=how, progress=_log)
+        return compare(model, data, holdout=problem.holdout, selection=how, scope=problem.scope, progress=_log)
     search = {"diagnose": diagnose, "refine": refine}[command]
     with Interrupt("onlinebayes: stopping after this stage; Ctrl-C again stops at once") as interrupt:
         return search(
@@ -56,6 +56,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
             data,
             holdout=problem.holdout,
             selection=how,
+            scope=problem.scope,
             candidates=problem.candidates,
             progress=_log,
             interrupt=interrupt,

@@ -17,7 +17,9 @@ from onlinebayes.criticism.results import (
     ReplayedRun,
     Selection,
     Step,
+    WidenedBounds,
 )
+from onlinebayes.criticism.scope import Scope
 
 __all__ = [
     "Candidate",
@@ -30,8 +32,10 @@ __all__ = [
     "Numerics",
     "Remainder",
     "ReplayedRun",
+    "Scope",
     "Selection",
     "Step",
+    "WidenedBounds",
     "compare",
     "diagnose",
     "refine",

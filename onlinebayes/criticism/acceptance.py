@@ -15,9 +15,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onlinebayes.criticism.blocks import Blocks, jackknife, leave_one_out, t_quantile
+from onlinebayes.criticism.blocks import Blocks, t_quantile
 from onlinebayes.criticism.fit import Fit
-from onlinebayes.criticism.homogeneity import homogeneous
+from onlinebayes.criticism.homogeneity import first_columns, homogeneous
+from onlinebayes.criticism.identifiability import covariance_of
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.score import CrossValidated, Gain, cross_validate, score_gain
 from onlinebayes.criticism.windows import Windows
@@ -25,6 +26,7 @@ from onlinebayes.simulators.effects import Effect
 
 LEAST_FALL = 0.05
 STANDARD_ERRORS = 2.0
+ALIKE = 0.01  # standard errors between two effects that are the same motion
 
 
 @dataclass(frozen=True)
@@ -40,6 +42,7 @@ class Judged:
         falls: of the cross-validated RMS at the long and the short horizon, as shares.
         homogeneous: rule 5.
         failed: the rules that it fails, in words; empty when it may be added.
+        undecided: whether it fails nothing but the number of independent blocks that its residual leaves.
     """
 
     effect: Effect
@@ -50,6 +53,7 @@ class Judged:
     falls: tuple[float, float]
     homogeneous: bool
     failed: tuple[str, ...]
+    undecided: bool = False
 
     @property
     def admissible(self) -> bool:
@@ -95,26 +99,37 @@ def judge(
 
 
 def interval(fitted: Fit, blocks: Blocks, effect: Effect) -> tuple[float, float]:
-    """95 % jackknife interval of the effect's first parameter [SI]."""
-    column = fitted.simulator.parameters.index(f"{effect.key}.{effect.parameters.names[0]}")
-    covariance = jackknife(fitted.theta, leave_one_out(fitted, blocks, whole=True))
-    reach = t_quantile(0.975, blocks.count) * float(covariance[column, column].sqrt())
-    mode = float(fitted.theta[column])
+    """95 % jackknife interval of the effect's first parameter [SI].
+
+    With one value a run it is the interval of the run that is furthest from neutral for its width, at a level shared
+    out among the runs (Bonferroni).
+    """
+    columns = first_columns(fitted, effect)
+    sd = covariance_of(fitted, blocks).diagonal().sqrt()[columns]
+    away = fitted.theta[columns] - effect.neutral[effect.parameters.names[0]]
+    clearest = int((away.abs() / sd.clamp_min(1e-300)).argmax())
+    reach = t_quantile(1 - 0.025 / len(columns), blocks.count) * float(sd[clearest])
+    mode = float(fitted.theta[columns[clearest]])
     return mode - reach, mode + reach
 
 
 def _within_integration(fitted: Fit, effect: Effect, high: float, numerics: Numerics) -> bool:
     """Whether the largest plausible size of a time effect moves the replay as little as the integrator's shift does."""
     long = fitted.projected
-    column = fitted.simulator.parameters.index(f"{effect.key}.{effect.parameters.names[0]}")
-    moved = long.measured_rows(long.columns[..., column]) / long.weight * max(high, 0.0)
+    moved = long.measured_rows(long.columns[..., first_columns(fitted, effect)].sum(-1)) / long.weight * max(high, 0.0)
     rms = math.sqrt(float(moved.square().sum()) / max(int(long.seen().sum()), 1))
     # From h to h / 4 a first-order integrator's shift changes by 3 / 8 of h: a step is 2.7 times that.
     return rms < 2.7 * numerics.error_at_quarter_step
 
 
 def choose(admissible: list[Judged], bin_step: float) -> Judged:
-    """The best by score; within two paired standard errors of it, the one with the fewest parameters."""
+    """The best by score; within two paired standard errors of it, the one with the fewest parameters.
+
+    A richer effect waits for the simpler one that it contains; of two that fit alike to the last digits, the term at a
+    joint or an actuator goes before the one of a body or the world.
+    """
+    keys = {judged.effect.key for judged in admissible}
+    admissible = [j for j in admissible if not keys & contained(j.effect)]
     best = max(admissible, key=lambda judged: judged.gain.gain)
 
     def close(other: Judged) -> bool:
@@ -122,4 +137,16 @@ def choose(admissible: list[Judged], bin_step: float) -> Judged:
         return difference.gain <= STANDARD_ERRORS * difference.se
 
     rivals = [judged for judged in admissible if close(judged)]
-    return min(rivals, key=lambda judged: (len(judged.effect.parameters), -judged.gain.gain))
+    first = min(rivals, key=lambda judged: (len(judged.fitted.theta), -judged.gain.gain))
+    alike = [
+        judged
+        for judged in rivals
+        if len(judged.fitted.theta) == len(first.fitted.theta)
+        and first.gain.gain - judged.gain.gain <= ALIKE * first.gain.se
+    ]
+    return min(alike, key=lambda judged: judged.effect.target_kind not in ("joint", "actuator"))
+
+
+def contained(effect: Effect) -> set[str]:
+    """Keys of the simpler effects that this one becomes for some of its values."""
+    return {f"{name}@{effect.target}" for name in effect.contains}

@@ -3,12 +3,17 @@
     theta_-b = theta + argmin over steps of sum_{w in train(b)} |r~_w - C~_w d|^2      within the bounds
     r~_w(theta_-b) = r~_w - C~_w (theta_-b - theta)                                    for the test windows w of block b
 
-One run is one block where there are at least 7 fit runs; else B = min(12, floor(T / max(H, 10 tau))) contiguous blocks
-with a gap of one window between training and test.
+One run is one block where there are at least 7 fit runs; else B = min(12, floor(T / max(H, 4 tau))) contiguous blocks
+with a gap of one window between training and test. tau is the correlation time within windows whose starts are
+projected out, so that a slow misfit reaches a third of the window at most.
+
+The significance test flips signs of smaller groups, whole windows of max(H, 4 tau) together, at most 24: under a gross
+misfit the flipped residual still holds the effect, and the fewer the groups, the more of it (with 8 it hid payloads).
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -22,6 +27,8 @@ from onlinebayes.criticism.windows import Windows
 
 FEWEST = 7
 MOST = 12
+MOST_GROUPS = 24
+APART = 4.0  # correlation times
 
 
 @dataclass(frozen=True)
@@ -63,7 +70,7 @@ def make_blocks(windows: Windows, tau: float, folds: int | None = None) -> Block
         train = of[None] != torch.arange(len(runs), device=of.device)[:, None]
         return Blocks(of, train)
     duration = float(moving.sum()) * windows.horizon
-    possible = min(MOST if folds is None else folds, int(duration / max(windows.horizon, 10 * tau) + 1e-9))
+    possible = min(MOST if folds is None else folds, int(duration / max(windows.horizon, APART * tau) + 1e-9))
     B = max(1, min(possible, W))
     # Windows are shared out by how many of those before them hold an observation.
     order = moving.cumsum(0) - moving.long()
@@ -80,6 +87,20 @@ def make_blocks(windows: Windows, tau: float, folds: int | None = None) -> Block
         beside[:-1] |= test[1:] & (windows.run[1:] == windows.run[:-1])
         train[b] &= ~beside
     return Blocks(of, train)
+
+
+def flip_groups(windows: Windows, tau: float) -> Int[Tensor, " W"]:
+    """Number of the group of each window, for the significance test; counted from 0, none empty.
+
+    Args:
+        windows: the fit windows.
+        tau: correlation time of the current residual [s].
+    """
+    moving = windows.observed.any(2).any(1)
+    together = max(1, math.ceil(APART * tau / windows.horizon - 1e-9))
+    count = max(1, min(MOST_GROUPS, int(moving.sum()) // together))
+    order = moving.cumsum(0) - moving.long()
+    return (order * count // max(int(moving.sum()), 1)).clamp_max(count - 1)
 
 
 def leave_one_out(fitted: Fit, blocks: Blocks, whole: bool = False) -> Float[Tensor, "B P"]:

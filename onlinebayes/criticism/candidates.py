@@ -3,7 +3,8 @@
     I    = dt / (d v / d f)        effective inertia, from one step of the simulator with and without a unit load
     F    = max(I max abs(dv/dt), I max abs(u) (d v / d u) / dt)      largest force in play at the joint
 
-The joint's speed and travel are the measured ones (smoothed); the longest dead time is a tenth of the horizon.
+The joint's speed and travel are the measured ones (smoothed); the longest dead time is a tenth of the horizon. A
+body's sizes are its mass and extent, an actuator's its largest command and what force that makes.
 """
 
 from __future__ import annotations
@@ -17,10 +18,12 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.scoped import effect_entries, physics
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import EFFECTS, ConstantLoad, Effect, Scales
+from onlinebayes.simulators.effects import EFFECTS, ConstantLoad, Effect, GravityTilt, Scales, TargetKind
+from onlinebayes.simulators.effects.base import split_axis
 
 DEAD_TIME = 0.1  # of the horizon
 
@@ -53,12 +56,12 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     Raises:
         BadInput: an unknown effect or target.
     """
-    measured = tuple(simulator.signals[i] for i in windows.columns)
-    targets = {"joint": joint_names(simulator), "actuator": tuple(simulator.commands), "signal": measured}
-    listed = list(EFFECTS) if isinstance(wanted, str) and wanted == "all" else wanted
+    joint_names(simulator)  # refuses free and ball joints
+    all_of_them = isinstance(wanted, str) and wanted == "all"
+    listed = _all(simulator) if all_of_them else wanted
     if isinstance(listed, str):
         listed = [listed]
-    scales: dict[tuple[str, str], Scales] = {}
+    scales: dict[tuple[TargetKind, str], Scales] = {}
     found: dict[str, Effect] = {}
     for item in listed:
         if isinstance(item, Effect):
@@ -68,44 +71,67 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
         if name not in EFFECTS:
             near = difflib.get_close_matches(name, EFFECTS, n=3, cutoff=0.4)
             raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or EFFECTS)}")
-        kind = EFFECTS[name].target_kind
-        if target and target not in targets[kind]:
-            near = difflib.get_close_matches(target, targets[kind], n=3, cutoff=0.4)
+        kind, axes = EFFECTS[name].target_kind, EFFECTS[name].axes
+        known = _targets(simulator, windows, kind)
+        if target and split_axis(target, axes)[0] not in known:
+            near = difflib.get_close_matches(target, known, n=3, cutoff=0.4)
             raise BadInput(
-                f"'{item}': the simulator has no {kind} '{target}'", f"nearest: {', '.join(near or targets[kind])}"
+                f"'{item}': the simulator has no {kind} '{target}'", f"nearest: {', '.join(near or known) or 'none'}"
             )
-        for place in (target,) if target else targets[kind]:
-            if (kind, place) not in scales:
-                scales[kind, place] = target_scales(simulator, windows, kind, place)
-            effect = EFFECTS[name].scaled(place, scales[kind, place])
-            if target or _carries(simulator, effect):
-                found.setdefault(effect.key, effect)
+        every = tuple(f"{element}.{axis}" for element in known for axis in axes) if axes else known
+        effects = []
+        for place in (target,) if target else every:
+            at = kind, split_axis(place, axes)[0]
+            if at not in scales:
+                scales[at] = target_scales(simulator, windows, *at)
+            effects.append(EFFECTS[name].scaled(place, scales[at]))
+        carried = [effect for effect in effects if target or _carried(simulator, effect)]
+        # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
+        for effect in carried if carried or all_of_them else effects:
+            found.setdefault(effect.key, effect)
     present = {effect.key for effect in simulator.effects}
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
-def _carries(simulator: Simulator, effect: Effect) -> bool:
-    """Whether the simulator takes the effect: what nobody named need not fit (heat of a muscle, say)."""
-    if effect.key in {present.key for present in simulator.effects}:
-        return False
+def _all(simulator: Simulator) -> list[str]:
+    """The whole vocabulary; on slides alone a turned gravity is a constant force, and named as that."""
+    slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
+    return [name for name in EFFECTS if not (slides and name == GravityTilt.name)]
+
+
+def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
+    """What effects of one kind can be tried at; of the signals those that were measured."""
+    measured = {simulator.signals[i] for i in windows.columns}
+    return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
+
+
+def _carried(simulator: Simulator, effect: Effect) -> bool:
+    """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)
     except BadInput:
-        return False
+        return effect.key in {other.key for other in simulator.effects}
     return True
 
 
-def target_scales(simulator: Simulator, windows: Windows, kind: str, target: str) -> Scales:
-    """Typical sizes at a joint, an actuator or a signal, from the measurements and one step of the simulator."""
+def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, target: str) -> Scales:
+    """Typical sizes at a target, from the measurements and one step of the simulator."""
     joints = joint_names(simulator)
     time = DEAD_TIME * windows.horizon
     if kind == "actuator":
         column = simulator.commands.index(target)
-        return Scales(
-            force=max(float(windows.command[..., column].abs().max()), 1e-9), speed=1.0, travel=1.0, time=time
-        )
+        largest = max(float(windows.command[..., column].abs().max()), 1e-9)
+        # Which joint it drives is not known here; the slowest one gives the widest bounds.
+        speed = max(min(_motion(simulator, windows, j)[1] for j in range(len(joints))), 1e-9)
+        output = largest * (simulator.actuator_gains.get(target, 1.0) or 1.0)
+        return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
     if kind == "signal":
         return _signal_scales(simulator, windows, target, time)
+    if kind == "body":
+        mass, length = simulator.body_sizes[target]
+        return Scales(force=1.0, speed=1.0, travel=1.0, time=time, inertia=mass, length=length)
+    if kind == "world":
+        return Scales(force=1.0, speed=1.0, travel=1.0, time=time)
     j = joints.index(target)
     position, speed, acceleration = _motion(simulator, windows, j)
     inertia, drive = _one_step(simulator, windows, j)
@@ -118,6 +144,7 @@ def target_scales(simulator: Simulator, windows: Windows, kind: str, target: str
         time=time,
         unit=simulator.joint_kinds.get(target, "hinge"),
         centre=float(position.max() + position.min()) / 2,
+        inertia=inertia,
     )
 
 
@@ -159,7 +186,7 @@ def grown_theta(
     values = list(theta.unbind())
     for k, effect in enumerate(effects):
         own = {**effect.neutral, **(trial.values if trial is not None and trial.candidate == k else {})}
-        values += [theta.new_tensor(own[name]) for name in effect.parameters]
+        values += [theta.new_tensor(own[name]) for name in effect_entries(simulator, effect).values()]
     return torch.stack(values) if values else theta
 
 
@@ -182,6 +209,7 @@ def _motion(simulator: Simulator, windows: Windows, j: int) -> tuple[Tensor, flo
 
 def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, float]:
     """Effective inertia of joint j at a window's start, and the acceleration that the largest commands give it."""
+    simulator = physics(simulator)
     joint, J = joint_names(simulator)[j], windows.free.shape[1]
     key = f"constant_load@{joint}"
     loaded = simulator

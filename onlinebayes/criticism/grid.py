@@ -3,11 +3,13 @@
     u_g = 1/h int_{t_g}^{t_{g+1}} u(t) dt,      y_g = y_i + dy/dt_i (t_g - t_i),   i the nearest measured row
 
 u(t) is the logged command, held between rows. A clock that is even already is left as it is; a jittering one is
-corrected to first order, and a grid row without a measurement within h / 2 has none.
+corrected to first order, and a grid row without a measurement within h / 2 has none. Where a log pauses for more than
+``PAUSE`` steps nobody knows what was commanded: the run falls into pieces there, and no window bridges them.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -16,6 +18,12 @@ from torch import Tensor
 
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
+
+PAUSE = 10.0
+"""Steps of the densest signal without any row that make a gap; a few lost rows do not."""
+
+MOST_ROWS = 20_000_000
+"""Of one run's grid: five hours at 1 kHz. A single wrong time would ask for more than there is memory."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +38,7 @@ class RunGrid:
         enable: 1 while the actuator is on.
         value: signals at the rows [SI], 0 where not observed.
         observed: whether they were measured there.
+        pauses: (last row before, first row after) each gap of the log.
     """
 
     name: str
@@ -39,6 +48,14 @@ class RunGrid:
     enable: Float[Tensor, "G1 U"]
     value: Float[Tensor, "G1 S"]
     observed: Bool[Tensor, "G1 S"]
+    pauses: tuple[tuple[int, int], ...] = ()
+
+    @property
+    def pieces(self) -> tuple[tuple[int, int], ...]:
+        """First and last row of each stretch without a gap, longer than a row."""
+        first = [0, *(after for _, after in self.pauses)]
+        last = [*(before for before, _ in self.pauses), self.rows]
+        return tuple((a, b) for a, b in zip(first, last, strict=True) if b > a)
 
     @property
     def rows(self) -> int:
@@ -47,12 +64,19 @@ class RunGrid:
 
 
 def row_step(measurement: Measurement) -> float:
-    """Median time between rows [s]."""
-    time, mask = measurement.data["time"], measurement.data["mask"]
-    gaps = (time[:, 1:] - time[:, :-1])[mask[:, 1:]]
-    if gaps.numel() == 0:
+    """Median time between the rows that measure the densest signal [s]; commands may come more often."""
+    data = measurement.data
+    steps = [_median_step(data["time"], data["measured"][..., s]) for s in range(len(measurement.signals))]
+    step = min([step for step in steps if step is not None], default=_median_step(data["time"], data["mask"]))
+    if step is None:
         raise BadInput("every run has a single row", "record runs of many rows")
-    return float(gaps.median())
+    return step
+
+
+def _median_step(time: Float[Tensor, "R T"], rows: Bool[Tensor, "R T"]) -> float | None:
+    """Median over all runs of the time between marked rows [s]; None where no run has two."""
+    gaps = torch.cat([at[marked].diff() for at, marked in zip(time, rows, strict=True)])
+    return float(gaps.median()) if gaps.numel() else None
 
 
 def even_step(measurement: Measurement, timestep: float) -> float:
@@ -62,15 +86,21 @@ def even_step(measurement: Measurement, timestep: float) -> float:
 
 def run_grids(measurement: Measurement, step: float) -> tuple[RunGrid, ...]:
     """Every run of the measurement on an even clock of spacing ``step`` [s] that starts at its first row."""
-    return tuple(_run_grid(measurement, r, step) for r in range(len(measurement.runs)))
+    longest = PAUSE * row_step(measurement)
+    return tuple(_run_grid(measurement, r, step, longest) for r in range(len(measurement.runs)))
 
 
-def _run_grid(measurement: Measurement, r: int, step: float) -> RunGrid:
+def _run_grid(measurement: Measurement, r: int, step: float, longest: float) -> RunGrid:
     rows = int(measurement.lengths[r])
     data = measurement.data[r, :rows]
     time = data["time"] - data["time"][0]
     # A millionth of a step forgives rounding in the logged times.
     count = int(torch.floor(time[-1] / step + 1e-6))
+    if count > MOST_ROWS:
+        raise BadInput(
+            f"run '{measurement.runs[r]}' lasts {float(time[-1]):g} s, {count} steps of {step:g} s",
+            "check its times, or cut it into runs",
+        )
     grid = torch.arange(count + 1, dtype=time.dtype, device=time.device) * step
     value, observed = _nearest(time, data["signal"], data["measured"], grid, step)
     midpoint = torch.searchsorted(time, grid + 0.5 * step).clamp(1, rows) - 1
@@ -82,7 +112,17 @@ def _run_grid(measurement: Measurement, r: int, step: float) -> RunGrid:
         data["enable"][midpoint],
         value,
         observed,
+        _pauses(time, step, max(longest, 2 * step), count),
     )
+
+
+def _pauses(time: Float[Tensor, " T"], step: float, longest: float, count: int) -> tuple[tuple[int, int], ...]:
+    """(last grid row before, first after) each stretch of more than ``longest`` [s] without a row."""
+    found = []
+    for i in torch.nonzero(time.diff() > longest).flatten().tolist():
+        before, after = float(time[i]) / step, float(time[i + 1]) / step
+        found.append((math.floor(before + 1e-6), min(math.ceil(after - 1e-6), count)))
+    return tuple(found)
 
 
 def _average(

@@ -3,7 +3,8 @@
     error = RMS over the windows' rows of measured - simulated, starts as smoothed
     floor^2 = noise^2 + mean over rows of sum_j (d sim / d s_j)^2 sd(s_j)^2
 
-Here a start is a measurement, as a user would give one, so its uncertainty belongs to the floor.
+Here a start is a measurement, as a user would give one, so its uncertainty belongs to the floor. A held-out run's own
+values, where parameters differ between runs, are lent from one half of the run to the other (see ``own``).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.own import held_out_model
 from onlinebayes.criticism.replay import replay, rollout, shown
 from onlinebayes.criticism.results import ReplayedRun
 from onlinebayes.criticism.windows import Windows
@@ -22,9 +24,10 @@ def replay_runs(
     simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], held_out: bool
 ) -> tuple[ReplayedRun, ...]:
     """Every run of the windows as measured and as simulated; rows from a window in which the model diverged are nan."""
-    trajectory = rollout(simulator, windows, theta[None], windows.start[None])[0]
+    model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
+    trajectory = rollout(model, parts, values[None], parts.start[None])[0]
     valid = trajectory["valid"][..., None]
-    simulated = shown(simulator, windows, theta[None], windows.start[None], trajectory[None])[0]
+    simulated = shown(model, parts, values[None], parts.start[None], trajectory[None])[0]
     simulated = torch.where(valid & torch.isfinite(simulated), simulated, torch.nan)
     qpos = torch.where(valid, trajectory["qpos"], torch.nan)
     measured = torch.where(windows.measured, windows.value, torch.nan)
@@ -68,6 +71,7 @@ def start_floor(
 ) -> dict[str, float]:
     """Noise floor of :func:`replay_error`: sensor noise and the starts' uncertainty as the model propagates it."""
     moved = torch.stack([torch.zeros_like(windows.start), *torch.diag_embed(windows.start_sd).unbind(1)])
+    simulator, windows, theta = held_out_model(simulator, windows, theta)
     signals_at, _ = replay(simulator, windows, theta.expand(len(moved), -1), windows.start + moved)
     spread = (signals_at[1:] - signals_at[0]).square().sum(0)
     seen = windows.measured

@@ -20,6 +20,7 @@ from torch import Tensor
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.projection import project
+from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import PIECES
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.simulators.effects import Effect
@@ -31,18 +32,18 @@ SPREAD = 0.5
 def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, tau: float) -> bool:
     """Whether ``effect``, a part of the fitted model, has the same size everywhere."""
     first = effect.parameters.names[0]
-    column = fitted.simulator.parameters.index(f"{effect.key}.{first}")
-    size = float(fitted.theta[column]) - effect.neutral[first]
-    if size == 0:
+    columns = first_columns(fitted, effect)
+    size = fitted.theta[columns] - effect.neutral[first]
+    if not bool(size.any()):
         return False
     spread = math.sqrt(max(tau / windows.bin_step, 1.0))
     long = project(windows, fitted.lin)
-    rows, r = size * long.columns[..., column], long.residual
+    rows, r = (size * long.columns[..., columns]).sum(-1), long.residual
     scale = float((r.square().sum() / (long.row_weight > 0).sum()).sqrt()) * spread
     if not agree(blocks.sums((rows * r).sum(1)), blocks.sums(rows.square().sum(1)), scale):
         return False
     short = project(windows, fitted.lin, pieces=PIECES)
-    rows = short.measured_rows(size * short.columns[..., column])
+    rows = short.measured_rows((size * short.columns[..., columns]).sum(-1))
     r = short.measured_rows(short.residual)
     scale = float((r.square().sum() / short.seen().sum()).sqrt()) * spread
     for half in halves(fitted, windows, effect):
@@ -51,6 +52,12 @@ def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, t
         if not agree(cross, square, scale):
             return False
     return True
+
+
+def first_columns(fitted: Fit, effect: Effect) -> list[int]:
+    """Where the effect's first parameter stands in theta: one place, or one a run."""
+    first, entries = effect.parameters.names[0], effect_entries(fitted.simulator, effect)
+    return [fitted.simulator.parameters.index(entry) for entry, name in entries.items() if name == first]
 
 
 def agree(cross: Float[Tensor, " G"], square: Float[Tensor, " G"], scale: float) -> bool:

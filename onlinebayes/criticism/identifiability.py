@@ -4,7 +4,8 @@
 
 C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual's variance times its correlation. A
 parameter is identifiable when less than a tenth of it lies in flat directions. Intervals are the leave-one-block-out
-jackknife's, Student's t with B - 1 degrees of freedom, cut at the bounds.
+jackknife's, Student's t with B - 1 degrees of freedom, cut at the bounds; a run's own value adds the spread between
+its windows (see ``own``).
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from torch import Tensor
 
 from onlinebayes.criticism.blocks import Blocks, jackknife, leave_one_out, t_quantile
 from onlinebayes.criticism.fit import Fit
+from onlinebayes.criticism.own import own_covariance
 from onlinebayes.criticism.results import Estimate, FlatDirection
+from onlinebayes.criticism.scoped import ScopedSimulator
 
 FLAT = 3.0
 PART = 0.1
@@ -27,7 +30,8 @@ def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
     """Jackknife covariance of theta [SI]; zero with a single block."""
     if blocks.count < 2 or not len(fitted.theta):
         return torch.zeros(len(fitted.theta), len(fitted.theta)).to(fitted.theta)
-    return jackknife(fitted.theta, leave_one_out(fitted, blocks, whole=True))
+    across = jackknife(fitted.theta, leave_one_out(fitted, blocks, whole=True))
+    return across + own_covariance(fitted, blocks) if isinstance(fitted.simulator, ScopedSimulator) else across
 
 
 def flat_directions(fitted: Fit, tau: float, bin_step: float) -> tuple[FlatDirection, ...]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
-from onlinebayes.criticism.acceptance import Judged
+from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.identifiability import covariance_of, estimates
 from onlinebayes.criticism.results import Candidate, Estimate, Step
+from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import Screened, Stage
 
@@ -49,7 +51,10 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
                 indistinguishable_from=_equals(key, equal),
             )
         rows.append(row)
-    return tuple(rows)
+    richer = {effect.key: contained(effect) for effect in found.effects}
+    return tuple(
+        replace(row, nested_in=tuple(key for key, simpler in richer.items() if row.effect in simpler)) for row in rows
+    )
 
 
 def steps(found: Found) -> tuple[Step, ...]:
@@ -109,4 +114,5 @@ def _equals(key: str, equal: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
 def _own_estimates(stage: Stage, judged: Judged) -> dict[str, Estimate]:
     covariance = covariance_of(judged.fitted, stage.blocks)
     every = estimates(judged.fitted, covariance, stage.blocks.count, ())
-    return {name: every[f"{judged.effect.key}.{name}"] for name in judged.effect.parameters}
+    own = effect_entries(judged.fitted.simulator, judged.effect)
+    return {entry.removeprefix(f"{judged.effect.key}."): every[entry] for entry in own}

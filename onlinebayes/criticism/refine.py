@@ -20,7 +20,17 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.ranking import rank, steps
-from onlinebayes.criticism.results import Criticism, FittedModel, HeldOutError, Remainder, ReplayedRun, Selection
+from onlinebayes.criticism.results import (
+    Criticism,
+    FittedModel,
+    HeldOutError,
+    Remainder,
+    ReplayedRun,
+    Selection,
+    WidenedBounds,
+)
+from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.scoped import scoped
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
@@ -43,6 +53,7 @@ def compare(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     progress: Say | None = None,
 ) -> Criticism:
     """Fit what is free, replay, and show where the model fails; no effect is tried and there is no verdict.
@@ -52,6 +63,7 @@ def compare(
         measurement: runs of commands and signals; every joint needs its position.
         holdout: runs kept for the reported error; None for the last third of the runs, or of the only run's time.
         selection: how effects are judged.
+        scope: which parameters differ between runs; None for none.
         progress: takes one line of text between stages.
 
     Raises:
@@ -60,6 +72,7 @@ def compare(
     selection, say = selection or Selection(), progress or _silent
     fit_runs, held_runs = split(measurement, holdout)
     say("fitting the base model")
+    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
     found = Found(base, base, (), (), ())
     return _assemble("compare", simulator, fit_runs, held_runs, found, selection, say)
@@ -71,6 +84,7 @@ def diagnose(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
@@ -82,7 +96,7 @@ def diagnose(
         interrupt: stops the search between its rounds; what was found until then is returned.
     """
     return _searched(
-        "diagnose", simulator, measurement, holdout, selection, candidates, 1, progress or _silent, interrupt
+        "diagnose", simulator, measurement, holdout, selection, scope, candidates, 1, progress or _silent, interrupt
     )
 
 
@@ -92,13 +106,23 @@ def refine(
     *,
     holdout: Sequence[str] | None = None,
     selection: Selection | None = None,
+    scope: Scope | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
     return _searched(
-        "refine", simulator, measurement, holdout, selection, candidates, MOST_EFFECTS, progress or _silent, interrupt
+        "refine",
+        simulator,
+        measurement,
+        holdout,
+        selection,
+        scope,
+        candidates,
+        MOST_EFFECTS,
+        progress or _silent,
+        interrupt,
     )
 
 
@@ -109,6 +133,7 @@ def _searched(
     measurement: Measurement,
     holdout: Sequence[str] | None,
     selection: Selection | None,
+    scope: Scope | None,
     candidates: str | Sequence[str | Effect],
     most: int,
     say: Say,
@@ -116,6 +141,7 @@ def _searched(
 ) -> Criticism:
     selection = selection or Selection()
     fit_runs, held_runs = split(measurement, holdout)
+    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     found = search(simulator, fit_runs, selection, candidates, most, say, interrupt)
     return _assemble(question, simulator, fit_runs, held_runs, found, selection, say)
 
@@ -142,18 +168,21 @@ def _assemble(
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
     verdict = decide(
-        base_blocks.count,
-        moves,
+        found.enough,
+        found.undecided,
         base.numerics,
         len(found.accepted),
         bool(found.accepted and equal[found.accepted[0][1].effect.key]),
+        found.widened is not None,
         before,
         after,
         selection.tolerance,
     )
     say("opening the held-out runs")
-    base_model = _model(base, simulator, base_blocks, fit_runs, held_runs, selection)
-    final_model = base_model if final is base else _model(final, simulator, blocks, fit_runs, held_runs, selection)
+    # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
+    step = min(model.timestep for model in (simulator, base.fitted.simulator, final.fitted.simulator))
+    base_model = _model(base, step, base_blocks, fit_runs, held_runs, selection)
+    final_model = base_model if final is base else _model(final, step, blocks, fit_runs, held_runs, selection)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
     lacking = verdict == "insufficient_data"
     return Criticism(
@@ -180,6 +209,7 @@ def _assemble(
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
         notes=_notes(simulator, found),
+        widened=_bounds(found),
     )
 
 
@@ -191,15 +221,15 @@ def residual_tau(grounds: Grounds) -> float:
 
 def _model(
     grounds: Grounds,
-    simulator: Simulator,
+    step: float,
     blocks: Blocks,
     fit_runs: Measurement,
     held_runs: Measurement,
     selection: Selection,
 ) -> FittedModel:
-    """The fitted model at the finer of its own step and the one it was judged at, with its replays at every row."""
+    """The fitted model integrated with ``step`` [s], with its replays at every row."""
     fitted = grounds.fitted
-    model = Rung(min(simulator.timestep, fitted.simulator.timestep)).of(fitted.simulator)
+    model = Rung(step).of(fitted.simulator)
     covariance = covariance_of(fitted, blocks)
     flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
@@ -262,6 +292,13 @@ def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
     if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
+
+
+def _bounds(found: Found) -> dict[str, WidenedBounds]:
+    wide = found.widened
+    if wide is None:
+        return {}
+    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
 
 
 def _silent(line: str) -> None:

@@ -16,12 +16,14 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.scoped import unfold
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import sense, unsense
 
 CHUNK = 6_000_000  # recorded numbers a rollout may hold
-VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time"})  # parts of a state that a window's start determines
+# Parts of a state that a window's start determines.
+VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time", "ctrl", "sensor"})
 
 
 def replay(
@@ -53,7 +55,8 @@ def rollout(
 ) -> TensorDict:
     """The trajectories themselves, batch size (M, W, K). Starts are as the sensors show them; see :mod:`.sensing`."""
     M, W, K = theta.shape[0], windows.count, windows.rows
-    worlds = theta[:, None].expand(M, W, theta.shape[1]).reshape(M * W, -1)
+    simulator, unfolded = unfold(simulator, windows, theta)
+    worlds = unfolded.reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     state = unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,)))
     hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
@@ -83,7 +86,7 @@ def shown(
     trajectory: TensorDict,
 ) -> Float[Tensor, "M W K S"]:
     """What the sensors show of :func:`rollout`'s trajectories, in the windows' order of signals."""
-    theta = theta[:, None].expand(-1, windows.count, -1)
+    simulator, theta = unfold(simulator, windows, theta)
     qpos, qvel = starts.chunk(2, dim=-1)
     state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=starts.shape[:2])
     times = windows.step * torch.arange(1, windows.rows + 1, dtype=theta.dtype, device=theta.device)

@@ -158,6 +158,14 @@ class Numerics:
 
 
 @dataclass(frozen=True)
+class WidenedBounds:
+    """Bounds of a parameter that exclude the truth, and the wider ones under which the model agrees (low, high)."""
+
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class FlatDirection:
     """A combination of parameters that the data do not determine, in words, and its direction: name -> component."""
 
@@ -225,6 +233,8 @@ class Criticism:
         units: signal -> unit.
         sensor_sd: signal -> sensor noise used, given or estimated [the signal's unit].
         interrupted: whether the search was stopped before its end.
+        notes: what else a reader should know, a sentence each.
+        widened: parameter -> bounds, with ``bounds_exclude_truth``; ``final`` is then the model within the wider ones.
     """
 
     command: Literal["compare", "diagnose", "refine"]
@@ -250,6 +260,12 @@ class Criticism:
     what_to_record: str = ""
     interrupted: bool = False
     notes: tuple[str, ...] = ()
+    widened: Mapping[str, WidenedBounds] = field(default_factory=dict)
+
+    @property
+    def changed(self) -> bool:
+        """Whether the final model is another than the base model."""
+        return self.final is not self.base
 
     @property
     def held_out_runs(self) -> tuple[str, ...]:

@@ -4,7 +4,8 @@
     se  = sqrt(B) sd_b(d_b)
 
 Everything is refitted on the other blocks, scale and degrees of freedom of the Student-t from them too, parameters at
-their mode; Delta / tau turns correlated bins into independent ones, and leaves the residual unwhitened.
+their mode; what only the left-out run can tell is lent from one half of it to the other. Delta / tau turns correlated
+bins into independent ones, and leaves the residual unwhitened.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ from torch import Tensor
 from onlinebayes.criticism.blocks import Blocks, held_out_rows, leave_one_out
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.noise import log_t, student_t, tau
-from onlinebayes.criticism.projection import project
+from onlinebayes.criticism.own import lent
+from onlinebayes.criticism.projection import Projected, project
+from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.windows import Windows
 
 PIECES = 3  # short windows per long one: H_s = H / 3
@@ -67,7 +70,7 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
     without = leave_one_out(fitted, blocks)
     long = project(windows, fitted.lin)
     short = project(windows, fitted.lin, pieces=PIECES)
-    rows = long.measured_rows(held_out_rows(long, fitted.theta, without))
+    rows = _judged_rows(long, fitted, windows, blocks, without)
     seen = long.seen()
     test = (blocks.of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None] & seen
     train = blocks.train[..., None, None] & seen
@@ -76,7 +79,7 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
         r = rows[..., s].flatten(1)
         scale, nu = student_t(r, train[..., s].flatten(1).to(r))
         density += log_t(r, scale[:, None], nu[:, None]).view_as(density) * test[..., s]
-    short_rows = short.measured_rows(held_out_rows(short, fitted.theta, without))
+    short_rows = _judged_rows(short, fitted, windows, blocks, without)
     short_of = blocks.of.repeat_interleave(PIECES)
     short_test = (short_of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None]
     square = torch.where(test, rows, 0.0).square()
@@ -92,6 +95,18 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
         seen.any(-1),
         tau(long.measured_rows(long.residual), seen, windows.bin_step),
     )
+
+
+def _judged_rows(
+    projected: Projected, fitted: Fit, windows: Windows, blocks: Blocks, without: Float[Tensor, "B P"]
+) -> Float[Tensor, "B V n S"]:
+    """Every window's residual under theta_-b, a left-out run's own values lent from half to half (see ``own``)."""
+    if not isinstance(fitted.simulator, ScopedSimulator):
+        return projected.measured_rows(held_out_rows(projected, fitted.theta, without))
+    both, half = lent(fitted, windows, blocks, without)
+    half = half.repeat_interleave(len(projected.residual) // len(half))
+    first, second = (held_out_rows(projected, fitted.theta, theta) for theta in both)
+    return projected.measured_rows(torch.where(half[None, :, None] == 0, first, second))
 
 
 def score_gain(candidate: CrossValidated, current: CrossValidated, bin_step: float) -> Gain:

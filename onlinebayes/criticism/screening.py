@@ -4,16 +4,18 @@
     r   the residual, its scale s
     z = sum_b g_b / (s |c~|),     g_b = sum over block b of c~ r
     under the flips F = diag(+-1 per block):    z_F = sum_b +-g_b / (s sqrt(c~' F (I - P) F c~))
-    p = share of the 2^B flips whose largest z_F, over all candidates, starting values and horizons, reaches z
+    p = share of the flips whose largest z_F, over all candidates, starting values and horizons, reaches z
 
 One-sided for candidates bounded on one side, abs(z) else. The scale s is the RMS of the residual; it cancels within a
 horizon. A candidate with |c~|^2 < 1e-3 |c|^2 moves nothing that the free parameters cannot: it is confounded.
-Randomisation over blocks needs no model of the correlation within them (Westfall and Young 1993, the max-T test).
+Randomisation over blocks needs no model of the correlation within them (Westfall and Young 1993, the max-T test). Up
+to 12 blocks all 2^B flips are taken, else 4096 drawn ones, the identity among them (Phipson and Smyth 2010).
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,6 +26,7 @@ from torch import Tensor
 from onlinebayes.criticism.projection import Projected
 
 CONFOUNDED = 1e-3
+ALL_FLIPS = 12  # blocks
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,7 @@ class Scores:
         norm: |c~|^2.
         share: |c~|^2 / |c|^2.
         scale: s.
+        misfit: |r|^2, r off the fitted sensitivities.
         size: the least-squares size g / |c~|^2, in units of the column's finite difference.
         loads: coefficients of each column on the fitted sensitivities.
     """
@@ -58,6 +62,7 @@ class Scores:
     norm: Float[Tensor, " C"]
     share: Float[Tensor, " C"]
     scale: float
+    misfit: float
     size: Float[Tensor, " C"]
     loads: Float[Tensor, "Q C"]
 
@@ -92,14 +97,15 @@ def block_scores(
     g = per_block(tilde * r[:, None])
     h = per_block(Q[:, :, None] * tilde[:, None, :])
     norm, whole = tilde.square().sum(0), c.square().sum(0)
-    count = (projected.row_weight > 0).sum()
-    scale = float((r.square().sum() / count).sqrt())
+    misfit, count = float(r.square().sum()), int((projected.row_weight > 0).sum())
+    scale = math.sqrt(misfit / count)
     return Scores(
         g,
         h,
         norm,
         norm / whole.clamp_min(1e-300),
         scale,
+        misfit,
         g.sum(0) / norm.clamp_min(1e-300),
         loads,
     )
@@ -139,5 +145,10 @@ def _standardised(scores: Scores, signs: Float[Tensor, "X B"]) -> Float[Tensor, 
 
 
 def _flips(blocks: int, like: Tensor) -> Float[Tensor, "X B"]:
-    """All 2^B sign patterns, the identity first."""
-    return torch.tensor(list(itertools.product((1.0, -1.0), repeat=blocks)), dtype=like.dtype, device=like.device)
+    """All 2^B sign patterns, or as many drawn ones as are enough; the identity first."""
+    if blocks <= ALL_FLIPS:
+        return torch.tensor(list(itertools.product((1.0, -1.0), repeat=blocks)), dtype=like.dtype, device=like.device)
+    draw = torch.Generator().manual_seed(0)
+    signs = 2.0 * torch.randint(0, 2, (2**ALL_FLIPS, blocks), generator=draw) - 1.0
+    signs[0] = 1.0
+    return signs.to(like)

@@ -13,11 +13,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.acceptance import Judged, choose, interval
-from onlinebayes.criticism.blocks import FEWEST
+from onlinebayes.criticism.blocks import FEWEST, make_blocks
+from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.pairs import pair
 from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
@@ -39,6 +41,8 @@ class Found:
         stages: every round, the last one without an acceptance unless it was interrupted or only one was asked for.
         accepted: the effects that stand in the final model, with the judgement of the round that added them.
         interrupted: whether it was stopped.
+        enough: whether there is enough motion to judge by: 7 windows' worth.
+        widened: the bound that excludes the truth; ``final`` is then the base model with that bound widened.
     """
 
     base: Grounds
@@ -47,6 +51,13 @@ class Found:
     stages: tuple[Stage, ...]
     accepted: tuple[tuple[Stage, Judged], ...]
     interrupted: bool = False
+    enough: bool = True
+    widened: Widened | None = None
+
+    @property
+    def undecided(self) -> bool:
+        """Whether an effect of the last round failed for nothing but too few independent blocks."""
+        return bool(self.stages) and any(judged.undecided for judged in self.stages[-1].judged)
 
 
 def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
@@ -80,8 +91,9 @@ def search(
     effects = propose(base.fitted.simulator, base.windows, candidates)
     stages: list[Stage] = []
     accepted: list[tuple[Stage, Judged]] = []
-    few = blocks_for(base.fitted, base.windows, selection.folds).count < FEWEST or not bool(base.windows.observed.any())
-    while not few and current.numerics.sufficient:
+    moves = bool(base.windows.observed.any())
+    enough = moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
+    while enough and current.numerics.sufficient:
         if interrupt is not None and interrupt.requested:
             return Found(base, current, effects, tuple(stages), tuple(accepted), True)
         say(f"screening {len(effects) - len(accepted)} effects")
@@ -90,20 +102,27 @@ def search(
         thorough = not stages and not _at_floor(current, selection.tolerance)
         stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough)
         stages.append(stage)
+        if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
+            return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
         admissible = [judged for judged in stage.judged if judged.admissible]
-        if not admissible:
+        if admissible:
+            added = [(stage, choose(admissible, current.windows.bin_step))]
+        elif _at_floor(current, selection.tolerance):
             break
-        best = choose(admissible, current.windows.bin_step)
-        say(f"adding {best.effect.key}")
-        accepted.append((stage, best))
-        current = _resettled(simulator, measurement, selection, current, best, accepted)
+        else:
+            added = list(pair(stage, left, current.numerics, selection, say) or ())
+        if not added:
+            break
+        say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
+        accepted += added
+        current = _resettled(simulator, measurement, selection, current, added[-1][1], accepted)
         kept = _without_idle(simulator, measurement, selection, current, accepted)
         if kept is not None:
             current, accepted = kept
             break  # a round that takes away what an earlier one gave would only repeat itself
         if len(accepted) >= most:
             break
-    return Found(base, current, effects, tuple(stages), tuple(accepted))
+    return Found(base, current, effects, tuple(stages), tuple(accepted), enough=enough)
 
 
 def _at_floor(grounds: Grounds, tolerance: float) -> bool:

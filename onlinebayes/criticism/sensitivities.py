@@ -4,7 +4,7 @@
 
 Forward differences, toward the inside of the bounds, with a step of at most a thousandth of a parameter's range: large
 against the solver's tolerance, small against what a parameter does. Where bounds are wide, a fit shortens the step to
-some standard deviations of the parameter.
+some standard deviations of the parameter. Parameters that one run alone has are moved in all runs at once.
 """
 
 from __future__ import annotations
@@ -12,10 +12,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.replay import replay
+from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 
@@ -61,10 +62,13 @@ def linearise(
     """
     steps = parameter_steps(simulator, theta, largest)
     J2, P = starts.shape[1], len(theta)
+    world = together(simulator)
+    Q = int(world.max()) + 1 if P else 0
     start_steps = (START_STEP * windows.start_sd).clamp_min(1e-9)
     for _ in range(SHORTER):
-        moved_theta = theta + torch.cat([theta.new_zeros(1 + J2, P), torch.diag(steps)])
-        moved_starts = starts.expand(1 + J2 + P, *starts.shape).clone()
+        moves = theta.new_zeros(Q, P).index_put((world, torch.arange(P, device=theta.device)), steps)
+        moved_theta = theta + torch.cat([theta.new_zeros(1 + J2, P), moves])
+        moved_starts = starts.expand(1 + J2 + Q, *starts.shape).clone()
         for j in range(J2):
             moved_starts[1 + j, :, j] += start_steps[:, j]
         signals, valid = replay(simulator, windows, moved_theta, moved_starts)
@@ -72,11 +76,20 @@ def linearise(
         if not bool(stable[0]) or bool(stable.all()):
             break
         # A step that reaches where the model diverges says nothing about where it does not.
-        steps = torch.where(stable[1 + J2 :], steps, steps / 100)
+        steps = torch.where(stable[1 + J2 :][world], steps, steps / 100)
     binned = windows.bin(signals)
     by_start = (binned[1 : 1 + J2] - binned[0]).movedim(0, -1) / start_steps[:, None, None, :]
-    by_theta = (binned[1 + J2 :] - binned[0]).movedim(0, -1) / steps
+    by_theta = (binned[1 + J2 :] - binned[0])[world].movedim(0, -1) / steps
+    if isinstance(simulator, ScopedSimulator):
+        by_theta = by_theta * simulator.touches(windows).T.to(by_theta)[:, None, None, :]
     return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(stable.all()))
+
+
+def together(simulator: Simulator) -> Int[Tensor, " P"]:
+    """Number of the moved replay in which each parameter moves: its own one, shared by the own values of all runs."""
+    if isinstance(simulator, ScopedSimulator):
+        return torch.unique(simulator.place, return_inverse=True)[1]
+    return torch.arange(len(simulator.parameters))
 
 
 def parameter_steps(

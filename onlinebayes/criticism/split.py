@@ -7,6 +7,16 @@ from collections.abc import Sequence
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 
+LAST_THIRD = " (last third)"
+HALVES = (" (first half)", " (second half)")
+
+
+def origin(part: str) -> str:
+    """The run that a part was cut from; a whole run's own name."""
+    for suffix in (*HALVES, LAST_THIRD):
+        part = part.removesuffix(suffix)
+    return part
+
 
 def split(measurement: Measurement, holdout: Sequence[str] | None) -> tuple[Measurement, Measurement]:
     """(fit runs, held-out runs).
@@ -25,7 +35,7 @@ def split(measurement: Measurement, holdout: Sequence[str] | None) -> tuple[Meas
         if cut < 2 or rows - cut < 2:
             raise BadInput(f"run '{runs[0]}' has {rows} rows", "record at least 6 rows")
         fit = measurement.rows(runs[0], 0, cut)
-        return fit, measurement.rows(runs[0], cut, rows, name=f"{runs[0]} (last third)")
+        return fit, measurement.rows(runs[0], cut, rows, name=f"{runs[0]}{LAST_THIRD}")
     if holdout is None:
         holdout = runs[-(len(runs) // 3 or 1) :]
     for name in holdout:

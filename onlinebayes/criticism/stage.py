@@ -1,4 +1,8 @@
-"""One round of the search: every candidate screened against the current model, the best refitted and judged."""
+"""One round of the search: every candidate screened against the current model, the best refitted and judged.
+
+Where the current residual is correlated for so long that it leaves fewer than 7 blocks, the misfit itself may be what
+is slow. Then windows are the blocks, and only a candidate is admissible whose own residual allows 7.
+"""
 
 from __future__ import annotations
 
@@ -7,16 +11,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import Judged, judge
-from onlinebayes.criticism.blocks import Blocks, make_blocks, t_quantile
+from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, judge
+from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, make_blocks, t_quantile
 from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.criticism.scoped import ScopedSimulator, effect_entries
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
 from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values
 from onlinebayes.criticism.sensitivities import columns
@@ -37,7 +42,7 @@ class Screened:
         z, p_value: of the maximum test; None where it is confounded.
         start: values from which its refit begins, short name -> value [SI].
         confounded_with: free parameters that do the same already.
-        exclusion_limit: upper end of the 95 % interval of the first parameter's distance from neutral [SI].
+        exclusion_limit: size of the first parameter, from neutral, that these data would have shown [SI].
     """
 
     effect: Effect
@@ -62,9 +67,13 @@ class Stage:
 
 def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
     """The blocks that the correlation of this fit's residual allows."""
+    return make_blocks(windows, correlation_of(fitted, windows), folds)
+
+
+def correlation_of(fitted: Fit, windows: Windows) -> float:
+    """Correlation time of this fit's start-projected residual [s]."""
     long = project(windows, fitted.lin)
-    correlation = tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
-    return make_blocks(windows, correlation, folds)
+    return tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 
 def run_stage(
@@ -85,9 +94,12 @@ def run_stage(
         say: takes one line of progress.
         thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
     """
-    blocks = blocks_for(current, windows, selection.folds)
+    correlation = correlation_of(current, windows)
+    blocks = make_blocks(windows, correlation, selection.folds)
+    if slow := blocks.count < FEWEST:
+        correlation, blocks = 0.0, make_blocks(windows, 0.0, selection.folds)
     scores = cross_validate(current, windows, blocks)
-    screened = screen(current, windows, blocks, effects)
+    screened = screen(current, windows, effects, flip_groups(windows, correlation))
     leading = [s for s in screened if s.p_value is not None]
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0.0) < below][:MOST_REFITS]
@@ -98,27 +110,38 @@ def run_stage(
             fitted = refit(current, windows, candidate.effect, candidate.start)
         except BadInput:  # it diverges from where screening would start it
             continue
-        judged.append(
-            judge(
-                candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, numerics, selection.alpha
-            )
+        found = judge(
+            candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, numerics, selection.alpha
         )
+        judged.append(_if_slow(found, windows, selection) if slow else found)
     return Stage(current, windows, blocks, scores, screened, tuple(judged))
+
+
+def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
+    """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
+    count = blocks_for(judged.fitted, windows, selection.folds).count
+    if count >= FEWEST:
+        return judged
+    slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST}"
+    return replace(judged, failed=(*judged.failed, slow), undecided=not judged.failed)
 
 
 def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float]) -> Fit:
     """The current model with ``effect`` added, fitted to convergence from ``start``."""
     simulator = current.simulator.with_effect(effect)
-    theta = torch.cat([current.theta, current.theta.new_tensor([start[name] for name in effect.parameters])])
+    own = [start[name] for name in effect_entries(current.simulator, effect).values()]
+    theta = torch.cat([current.theta, current.theta.new_tensor(own)])
     return fit(simulator, windows, theta, current.projected.weight, current.lin.starts)
 
 
-def screen(current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Effect]) -> tuple[Screened, ...]:
-    """z and p of every effect; the confounded ones last."""
+def screen(
+    current: Fit, windows: Windows, effects: Sequence[Effect], groups: Int[Tensor, " W"]
+) -> tuple[Screened, ...]:
+    """z and p of every effect; the confounded ones last. ``groups`` are the windows that flip together."""
     if not effects:
         return ()
     tried = trials(effects)
-    horizons, raw = _sensitivities(current, windows, blocks, effects, tried)
+    horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))
     found = []
@@ -135,22 +158,45 @@ def screen(current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Eff
                 float(p[k]),
                 _starting_values(effect, tried[i], float(horizons[0].size[i])),
                 (),
-                _exclusion(horizons[0], i, blocks.count, tried[i]),
+                # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
+                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]) if tried[i].reach > 0 else None,
             )
         )
     return tuple(sorted(found, key=lambda s: (s.p_value is None, s.p_value, -(s.z or 0.0))))
 
 
 def _sensitivities(
-    current: Fit, windows: Windows, blocks: Blocks, effects: Sequence[Effect], tried: Sequence[Trial]
-) -> tuple[list[Scores], Float[Tensor, "C W n S"]]:
+    current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
+) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
     raw = _raw(current, windows, effects, tried)
+    if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(windows.runs):
+        raw, tried = _run_by_run(current.simulator, windows, effects, raw, tried)
     horizons = []
     for pieces in (1, PIECES):
         projected = project(windows, current.lin, current.projected.weight, pieces)
         c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
-        horizons.append(block_scores(projected, c, blocks.of.repeat_interleave(pieces), blocks.count))
-    return horizons, raw
+        horizons.append(block_scores(projected, c, groups.repeat_interleave(pieces), int(groups.max()) + 1))
+    return horizons, raw, tried
+
+
+def _run_by_run(
+    simulator: ScopedSimulator,
+    windows: Windows,
+    effects: Sequence[Effect],
+    raw: Float[Tensor, "C W n S"],
+    tried: tuple[Trial, ...],
+) -> tuple[Float[Tensor, "D W n S"], tuple[Trial, ...]]:
+    """Besides, an effect of one size a run in each run alone: sizes of either sign may cancel in all together.
+
+    Only where runs hold several groups of windows: in a single one, flips cannot tell a size from chance.
+    """
+    own = [k for k, t in enumerate(tried) if _owned(simulator, effects[t.candidate])]
+    alone = [raw[own] * (windows.run == r).to(raw)[:, None, None] for r in range(len(windows.runs))]
+    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in windows.runs for k in own))
+
+
+def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:
+    return simulator.scope.owned(f"{effect.key}.{effect.parameters.names[0]}")
 
 
 def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]) -> Float[Tensor, "C W n S"]:
@@ -185,11 +231,18 @@ def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, flo
     return {**trial.values, first: value}
 
 
-def _exclusion(scores: Scores, column: int, blocks: int, trial: Trial) -> float:
-    """Largest distance from neutral that the blocks' spread leaves possible [SI of the first parameter]."""
+def _exclusion(scores: Scores, column: int, groups: int, trial: Trial) -> float:
+    """Smallest distance from neutral that would have been seen [SI of the first parameter].
+
+    What the groups' spread leaves possible at 95 %, and not less than what lowers the error by the 5 % that acceptance
+    asks for: |c~|^2 size^2 = |r|^2 (1 / .95^2 - 1).
+    """
     size, g, norm = float(scores.size[column]), scores.g[:, column], float(scores.norm[column])
-    se = math.sqrt(blocks / (blocks - 1) * float((g - g.mean()).square().sum())) / norm if blocks > 1 else math.inf
-    return abs(trial.reach) * (abs(size) + t_quantile(0.975, blocks) * se)
+    if groups < 2 or norm <= 0:
+        return math.inf
+    se = math.sqrt(groups / (groups - 1) * float((g - g.mean()).square().sum())) / norm
+    seen = math.sqrt((1 / (1 - LEAST_FALL) ** 2 - 1) * scores.misfit / norm)
+    return abs(trial.reach) * max(abs(size) + t_quantile(0.975, groups) * se, seen)
 
 
 def _confounding(current: Fit, windows: Windows, raw: Float[Tensor, "W n S"]) -> tuple[str, ...]:

@@ -7,8 +7,10 @@ tied.
 
 from __future__ import annotations
 
+from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import Found, carried
 from onlinebayes.criticism.stage import blocks_for
@@ -28,7 +30,14 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
     equal: dict[str, tuple[str, ...]] = {}
     accepted = [judged.effect.key for _, judged in found.accepted]
     for k, (stage, judged) in enumerate(found.accepted):
-        rivals = [other for other in stage.judged if other.effect.key not in accepted]
+        # A richer effect that contains this one is no rival: it fits as well by construction.
+        rivals = [
+            other
+            for other in stage.judged
+            if other.effect.key not in accepted
+            and judged.effect.key not in contained(other.effect)
+            and other.effect.key not in contained(judged.effect)
+        ]
         if k > 0 or len(found.accepted) == 1:
             step = stage.windows.bin_step
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
@@ -49,8 +58,7 @@ def _swapped(base: Simulator, found: Found, rivals: list[str], folds: int | None
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
         model = found.final.rung.of(grown(base, effects))
         theta = carried(final.simulator, final.theta, model)
-        for name in rival.effect.parameters:
-            address = f"{rival.effect.key}.{name}"
+        for address in effect_entries(model, rival.effect):
             source = rival.fitted.simulator.parameters.index(address)
             theta[model.parameters.index(address)] = rival.fitted.theta[source]
         try:

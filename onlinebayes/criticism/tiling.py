@@ -1,6 +1,8 @@
 """Where the windows lie in the runs, how many rows and bins they have, and where they start.
 
 window w: rows g_w .. g_w + K of run r_w, K rows in bins of at most H / 100, one after the other without overlap
+
+No window bridges a gap of the log: each stretch between gaps is tiled by itself.
 """
 
 from __future__ import annotations
@@ -55,7 +57,7 @@ def tile(
         measurement: the runs.
         grids: the same on the even clock of the replay.
         joints: the simulator's, each with a position among the signals.
-        horizon: H [s]; shortened to the longest run.
+        horizon: H [s]; shortened to the longest stretch without a gap.
         noise: floor of each signal [SI], or None to take it from these runs.
         inset: begin where the smoother sees the start from both sides.
 
@@ -66,13 +68,18 @@ def tile(
     names = [signal.name for signal in measurement.signals]
     if noise is None:
         noise = floors(measurement.signals, sensor).to(measurement.data["signal"])
-    longest = max(grid.rows for grid in grids)
+    longest = max((last - first for grid in grids for first, last in grid.pieces), default=0)
     rows = min(max(4, round(horizon / step)), max(longest, 1))
     bin_rows = max(1, rows // BINS)
     rows -= rows % bin_rows
     lead = _lead(sensor, names, joints, rows * step, step) if inset else 0
-    places = [(r, lead + g) for r, grid in enumerate(grids) for g in _starts(grid.rows - lead, rows)]
-    # A long pause in a log would be windows that nothing is compared in.
+    places = [
+        (r, first + lead + g)
+        for r, grid in enumerate(grids)
+        for first, last in grid.pieces
+        for g in _starts(last - first - lead, rows)
+    ]
+    # Where commands go on and sensors do not, windows would have nothing to compare.
     places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
     if not places:
         raise BadInput(
@@ -92,7 +99,7 @@ def _lead(grids: tuple[RunGrid, ...], names: list[str], joints: tuple[str, ...],
 
 
 def _starts(available: int, rows: int) -> list[int]:
-    """Starting rows of the windows of one run; a last one that is at least half full counts."""
+    """Starting rows of the windows of one stretch; a last one that is at least half full counts."""
     full = list(range(0, available - rows + 1, rows))
     rest = available - len(full) * rows
     return full + ([len(full) * rows] if rest >= max(2, rows / 2) else [])

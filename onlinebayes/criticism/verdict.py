@@ -1,8 +1,9 @@
 """The verdict in one word, and what is left.
 
-In this order: insufficient_data (fewer than 7 blocks, or nothing moves), tie (the first accepted effect can be swapped
-for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above the
-floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
+In this order: insufficient_data (nothing moves, fewer than 7 windows' worth of motion, or an effect that only more
+independent blocks could decide on), bounds_exclude_truth (see ``bounds``), tie (the first accepted effect can be
+swapped for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above
+the floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
@@ -14,7 +15,7 @@ import math
 
 import torch
 
-from onlinebayes.criticism.blocks import FEWEST
+from onlinebayes.criticism.blocks import APART, FEWEST
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict
@@ -59,11 +60,12 @@ def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:
 
 
 def decide(
-    blocks: int,
-    moves: bool,
+    enough: bool,
+    undecided: bool,
     numerics: Numerics,
     accepted: int,
     tie: bool,
+    bounds: bool,
     before: dict[str, float],
     after: dict[str, float],
     tolerance: float,
@@ -71,21 +73,24 @@ def decide(
     """The first verdict that applies.
 
     Args:
-        blocks: B.
-        moves: whether any joint moves in any window.
+        enough: whether joints move, for at least 7 windows.
+        undecided: whether an effect failed for nothing but too few independent blocks.
         numerics: of the base model.
         accepted: number of accepted effects.
         tie: whether the first of them can be swapped.
+        bounds: whether a bound was found to exclude the truth.
         before, after: rms_over_floor of the base and the final model.
         tolerance: up to which a model is adequate.
     """
-    if blocks < FEWEST or not moves:
+    if not enough or (undecided and not accepted):
         return "insufficient_data"
     worst = max(after.values(), default=0.0)
     if not numerics.sufficient:
         # Where the integrator errs by less than the noise and no more than noise is left, nothing can be missing.
         quiet = not accepted and worst <= tolerance and numerics.error_at_quarter_step <= 1.0
         return "adequate" if quiet else "unexplained"
+    if bounds:
+        return "bounds_exclude_truth"
     if accepted and tie:
         return "tie"
     if accepted:
@@ -101,7 +106,7 @@ def what_to_record(blocks: int, moves: bool, windows: Windows, tau: float) -> st
         return (
             "record runs in which the joints move: nothing here moves by more than 8 standard deviations of its sensor"
         )
-    block = max(windows.horizon, 10 * tau)
+    block = max(windows.horizon, APART * tau)
     needed = FEWEST * block
     return (
         f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST} separate runs: these data hold "

@@ -38,7 +38,7 @@ class Windows:
         history, history_enable: during the Q rows before it (the command of the run's first row, and actuators
             off, where it began later).
         value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
-        measured, inside: what was measured, still or not, and which rows lie within the run.
+        measured, inside: what was measured, still or not, and which rows lie within the run and before its next gap.
         start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
         free: which joints move in the window.
         noise: floor of each signal [SI].
@@ -247,13 +247,14 @@ def _whole_part(whole: float, about: float, timestep: float) -> float:
 
 
 def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ...]:
+    begin, end = next(((a, b) for a, b in reversed(grid.pieces) if a <= first), (0, grid.rows))
     during = torch.arange(first, first + rows, device=grid.value.device)
-    held = during.clamp_max(grid.rows)
+    held = during.clamp_max(end)
     before = torch.arange(first - history, first, device=grid.value.device)
-    began, before = before >= 0, before.clamp_min(0)
+    began, before = before >= 0, before.clamp_min(begin)
     after = during + 1
-    inside = after <= grid.rows
-    after = after.clamp_max(grid.rows)
+    inside = after <= end
+    after = after.clamp_max(end)
     return (
         grid.command[held],
         grid.enable[held],

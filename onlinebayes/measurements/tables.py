@@ -1,4 +1,4 @@
-"""Measurement tables (CSV or Parquet) -> :class:`Measurement`, by the model's names.
+"""Measurement tables, whatever their format -> :class:`Measurement`, by the model's names.
 
     run,time,ctrl.motor,qpos.carriage,sensor.reference
     plain,0,2.53,7.45e-06,0.00011
@@ -10,10 +10,11 @@
 | ``time``                      | [s], strictly increasing within a run, not necessarily uniform                |
 | ``ctrl.<actuator>``           | command; an empty cell holds the last one of the run                          |
 | ``enable.<actuator>``         | 0 while the actuator is off, else 1; an empty cell holds the last one         |
-| ``qpos.<joint>``, ...         | a signal of the model; an empty cell was not measured                         |
+| ``qpos.<joint>``, ...         | a signal of the model; an empty cell was not measured; quaternions made unit  |
 | ``meta.*``, other unknown     | kept out and named in the notes, like ``sensor.*`` that the model lacks       |
 
-An unknown joint or actuator is an error unless ``ignore`` lists the column.
+An unknown joint or actuator is an error unless ``ignore`` lists the column. Logs with names of their own (MCAP, ...)
+are mapped column by column; see ``formats`` for what their columns are called.
 """
 
 from __future__ import annotations
@@ -27,29 +28,16 @@ from pathlib import Path
 import numpy as np
 
 from onlinebayes.measurements.checks import check_columns
-from onlinebayes.measurements.files import Columns, columns, header
+from onlinebayes.measurements.formats import Columns, Source, open_source
+from onlinebayes.measurements.inputs import blank_while_off, first_commanded, held
+from onlinebayes.measurements.latency import advanced
+from onlinebayes.measurements.mapping import CommandColumn, SignalColumn
 from onlinebayes.measurements.measurement import Measurement, Signal
+from onlinebayes.measurements.quaternions import normalised, quaternions
 from onlinebayes.runs import BadInput
 
 STATE = ("qpos", "qvel")
-LATER = ("qfrc", "xfrc", "sensor")
-
-
-@dataclass(frozen=True)
-class SignalColumn:
-    """A signal and how a table's column becomes it: value = sign scale cell + offset.
-
-    Args:
-        signal: the model's signal, with its noise.
-        column: the table's column; the signal's own name by default.
-        scale: what multiplies the cell, units and sign included [unit of the signal / unit of the column].
-        offset: what is added then [unit of the signal].
-    """
-
-    signal: Signal
-    column: str = ""
-    scale: float = 1.0
-    offset: float = 0.0
+LATER = ("qfrc", "sensor")
 
 
 @dataclass(frozen=True)
@@ -60,6 +48,7 @@ class TableReader:
         signals: the model's signals, in its order, e.g. ``Simulator.signals`` with units.
         commands: the model's actuators, in its order, e.g. ``Simulator.commands``.
         mapped: signals that come from another column, or in another unit.
+        commanded: commands that do.
         ignore: columns (globs) to leave out though they look like the model's.
         known: addresses such as ``"sensor.force"`` that the model has but that are not compared.
         note: told once a table what was left out.
@@ -68,6 +57,7 @@ class TableReader:
     signals: Sequence[Signal]
     commands: Sequence[str]
     mapped: Sequence[SignalColumn] = ()
+    commanded: Sequence[CommandColumn] = ()
     ignore: Sequence[str] = ()
     known: Sequence[str] = ()
     note: Callable[[str], None] = field(default=lambda _line: None)
@@ -94,45 +84,70 @@ class TableReader:
         return Measurement.from_runs(runs, present, self.commands)
 
     def _runs_of(self, path: Path, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
-        names = header(path)
+        source = open_source(path)
+        names = set(source.names)
         if "time" not in names:
-            raise BadInput("no column 'time'", _nearest("time", names) or _list(names), where=f"{path}, row 1")
-        found = [w for w in wanted if (w.column or w.signal.name) in names]
-        inputs = [name for kind in ("ctrl", "enable") for c in self.commands if (name := f"{kind}.{c}") in names]
-        inputs = [name for name in inputs if not self._ignored(name)]
-        found = [w for w in found if not self._ignored(w.column or w.signal.name)]
-        taken = {"run", "time", *inputs, *(w.column or w.signal.name for w in found)}
-        self._classify([name for name in names if name not in taken], path)
+            cure = _nearest("time", source.names) or _list(source.names)
+            raise BadInput("no column 'time'", cure, where=f"{path}, row 1")
+        inputs = {name: one for name, one in self._inputs().items() if one.source in names}
+        inputs = {name: one for name, one in inputs.items() if not self._ignored(one.source)}
+        found = [w for w in wanted if w.source in names and not self._ignored(w.source)]
+        sources = {one.source for one in inputs.values()}
+        taken = {"run", "time", *sources, *(w.source for w in found)}
+        self._classify([name for name in source.names if name not in taken], path)
         if not found:
             raise BadInput(
                 "no column that the model has",
-                f"give one of {_list([w.column or w.signal.name for w in wanted])}",
+                f"give one of {_list([w.source for w in wanted])}" + _instead(source),
                 where=f"{path}, row 1",
             )
         text = [name for name in ("run",) if name in names]
-        read = columns(path, sorted(taken & set(names)), text, inputs)
-        return {run: self._one_run(read, rows, found, inputs, f"{path}") for run, rows in _run_rows(read, path).items()}
+        read = source.columns(sorted(taken & names), text, sorted(sources))
+        return {run: self._one_run(read, rows, found, inputs, source) for run, rows in _run_rows(read, path).items()}
+
+    def _inputs(self) -> dict[str, CommandColumn]:
+        """``ctrl.<actuator>`` and ``enable.<actuator>`` -> the column each comes from."""
+        commanded = {one.actuator: one for one in self.commanded}
+        inputs = {f"ctrl.{name}": commanded.get(name, CommandColumn(name)) for name in self.commands}
+        return inputs | {f"enable.{name}": CommandColumn(name, f"enable.{name}") for name in self.commands}
 
     def _one_run(
-        self, read: Columns, rows: slice, found: Sequence[SignalColumn], inputs: Sequence[str], where: str
+        self,
+        read: Columns,
+        rows: slice,
+        found: Sequence[SignalColumn],
+        inputs: Mapping[str, CommandColumn],
+        source: Source,
     ) -> dict[str, np.ndarray]:
-        numbers = read.rows[rows]
+        numbers, where = read.rows[rows], str(source.path)
         values = {"time": read["time"][rows]}
-        for name in inputs:
-            values[name] = _held(name, read[name][rows], where, numbers)
-        for name in self.commands:
-            _blank_while_off(name, values, where, numbers)
+        for name, one in inputs.items():
+            values[name] = held(name, one.value(read[one.source][rows]), where, numbers)
         for w in found:
-            values[w.signal.name] = read[w.column or w.signal.name][rows] * w.scale + w.offset
-        check_columns(values, where, numbers)
+            values[w.signal.name] = w.value(read[w.source][rows])
+        if source.joined and 0 < (first := first_commanded(self.commands, values)) < len(numbers):
+            values = {name: column[first:] for name, column in values.items()}
+            numbers = numbers[first:]
+            self.note(f"{where}: the {values['time'][0]:.3g} s before the first command are left out")
         for name in self.commands:
+            if f"ctrl.{name}" in inputs:
+                blank_while_off(name, inputs[f"ctrl.{name}"].source, values, where, numbers)
+        check_columns(values, where, numbers)
+        for w in found:
+            values[w.signal.name] = advanced(values["time"], values[w.signal.name], w.latency)
+        for quaternion in quaternions(s.name for s in self.signals):
+            values.update(normalised(values, quaternion, where, numbers))
+        self._check_commanded(values, source)
+        return values
+
+    def _check_commanded(self, values: Mapping[str, np.ndarray], source: Source) -> None:
+        for name, one in ((name, self._inputs()[f"ctrl.{name}"]) for name in self.commands):
             if f"ctrl.{name}" not in values and not (f"enable.{name}" in values and not values[f"enable.{name}"].any()):
                 raise BadInput(
-                    f"no column 'ctrl.{name}', the command of the model's actuator '{name}'",
-                    f"add it, or 'enable.{name}' with 0 in every row when the actuator was off",
-                    where=f"{where}, row 1",
+                    f"no column '{one.source}', the command of the model's actuator '{name}'",
+                    f"add it, or 'enable.{name}' with 0 in every row when the actuator was off" + _instead(source),
+                    where=f"{source.path}, row 1",
                 )
-        return values
 
     def _ignored(self, name: str) -> bool:
         return any(fnmatchcase(name, pattern) for pattern in self.ignore)
@@ -140,10 +155,11 @@ class TableReader:
     def _classify(self, names: Sequence[str], path: Path) -> None:
         """Refuse the columns that name a joint or actuator the model lacks, note the others."""
         unused, later = [], []
+        own = {s.name for s in self.signals} | {f"ctrl.{one.actuator}" for one in self.commanded}
         for number, name in enumerate(names, start=1):
             if self._ignored(name):
                 continue
-            if name in (s.name for s in self.signals):  # another column was mapped to this signal
+            if name in own:  # another column was mapped to it
                 unused.append(name)
                 continue
             kind, _, target = name.partition(".")
@@ -157,12 +173,19 @@ class TableReader:
                 if target not in joints:
                     self._unknown(name, target, joints, "joint", path)
                 later.append(name)
-            elif kind == "xfrc" or (kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known)):
+            elif kind == "xfrc":
+                raise BadInput(
+                    "a measured wrench from outside is not applied to the model by this version",
+                    "add the column to 'ignore' in the problem file if the replay may go without it",
+                    where=f"{path}, row 1, column '{name}'",
+                )
+            elif kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known):
                 later.append(name)
             else:
                 unused.append(name or f"(column without a name, {number})")
         if unused:
-            self.note(f"{path}: columns kept out: {', '.join(unused)}")
+            more = f" and {len(unused) - 50} more" if len(unused) > 50 else ""
+            self.note(f"{path}: columns kept out: {', '.join(unused[:50])}{more}")
         if later:
             self.note(f"{path}: columns not compared by this version: {', '.join(later)}")
 
@@ -178,7 +201,7 @@ class TableReader:
         for mapped in self.mapped:
             if mapped.signal.name not in found:
                 raise BadInput(
-                    f"no table has the column '{mapped.column or mapped.signal.name}'",
+                    f"no table has the column '{mapped.source}'",
                     "name the column as the table's header does",
                     where=f'[signals."{mapped.signal.name}"]',
                 )
@@ -195,7 +218,13 @@ def _run_rows(read: Columns, path: Path) -> dict[str, slice]:
     ends = np.concatenate([starts[1:], [len(names)]])
     found: dict[str, slice] = {}
     for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        if (run := str(names[start])) in found:
+        if not (run := str(names[start])).isprintable():
+            raise BadInput(
+                f"run {run[:40]!r} has characters that cannot be shown",
+                "name runs by letters and digits",
+                where=f"{path}, row {read.rows[start]}, column 'run'",
+            )
+        if run in found:
             raise BadInput(
                 f"run '{run}' begins again (it ended at row {read.rows[found[run].stop - 1]})",
                 "put the rows of a run together, or give the second part a name of its own",
@@ -205,34 +234,11 @@ def _run_rows(read: Columns, path: Path) -> dict[str, slice]:
     return found
 
 
-def _held(name: str, values: np.ndarray, where: str, rows: np.ndarray) -> np.ndarray:
-    """Each empty cell takes the last value before it; those before the first value stay nan (enable: 1)."""
-    last = np.maximum.accumulate(np.where(np.isnan(values), -1, np.arange(len(values))))
-    start = 1.0 if name.startswith("enable.") else np.nan
-    held = np.where(last >= 0, values[np.maximum(last, 0)], start)
-    if name.startswith("enable.") and (wrong := np.flatnonzero(~np.isin(held, (0.0, 1.0)))).size:
-        raise BadInput(
-            f"enable is {held[wrong[0]]:g}",
-            "write 1 while the actuator is on, 0 while it is off",
-            where=f"{where}, row {rows[wrong[0]]}, column '{name}'",
-        )
-    return held
-
-
-def _blank_while_off(name: str, values: dict[str, np.ndarray], where: str, rows: np.ndarray) -> None:
-    """A run's first commands may be empty only while the actuator is off; they become 0, which nothing feels."""
-    column = f"ctrl.{name}"
-    if column not in values:
-        return
-    blank = np.isnan(values[column])
-    on = values.get(f"enable.{name}", np.ones(len(blank))) != 0
-    if (wrong := np.flatnonzero(blank & on)).size:
-        raise BadInput(
-            "no command yet: the cell is empty and there is none before it in the run",
-            "give the command that holds in the run's first row",
-            where=f"{where}, row {rows[wrong[0]]}, column '{column}'",
-        )
-    values[column] = np.where(blank, 0.0, values[column])
+def _instead(source: Source) -> str:
+    """What a log with names of its own does have, for the mapping."""
+    if not source.joined:
+        return ""
+    return f", or map one of its columns: {_list([name for name in source.names if name != 'time'])}"
 
 
 def _nearest(name: str, known: Sequence[str]) -> str:

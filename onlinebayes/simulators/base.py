@@ -10,6 +10,7 @@ The state is complete: from a state and the inputs that follow, the future is de
 | ``"qpos"``            | (N, nq)      | joint positions [m, rad]                           |
 | ``"qvel"``            | (N, nv)      | joint velocities [m/s, rad/s]                      |
 | ``("effects", key)``  | (N, ...)     | hidden state of the effect ``key``, where it has one |
+| ``"sensor"``          | (N, n)       | what sensors that are signals read there; ignored on input |
 | others                | (N, ...)     | what else the system remembers (MuJoCo: ``act``), optional on input |
 
 Inputs are a TensorDict: ``"command"`` (N, U) in the order of :attr:`Simulator.commands`, and optionally ``"enable"``
@@ -27,11 +28,11 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 
 if TYPE_CHECKING:
-    from onlinebayes.simulators.effects import Effect
+    from onlinebayes.simulators.effects import Effect, TargetKind
 
 
 class Simulator(ABC):
@@ -61,6 +62,25 @@ class Simulator(ABC):
     @property
     def joint_kinds(self) -> Mapping[str, Literal["slide", "hinge"]]:
         """Kind of each slide and hinge joint, which decides units; joints that it lacks are taken for hinges."""
+        return {}
+
+    def targets(self, kind: TargetKind) -> tuple[str, ...]:
+        """What effects of one kind can act on, by name; bodies and the world only where a backend knows of them."""
+        if kind == "actuator":
+            return self.commands
+        if kind == "signal":
+            return self.signals
+        names = (name.removeprefix("qpos.") for name in self.signals if name.startswith("qpos."))
+        return tuple(names) if kind == "joint" else ()
+
+    @property
+    def body_sizes(self) -> Mapping[str, tuple[float, float]]:
+        """Mass [kg] and size [m] of each of the bodies among :meth:`targets`, as the system was built."""
+        return {}
+
+    @property
+    def actuator_gains(self) -> Mapping[str, float]:
+        """Force of an actuator per unit of its command, before the gear; those that are missing have 1."""
         return {}
 
     @property
@@ -143,6 +163,14 @@ class Simulator(ABC):
     @abstractmethod
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds."""
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator whose free parameter ``name`` has other bounds; all worlds nominal.
+
+        Raises:
+            BadInput: there is no such parameter, or this simulator's bounds are fixed.
+        """
+        raise BadInput(f"the bounds of {type(self).__name__} are fixed", "override with_bounds to let them be judged")
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with this step [s] and whose ``dt`` is one of them; all worlds nominal.

@@ -37,7 +37,9 @@ def sense(
     effects = _sensors(simulator)
     if not effects:
         return signals
-    start = torch.cat([state.get("qpos"), state.get("qvel")], dim=-1)
+    motion = torch.cat([state.get("qpos"), state.get("qvel")], dim=-1)
+    # A motion's start does not hold what sensors of the model read there: their first reading stands in.
+    start = torch.cat([motion, signals[..., 0, motion.shape[-1] :]], dim=-1)
     slope = torch.zeros_like(start)
     for i, j in _positions(simulator).items():
         slope[..., i] = start[..., j]

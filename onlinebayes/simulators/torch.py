@@ -20,7 +20,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
@@ -202,8 +202,11 @@ class TorchSimulator(Simulator):
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        targets = {"joint": [j.name for j in self.joints], "actuator": self.commands, "signal": self.signals}
-        known = targets[effect.target_kind]
+        if effect.target_kind not in ("joint", "actuator", "signal"):
+            raise BadInput(
+                f"{effect.key} has no form in torch", "a torch system has joints, actuators and signals only"
+            )
+        known = self.targets(effect.target_kind)
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
             raise BadInput(
@@ -225,6 +228,13 @@ class TorchSimulator(Simulator):
         """A new simulator with another number of worlds, all at the nominal parameters and at rest."""
         other = copy.copy(self)
         other._populate(worlds)
+        return other
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator with other bounds for one parameter; see :meth:`Simulator.with_bounds`."""
+        other = copy.copy(self)
+        other.parameters = self.parameters.replaced(name, parameter)
+        other._populate(self.worlds)
         return other
 
     def with_timestep(self, timestep: float) -> Self:

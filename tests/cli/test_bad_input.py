@@ -98,11 +98,49 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "signal without quotes": (more("[signals.qpos.carriage]\nsd = 1"), 'signals.qpos: .* write "qpos.carriage"'),
     "holdout text": (problem('["second"]', '"second"'), r"holdout: 'second' is not a list; write \["),
-    "tie": (problem("[1.0, 10.0]", "{ low = 1, high = 2, tie = true }"), "tie: .*not supported by this version"),
-    "glob": (problem("body.carriage.mass", "body.*.mass"), "not supported by this version"),
-    "per run": (problem("[1.0, 10.0]", "{ low = 1, high = 2, scope = 'per_run' }"), "scope: only 'shared'"),
-    "runs": (more('[runs."a*"]\n"x" = 1'), "runs: not supported by this version"),
-    "latency": (more('[signals."qpos.carriage"]\nlatency = 0.1'), "latency: not supported by this version"),
+    "tie": (problem("[1.0, 10.0]", "{ low = 1, high = 2, tie = true }"), "tie: a single address has nothing"),
+    "tie text": (problem("[1.0, 10.0]", "{ low = 1, high = 2, tie = 'yes' }"), "tie: 'yes' is not true or false"),
+    "glob": (
+        problem("body.carriage.mass", "body.carrage*.mass"),
+        "no body that matches .*; nearest: carriage",
+    ),
+    "glob field": (problem("body.carriage.mass", "body.*.weight"), "a body has no field 'weight'"),
+    "glob kind": (problem("body.carriage.mass", "bodi.*.mass"), "'bodi.\\*.mass' is malformed"),
+    "glob twice": (problem('"body.carriage.mass"', '"body.c*.mass" = [1, 2]\n"body.*e.mass"'), "is matched twice"),
+    "glob and tie": (
+        problem('"body.carriage.mass"', '"body.c*.mass" = { low = 1, high = 2, tie = true }\n"body.carriage.mass"'),
+        "'body.carriage.mass' are the same value|'body.c\\*.mass' are the same value",
+    ),
+    "scope": (problem("[1.0, 10.0]", "{ low = 1, high = 2, scope = 'per run' }"), "scope: scope 'per run' is unknown"),
+    "runs": (more('[runs."a*"]\n"body.carriage.mass" = 1'), "runs: no run is called 'a\\*'; known: first, second"),
+    "runs address": (more('[runs."*"]\n"body.carrige.mass" = 1'), "no body 'carrige'; nearest: carriage"),
+    "runs text": (more('[runs.first]\n"body.carriage.mass" = "1"'), "'1' is not a number"),
+    "runs without quotes": (more("[runs.first]\nbody.carriage.mass = 1"), 'write "body.carriage.mass" = value'),
+    "runs empty": (more("[runs.first]"), "runs.first: nothing is known"),
+    "runs twice": (
+        more('[runs.first]\n"body.carriage.mass" = 1\n[runs."f*"]\n"body.carriage.mass" = 2'),
+        "run 'first' has two values of 'body.carriage.mass', 1 and 2",
+    ),
+    "runs effect": (
+        more('[runs.first]\n"dry_frict@carriage.frictionloss" = 1'),
+        "effect 'dry_frict' is unknown",
+    ),
+    "latency": (more('[signals."qpos.carriage"]\nlatency = "1 ms"'), "latency: '1 ms' is not a number"),
+    "weld": (more("[model_edit]\nweld = ['carrige']"), "model_edit.weld: .*no body 'carrige'; nearest: carriage"),
+    "weld driven": (more("[model_edit]\nweld = ['carriage']"), "does not compile"),
+    "timestep": (more("[model_edit]\ntimestep = 0"), "timestep: 0 s is no step"),
+    "integrator": (more("[model_edit]\nintegrator = 'rk4'"), "'rk4' is unknown; use Euler, RK4"),
+    "edit": (more("[model_edit]\nwelds = []"), "welds: unknown key; nearest: weld"),
+    "actuator": (more("[actuators.moter]\ninput = 'force'"), "no actuator 'moter'; nearest: motor"),
+    "input": (
+        more("[actuators.motor]\ninput = 'position'"),
+        "takes a force or voltage, not a position",
+    ),
+    "input word": (more("[actuators.motor]\ninput = 'torque'"), "'torque' is unknown; use force, voltage"),
+    "compensation": (more("[actuators.motor]\ngravity_compensation = 1"), "1 is not true or false"),
+    "effect scope": (more('[effects.scope]\n"dry_friction@carriage" = "each"'), "scope 'each' is unknown"),
+    "effect scope target": (more('[effects.scope]\n"dry_friction@wheel" = "per_run"'), "no joint 'wheel'"),
+    "effect scope name": (more('[effects.scope]\n"dry_friction" = "per_run"'), "write effect@target"),
     "address body": (problem("body.carriage.mass", "body.carrige.mass"), "no body 'carrige'; nearest: carriage"),
     "address field": (problem("carriage.mass", "carriage.weight"), "no field 'weight'"),
     "address kind": (problem("body.carriage.mass", "bodi.carriage.mass"), "starts with 'bodi'"),
@@ -122,7 +160,22 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "add": (more("[effects]\nadd = ['dry_friction']"), "effects.add: 'dry_friction' names no target"),
     "add target": (more("[effects]\nadd = ['actuator_delay@moto']"), "no actuator 'moto' .*nearest: motor"),
     "module": (more("[effects]\nmodules = ['no_such_thing']"), "effects.modules: module 'no_such_thing' cannot be"),
+    "command": (more('[commands.moto]\ncolumn = "u"'), "commands.moto: unknown key; nearest: motor"),
+    "command key": (more("[commands.motor]\nsd = 1"), "commands.motor.sd: unknown key; known: column, unit"),
+    "command unit": (more('[commands.motor]\nunit = "volt"'), "commands.motor.unit: unit 'volt' is unknown"),
+    "command sign": (more("[commands.motor]\nsign = 2"), "commands.motor.sign: 2.0 is no sign"),
+    "command scale": (more("[commands.motor]\nscale = 0"), "commands.motor.scale: 0 would erase it"),
+    "command column": (more('[commands.motor]\ncolumn = "u"'), "no column 'u', the command of the model's actuator"),
+    "dots": (more("a" + ".a" * 100_000 + " = 1"), "a line of more than 2000 dots"),
+    "deep keys": (more("[parameters" + ".a" * 1900 + "]\nb = 1"), "carriage.toml"),
+    "huge toml": (content("carriage.toml", b"#" * 2_000_000), "more than 1048576 bytes"),
+    "NUL path": (problem('"carriage.csv"', '"a\\u0000b"'), "measurements|no such file"),
+    "NUL model": (problem('"carriage.xml"', '"a\\u0000b"'), "model: no such file"),
     # the model
+    "model reaches out": (
+        edit("carriage.xml", "<worldbody>", '<include file="../outside.xml"/><worldbody>'),
+        "model: .*outside the folder",
+    ),
     "model file": (problem("carriage.xml", "wagon.xml"), "model: no such file: .*wagon.xml"),
     "model broken": (edit("carriage.xml", "<body", "<bod"), "does not compile"),
     "model not XML": (content("carriage.xml", b"\x89PNG\r\n"), "does not compile"),
@@ -176,6 +229,7 @@ def one_line(captured: str, folder: Path) -> str:
 @pytest.mark.parametrize("name", BAD)
 def test_bad_input_is_one_line_and_status_2(folder, capsys, name):
     change, message = BAD[name]
+    (folder.parent / "outside.xml").write_text("<mujoco/>")
     change(folder)
     before = sorted(folder.rglob("*"))
     assert main(["refine", str(folder / "carriage.toml"), "--out", str(folder / "out" / "deep")]) == 2

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -120,8 +121,9 @@ constant = 3
         ("absent", "has no factory 'absent'"),
     ],
 )
-def test_a_factory_beside_the_problem_file(folder, monkeypatch, factory, message):
+def test_a_factory_in_the_current_folder(folder, monkeypatch, factory, message):
     name = f"rig_{factory}"
+    monkeypatch.chdir(folder)
     (folder / f"{name}.py").write_text(FACTORY)
     path = write(folder, PROBLEM.replace("carriage.xml", f"{name}:{factory}"))
     if message is None:
@@ -131,7 +133,8 @@ def test_a_factory_beside_the_problem_file(folder, monkeypatch, factory, message
             load_problem(path)
 
 
-def test_a_module_registers_an_effect_of_ones_own(folder):
+def test_a_module_registers_an_effect_of_ones_own(folder, monkeypatch):
+    monkeypatch.chdir(folder)
     from onlinebayes.simulators.effects import EFFECTS
 
     (folder / "own_effects.py").write_text(
@@ -160,3 +163,31 @@ def test_the_loaded_runs_replay(folder):
     inputs = data.select("command", "enable")[:, :-1]
     replay = problem.simulator.rollout(problem.simulator.nominal[None], state, inputs, data["time"][0, 1:])
     assert float((replay["qpos"] - data["signal"][:, 1:]).abs().max()) < 2e-2
+
+
+def test_a_mapped_log_is_the_problem_of_the_table(folder):
+    from mcap.writer import Writer
+
+    files = {}
+    for line in (folder / "carriage.csv").read_text().splitlines()[1:]:
+        run, at, u, q = line.split(",")
+        if run not in files:
+            files[run] = Writer(str(folder / f"{run}.mcap"))
+            files[run].start()
+            channels = [files[run].register_channel(topic, "json", 0) for topic in ("/state", "/effort")]
+        instant = round(float(at) * 1e9)
+        state = json.dumps({"name": ["x"], "position": [1000 * float(q)]}).encode()
+        files[run].add_message(channels[0], instant, state, instant)
+        files[run].add_message(channels[1], instant, json.dumps({"data": -float(u)}).encode(), instant)
+    for writer in files.values():
+        writer.finish()
+    wanted = load_problem(folder / "carriage.toml").measurement
+    text = PROBLEM.replace('"carriage.csv"', '"first.mcap", "second.mcap"')
+    (folder / "log.toml").write_text(
+        f'{text}[signals."qpos.carriage"]\ncolumn = "/state.position[x]"\nunit = "mm"\n'
+        '[commands.motor]\ncolumn = "/effort.data"\nsign = -1\n'
+    )
+    found = load_problem(folder / "log.toml").measurement
+    assert (found.runs, found.signals, found.commands) == (wanted.runs, wanted.signals, wanted.commands)
+    for key in ("time", "command", "enable", "signal", "measured", "mask"):
+        assert torch.allclose(found.data[key].double(), wanted.data[key].double(), rtol=1e-12, atol=1e-12), key

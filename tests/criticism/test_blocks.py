@@ -3,7 +3,7 @@ import math
 import pytest
 import torch
 
-from onlinebayes.criticism.blocks import jackknife, leave_one_out, make_blocks, t_quantile
+from onlinebayes.criticism.blocks import flip_groups, jackknife, leave_one_out, make_blocks, t_quantile
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.score import cross_validate, score_gain
 from onlinebayes.criticism.windows import make_windows
@@ -32,10 +32,25 @@ def test_one_run_is_cut_into_blocks_with_gaps() -> None:
     assert blocks.train[3].nonzero()[:, 0].tolist() == [*range(5), *range(9, 24)]  # 6, 7 tested, 5 and 8 are gaps
 
 
-@pytest.mark.parametrize(("tau", "expected"), [(0.05, 12), (0.2, 12), (0.3, 8), (0.4, 6)])
+@pytest.mark.parametrize(("tau", "expected"), [(0.05, 12), (0.5, 12), (0.75, 8), (1.0, 6)])
 def test_long_correlation_makes_fewer_blocks(tau: float, expected: int) -> None:
     windows = make_windows(model(), measure(runs=1, seconds=24.0), 1.0)
     assert make_blocks(windows, tau).count == expected
+
+
+@pytest.mark.parametrize(("tau", "groups"), [(0.05, 24), (0.25, 24), (0.3, 12), (0.6, 8)])
+def test_signs_flip_in_whole_windows_of_four_correlation_times(tau: float, groups: int) -> None:
+    windows = make_windows(model(), measure(runs=1, seconds=24.0), 1.0)
+    of = flip_groups(windows, tau)
+    assert of.unique().tolist() == list(range(groups))
+    assert bool((of.diff() >= 0).all())
+
+
+def test_never_more_than_24_groups() -> None:
+    windows = make_windows(model(), measure(runs=9, seconds=4.0), 1.0)
+    of = flip_groups(windows, 0.05)
+    assert windows.count == 36
+    assert of.unique().tolist() == list(range(24))
 
 
 def test_folds_may_be_fewer_never_more(windows) -> None:

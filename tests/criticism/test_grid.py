@@ -3,7 +3,10 @@ import pytest
 import torch
 
 from onlinebayes.criticism.grid import even_step, run_grids
+from onlinebayes.criticism.tiling import tile
+from onlinebayes.criticism.windows import _cut
 from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
 
 
 def table(time: np.ndarray, command: np.ndarray, angle: np.ndarray) -> Measurement:
@@ -53,3 +56,46 @@ def test_the_step_is_a_whole_number_of_timesteps() -> None:
     assert even_step(measured, 0.002) == pytest.approx(0.01)
     assert even_step(measured, 0.003) == pytest.approx(0.009)  # the nearest multiple
     assert even_step(measured, 0.05) == pytest.approx(0.05)
+
+
+def with_gap(first: int, second: int, gap: float) -> Measurement:
+    """Two stretches at 100 Hz with a pause between them."""
+    time = np.concatenate([np.arange(first) * 0.01, (first - 1) * 0.01 + gap + np.arange(second) * 0.01])
+    return table(time, np.arange(first + second, dtype=float), np.sin(3 * time))
+
+
+def test_a_gap_parts_the_grid_and_a_few_lost_rows_do_not() -> None:
+    (grid,) = run_grids(with_gap(101, 51, 0.5), 0.01)
+    assert grid.pieces == ((0, 100), (150, 200))
+    (grid,) = run_grids(with_gap(101, 51, 0.06), 0.01)
+    assert grid.pieces == ((0, 156),)
+    assert int((~grid.observed).sum()) == 5
+
+
+def test_no_window_bridges_a_gap() -> None:
+    measurement = with_gap(131, 80, 5.0)
+    grids = run_grids(measurement, 0.01)
+    tiling = tile(measurement, grids, ("rail",), horizon=0.5)
+    assert [g for _, g in tiling.places] == [0, 50, 100, 630, 680]
+    assert tiling.rows == 50
+    command, *_, inside = _cut(grids[0], 100, rows=50, history=0)
+    assert inside.tolist() == [True] * 30 + [False] * 20  # the stretch ends at row 130
+    assert float(command.max()) == pytest.approx(130.0)
+    _, _, past, *_ = _cut(grids[0], 630, rows=50, history=9)
+    assert past[:, 0].tolist() == pytest.approx([131.0] * 9)  # the first command after the gap, not the last before it
+
+
+def test_commands_denser_than_the_measurements_do_not_set_the_step() -> None:
+    time = np.arange(1001) * 1e-3
+    angle = np.where(np.arange(1001) % 10 == 0, np.sin(3 * time), np.nan)
+    measurement = table(time, np.arange(1001.0), angle)
+    assert even_step(measurement, 1e-3) == pytest.approx(0.01)
+    (grid,) = run_grids(measurement, 0.01)
+    assert bool(grid.observed.all())
+    assert grid.command[:3, 0].tolist() == pytest.approx([4.5, 14.5, 24.5])
+
+
+def test_a_single_wrong_time_is_said_and_not_allocated() -> None:
+    time = np.append(np.arange(100) * 0.01, 1e9)
+    with pytest.raises(BadInput, match=r"run 'run' lasts 1e\+09 s"):
+        run_grids(table(time, np.zeros(101), np.zeros(101)), 0.01)

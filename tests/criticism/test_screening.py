@@ -40,6 +40,23 @@ def test_p_is_uniform_under_an_exchangeable_null() -> None:
     assert low <= hits <= high
 
 
+def test_drawn_flips_stand_for_all_of_them() -> None:
+    draw = torch.Generator().manual_seed(8)
+    candidates = correlated(draw, 3, V, M).movedim(0, -1)
+    residual = 0.25 * candidates[..., 1] + correlated(draw, V, M)
+    none = torch.zeros(V, M, 0, dtype=torch.float64)
+    tests = [Column(0, True), Column(1, True), Column(2, True)]
+
+    def p_of(groups: int) -> torch.Tensor:
+        of = torch.arange(V) * groups // V
+        return p_values([block_scores(rows(residual, none), candidates, of, groups)], tests, 3)[1]
+
+    drawn = p_of(V)  # 24 groups: 4096 of 16 million flips
+    assert float(drawn.min()) >= 1 / 4096
+    # Flips of pairs of windows are all taken; the two tests agree as far as pairs and single windows do.
+    assert torch.allclose(drawn, p_of(V // 2), atol=0.12)
+
+
 def test_a_true_effect_is_found_and_the_others_are_not() -> None:
     draw = torch.Generator().manual_seed(4)
     columns = correlated(draw, P, V, M).movedim(0, -1)

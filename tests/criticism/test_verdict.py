@@ -10,24 +10,31 @@ from onlinebayes.criticism.verdict import decide, tied
 FINE = Numerics(0.01, 0.0, True)
 
 
+def test_a_bound_comes_before_a_tie_and_after_too_little_data() -> None:
+    assert decide(True, False, FINE, 1, True, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "bounds_exclude_truth"
+    assert decide(False, False, FINE, 0, False, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "insufficient_data"
+
+
 @pytest.mark.parametrize(
-    ("blocks", "moves", "fine", "accepted", "tie", "before", "after", "verdict"),
+    ("enough", "undecided", "fine", "accepted", "tie", "before", "after", "verdict"),
     [
-        (6, True, True, 0, False, 1.0, 1.0, "insufficient_data"),
-        (9, False, True, 0, False, 1.0, 1.0, "insufficient_data"),
-        (9, True, False, 0, False, 5.0, 5.0, "unexplained"),  # numerics: nothing is named
-        (9, True, True, 1, True, 5.0, 1.0, "tie"),
-        (9, True, True, 1, False, 5.0, 1.0, "missing_effect"),
-        (9, True, True, 2, False, 50.0, 30.0, "missing_effect"),  # 64 % of the squared error is gone
-        (9, True, True, 1, False, 50.0, 40.0, "unexplained"),  # 36 %
-        (9, True, True, 1, False, 1.3, 1.15, "missing_effect"),  # reaches the floor
-        (9, True, True, 0, False, 1.19, 1.19, "adequate"),
-        (9, True, True, 0, False, 1.21, 1.21, "unexplained"),
+        (False, False, True, 0, False, 1.0, 1.0, "insufficient_data"),
+        (True, True, True, 0, False, 5.0, 5.0, "insufficient_data"),
+        (True, True, True, 1, False, 5.0, 1.0, "missing_effect"),  # what is undecided is a further one
+        (True, False, False, 0, False, 5.0, 5.0, "unexplained"),  # numerics: nothing is named
+        (True, False, True, 1, True, 5.0, 1.0, "tie"),
+        (True, False, True, 1, False, 5.0, 1.0, "missing_effect"),
+        (True, False, True, 2, False, 50.0, 30.0, "missing_effect"),  # 64 % of the squared error is gone
+        (True, False, True, 1, False, 50.0, 40.0, "unexplained"),  # 36 %
+        (True, False, True, 1, False, 1.3, 1.15, "missing_effect"),  # reaches the floor
+        (True, False, True, 0, False, 1.19, 1.19, "adequate"),
+        (True, False, True, 0, False, 1.21, 1.21, "unexplained"),
     ],
 )
-def test_the_first_that_applies(blocks, moves, fine, accepted, tie, before, after, verdict) -> None:
+def test_the_first_that_applies(enough, undecided, fine, accepted, tie, before, after, verdict) -> None:
     numerics = replace(FINE, sufficient=fine)
-    assert decide(blocks, moves, numerics, accepted, tie, {"q": before}, {"q": after}, 1.2) == verdict
+    before, after = {"q": before}, {"q": after}
+    assert decide(enough, undecided, numerics, accepted, tie, False, before, after, 1.2) == verdict
 
 
 def scores(density: list[float], rms: float, tau: float = 0.5) -> CrossValidated:

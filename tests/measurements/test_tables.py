@@ -173,12 +173,12 @@ def test_a_column_that_the_problem_ignores_is_no_error(tmp_path):
 def test_a_missing_file_and_a_folder(tmp_path):
     with pytest.raises(BadInput, match=r"none\.csv: no such file"):
         reader().read([tmp_path / "none.csv"])
-    with pytest.raises(BadInput, match="is not a file"):
+    with pytest.raises(BadInput, match=r"is a folder without meta/info\.json"):
         reader().read([tmp_path])
 
 
 def test_row_numbers_stay_right_past_the_first_piece(tmp_path, monkeypatch):
-    monkeypatch.setattr("onlinebayes.measurements.files.CHUNK", 3)
+    monkeypatch.setattr("onlinebayes.measurements.formats.delimited.CHUNK", 3)
     rows = [f"a,{k},0,0\n" for k in range(20)]
     rows[15] = "a,15,0,x\n"
     with pytest.raises(BadInput, match=r"row 17, column 'qpos\.carriage'"):

@@ -13,7 +13,9 @@ from onlinebayes.simulators.effects import (
     EFFECTS,
     ActuatorDelay,
     ActuatorGain,
+    ComOffset,
     ConstantLoad,
+    CubicStiffness,
     DryFriction,
     Effect,
     JointStiffness,
@@ -27,12 +29,13 @@ from onlinebayes.simulators.testing import check_effect
 from tests.simulators.models import ARM, SLIDE
 
 H, MASS = 0.002, 2.0
-ON_THE_ARM = {"joint": "elbow", "actuator": "bend", "signal": "qpos.elbow"}
-ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
+ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4, output=20.0)
 
 
 def _effects() -> list[Effect]:
-    return [cls.scaled(ON_THE_ARM[cls.target_kind], ELBOW) for cls in EFFECTS.values()]
+    # The arm is planar: the centre of mass moves along one axis that matters.
+    places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world", "signal": "qpos.elbow"}
+    return [cls.scaled("fore.x" if cls is ComOffset else places[cls.target_kind], ELBOW) for cls in EFFECTS.values()]
 
 
 def _roll(
@@ -56,12 +59,22 @@ def test_the_registry_holds_the_contracts_names() -> None:
         "dry_friction",
         "stribeck_friction",
         "load_dependent_friction",
+        "asymmetric_friction",
         "quadratic_drag",
         "joint_stiffness",
+        "cubic_stiffness",
         "constant_load",
         "cogging",
+        "armature",
+        "payload",
+        "com_offset",
+        "gravity_tilt",
         "actuator_gain",
+        "actuator_lag",
         "actuator_delay",
+        "actuator_dead_zone",
+        "actuator_saturation",
+        "back_emf",
         "thermal_derating",
         "sensor_bias",
         "sensor_scale",
@@ -82,7 +95,8 @@ def test_conformance_of_all_together() -> None:
     *first, last = _effects()
     for effect in first:
         simulator = simulator.with_effect(effect)
-    check_effect(simulator, last)
+    # Commands that come through the dead zone, also when lagged.
+    check_effect(simulator, last, scale=10.0)
 
 
 @pytest.mark.parametrize(
@@ -95,6 +109,7 @@ def test_conformance_of_all_together() -> None:
             [3.0, 0.25],
             lambda q, v: -3.0 * (q - 0.25),
         ),
+        (CubicStiffness("rail", Parameter(0, 9), Parameter(-1, 1)), [3.0, 0.25], lambda q, v: -3.0 * (q - 0.25) ** 3),
         (ConstantLoad("rail", Parameter(-9, 9)), [-3.0], lambda q, v: -3.0),
     ],
     ids=lambda x: getattr(x, "name", ""),

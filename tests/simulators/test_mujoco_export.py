@@ -9,7 +9,15 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import EFFECTS, ActuatorDelay, Cogging, Scales, SensorBias
+from onlinebayes.simulators.effects import (
+    EFFECTS,
+    ActuatorDeadZone,
+    ActuatorDelay,
+    ActuatorLag,
+    Cogging,
+    Scales,
+    SensorBias,
+)
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.simulators.models import ARM, SLIDE
 from tests.simulators.test_mujoco import ARM_SPACE
@@ -55,9 +63,11 @@ def test_plain_mujoco_replays_the_file_alike(seed: int) -> None:
     torch.manual_seed(seed)
     simulator = MujocoSimulator(ARM, SPACE)
     elbow = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
+    places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world"}
     for cls in EFFECTS.values():
-        if cls.fields or cls.has_command:
-            simulator = simulator.with_effect(cls.scaled("elbow" if cls.target_kind == "joint" else "bend", elbow))
+        # Input stages that MuJoCo has not, force stages and sensors have no place in the file.
+        if cls.fields or (cls.has_command and cls not in (ActuatorLag, ActuatorDeadZone)):
+            simulator = simulator.with_effect(cls.scaled(places[cls.target_kind], elbow))
     theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
     # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.
     command = 1.5 * torch.randn(400, 2, dtype=torch.float64)

@@ -14,7 +14,9 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import (
     EFFECTS,
     ActuatorDelay,
+    AsymmetricFriction,
     ConstantLoad,
+    CubicStiffness,
     DryFriction,
     JointStiffness,
     QuadraticDrag,
@@ -28,7 +30,11 @@ SCALES = Scales(force=3.0, speed=2.0, travel=1.0, time=0.1, unit="hinge")
 PRIOR = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+NATIVE_ONLY = ("armature", "payload", "com_offset", "gravity_tilt", "back_emf")
+"""Effects that MuJoCo alone carries."""
+
+
+@pytest.mark.parametrize("name", [name for name in EFFECTS if name not in NATIVE_ONLY])
 @pytest.mark.parametrize("system", [CartPole, Pendulum])
 def test_contract(system: type, name: str) -> None:
     kind = EFFECTS[name]
@@ -38,6 +44,13 @@ def test_contract(system: type, name: str) -> None:
     targets = {"joint": joints, "actuator": ["motor"], "signal": [f"qpos.{joint}" for joint in joints]}
     for target in targets[kind.target_kind]:
         check_effect(system(PRIOR, dt=2 * system.timestep), kind.scaled(target, SCALES), scale=2.0)
+
+
+@pytest.mark.parametrize("name", NATIVE_ONLY)
+def test_what_torch_cannot_carry_is_refused(name: str) -> None:
+    target = {"joint": "hinge", "actuator": "motor", "body": "bob", "world": "world"}[EFFECTS[name].target_kind]
+    with pytest.raises(BadInput, match="no form in torch"):
+        Pendulum().with_effect(EFFECTS[name].scaled(target, SCALES))
 
 
 def test_forces_of_effects_act_as_their_equations_say() -> None:
@@ -50,6 +63,16 @@ def test_forces_of_effects_act_as_their_equations_say() -> None:
         (ConstantLoad("hinge", Parameter(-1, 1)), {"load": -0.7}, -0.7),
         (JointStiffness("hinge", Parameter(0, 5), Parameter(-1, 1)), {"stiffness": 4.0, "springref": 0.1}, -4 * 0.2),
         (DryFriction("hinge", Parameter(0, 1)), {"frictionloss": 0.6}, -0.6),
+        (
+            CubicStiffness("hinge", Parameter(0, 5), Parameter(-1, 1)),
+            {"stiffness3": 4.0, "springref": -0.2},
+            -4 * 0.5**3,
+        ),
+        (
+            AsymmetricFriction("hinge", Parameter(0, 1), Parameter(0, 1)),
+            {"frictionloss_positive": 0.6, "frictionloss_negative": 0.2},
+            -0.6,
+        ),
     ]
     for effect, values, torque in cases:
         simulator = base.with_effect(effect)

@@ -49,6 +49,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "what_to_record": result.what_to_record,
         "interrupted": result.interrupted,
         "notes": result.notes,
+        "widened": {name: asdict(bounds) for name, bounds in result.widened.items()},
         "machine": machine(),
     }
 

@@ -41,7 +41,7 @@ def write_picture(result: Criticism, path: str | Path) -> None:
         raise ValueError("the result holds no replayed run to draw")
     figure = Figure(figsize=(9.0, 4.9), dpi=150, layout="constrained", facecolor="white")
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=[3, 2])
-    kinds = ("before", "after") if result.accepted else ("before",)
+    kinds = ("before", "after") if result.changed else ("before",)
     _signals(upper, worst, kinds, signal, result.units[signal])
     _errors(lower, worst, kinds, result.heldout_error.noise_floor[signal], result.units[signal])
     figure.suptitle(f"{words.headline(result)}\n{words.improvement(result)}", fontsize=11, x=0.01, ha="left")

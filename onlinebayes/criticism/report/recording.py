@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from onlinebayes.criticism.report import documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS
 from onlinebayes.criticism.results import Criticism, ReplayedRun
+from onlinebayes.criticism.scoped import physics
 from onlinebayes.runs import atomic_path
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -45,7 +46,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         stream = rr.RecordingStream("onlinebayes", send_properties=False)
         stream.save(temporary)
         runs = layout.shown_runs(result)
-        simulator = result.final.simulator
+        simulator = physics(result.final.simulator)
         model = simulator.model if isinstance(simulator, MujocoSimulator) else None
         stream.send_blueprint(layout.blueprint(result, runs, model))
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):
@@ -69,7 +70,7 @@ def rows(time: NDArray[np.float64], rate: float) -> NDArray[np.intp]:
 
 def variants(result: Criticism) -> tuple[str, ...]:
     """The models to draw: before and after, or the one there is."""
-    return ("before", "after") if result.accepted else ("before",)
+    return ("before", "after") if result.changed else ("before",)
 
 
 def _send_curves(stream: RecordingStream, result: Criticism, before: ReplayedRun, after: ReplayedRun) -> None:

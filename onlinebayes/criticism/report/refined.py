@@ -16,6 +16,8 @@ from typing import Any
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.scope import address_of
+from onlinebayes.criticism.scoped import physical, physics
 from onlinebayes.runs import write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.export import to_xml
@@ -23,8 +25,8 @@ from onlinebayes.simulators.mujoco.export import to_xml
 
 def left_out(result: Criticism) -> tuple[str, ...]:
     """Keys of the effects that refined.xml cannot hold, because plain MuJoCo has no term for them."""
-    simulator = result.final.simulator
-    return simulator.foreign(result.final.theta) if isinstance(simulator, MujocoSimulator) else ()
+    simulator, theta = physics(result.final.simulator), physical(result.final.simulator, result.final.theta)
+    return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else ()
 
 
 def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | None = None) -> tuple[str, ...]:
@@ -41,7 +43,7 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
     Raises:
         BadInput: the folder cannot be written.
     """
-    folder, simulator, written = Path(out_dir), result.final.simulator, []
+    folder, simulator, written = Path(out_dir), physics(result.final.simulator), []
     if problem is not None:
         content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
         write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
@@ -68,9 +70,9 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
     effects = dict(content.get("effects", {}))
     effects["add"] = list(result.final.effects)
     content["effects"] = effects
-    content["parameters"] = {**content["parameters"], **_bounds(result)}
+    content["parameters"] = {**content["parameters"], **_bounds(result), **_widened(content["parameters"], result)}
     comments: dict[tuple[str, ...], str] = {
-        ("parameters", name): f"fitted: {words.estimate(value)}" for name, value in result.parameters.items()
+        ("parameters", name): f"fitted: {'; '.join(values)}" for name, values in _fitted(result).items()
     }
     head = f"{words.headline(result)}\n{words.improvement(result)}"
     return to_toml(content, head=head, comments=comments)
@@ -81,10 +83,10 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
 
     Args:
         result: what ``refine`` returned.
-        simulator: its final simulator.
+        simulator: the physics of its final simulator; where runs have values of their own, their mean is written.
         target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
     """
-    spec = simulator.export(result.final.theta)
+    spec = simulator.export(physical(result.final.simulator, result.final.theta))
     assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
     if spec.modelfiledir and any(asset.file for asset in assets):
         for name in ("meshdir", "texturedir"):
@@ -92,14 +94,16 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
             setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
         spec.modelfiledir = str(target)
     missing = left_out(result)
+    differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
     note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
+    note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
     # "--" would end an XML comment.
     return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}"
 
 
 def _bounds(result: Criticism) -> dict[str, Any]:
     """Bounds of the effects' parameters, as the problem file writes them."""
-    space = result.final.simulator.parameters
+    space = physics(result.final.simulator).parameters
     found: dict[str, Any] = {}
     for effect in result.final.simulator.effects:
         for name in effect.parameters:
@@ -108,6 +112,27 @@ def _bounds(result: Criticism) -> dict[str, Any]:
             found[address] = [parameter.low, parameter.high]
             if parameter.scale != "linear":
                 found[address] = {"low": parameter.low, "high": parameter.high, "scale": parameter.scale}
+    return found
+
+
+def _widened(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
+    """The wider bounds where the old ones exclude the truth, as the problem file wrote them."""
+    found: dict[str, Any] = {}
+    for name, widened in result.widened.items():
+        low, high = widened.after
+        address = address_of(name)
+        given = parameters.get(address)
+        found[address] = {**given, "low": low, "high": high} if isinstance(given, Mapping) else [low, high]
+    return found
+
+
+def _fitted(result: Criticism) -> dict[str, list[str]]:
+    """Address -> its fitted value, or that of every run."""
+    found: dict[str, list[str]] = {}
+    for name, value in result.parameters.items():
+        address = address_of(name)
+        of_run = name.removeprefix(address).strip("[]")
+        found.setdefault(address, []).append(f"{of_run} {words.estimate(value)}".strip())
     return found
 
 

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 
 from onlinebayes.criticism.report import quantities
 from onlinebayes.criticism.results import Candidate, Criticism, Estimate
+from onlinebayes.criticism.scope import address_of
 from onlinebayes.simulators.effects import EFFECTS
 
 VERDICTS = {
@@ -78,7 +79,7 @@ def headline(result: Criticism) -> str:
     if result.verdict == "insufficient_data":
         return "There is too little data to name what is missing."
     if result.verdict == "bounds_exclude_truth":
-        return "The bounds of a parameter exclude the value that the data ask for."
+        return f"No effect is missing: the bounds of {listing(list(result.widened))} exclude what the data ask for."
     if result.verdict == "data_problem":
         return "The data themselves explain the misfit better than any missing physics."
     if result.verdict == "unexplained":
@@ -95,9 +96,22 @@ def improvement(result: Criticism) -> str:
     scale = quantities.scale_for(before, unit)
     over = f"Held-out error over {quantities.exact(errors.horizon_s[signal], 's')}"
     noise = f"noise explains {small(scale, floor)}"
-    if result.accepted:
+    if result.changed:
         return f"{over}: {scale.text(before)} → {scale.text(after)} ({better(before, after)}); {noise}."
     return f"{over}: {scale.text(before)}; {noise}."
+
+
+def bounds(result: Criticism) -> list[str]:
+    """One sentence for each bound that excludes the truth: the value that the data ask for, and what to write."""
+    sentences = []
+    for name, widened in result.widened.items():
+        low, high = (quantities.exact(value, result.parameters[name].unit) for value in widened.before)
+        wide = ", ".join(f"{value:g}" for value in widened.after)
+        sentences.append(
+            f"The data ask for {estimate(result.parameters[name])}; the bounds were {low} to {high}. If that can be, "
+            f'write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts like it.'
+        )
+    return sentences
 
 
 def small(scale: quantities.Scale, floor: float) -> str:

@@ -1,13 +1,23 @@
 """The vocabulary of physical effects: named terms with bounded parameters, added with ``simulator.with_effect``."""
 
+from onlinebayes.simulators.effects.actuator_dead_zone import ActuatorDeadZone
 from onlinebayes.simulators.effects.actuator_delay import ActuatorDelay
 from onlinebayes.simulators.effects.actuator_gain import ActuatorGain
-from onlinebayes.simulators.effects.base import Effect, Reading, Scales, Seen
+from onlinebayes.simulators.effects.actuator_lag import ActuatorLag
+from onlinebayes.simulators.effects.actuator_saturation import ActuatorSaturation
+from onlinebayes.simulators.effects.armature import Armature
+from onlinebayes.simulators.effects.asymmetric_friction import AsymmetricFriction
+from onlinebayes.simulators.effects.back_emf import BackEmf
+from onlinebayes.simulators.effects.base import Effect, Reading, Scales, Seen, TargetKind
 from onlinebayes.simulators.effects.cogging import Cogging
+from onlinebayes.simulators.effects.com_offset import ComOffset
 from onlinebayes.simulators.effects.constant_load import ConstantLoad
+from onlinebayes.simulators.effects.cubic_stiffness import CubicStiffness
 from onlinebayes.simulators.effects.dry_friction import DryFriction
+from onlinebayes.simulators.effects.gravity_tilt import GravityTilt
 from onlinebayes.simulators.effects.joint_stiffness import JointStiffness
 from onlinebayes.simulators.effects.load_dependent_friction import LoadDependentFriction
+from onlinebayes.simulators.effects.payload import Payload
 from onlinebayes.simulators.effects.quadratic_drag import QuadraticDrag
 from onlinebayes.simulators.effects.sensor_bias import SensorBias
 from onlinebayes.simulators.effects.sensor_delay import SensorDelay
@@ -23,12 +33,22 @@ EFFECTS: dict[str, type[Effect]] = {
         DryFriction,
         StribeckFriction,
         LoadDependentFriction,
+        AsymmetricFriction,
         QuadraticDrag,
         JointStiffness,
+        CubicStiffness,
         ConstantLoad,
         Cogging,
+        Armature,
+        Payload,
+        ComOffset,
+        GravityTilt,
         ActuatorGain,
+        ActuatorLag,
         ActuatorDelay,
+        ActuatorDeadZone,
+        ActuatorSaturation,
+        BackEmf,
         ThermalDerating,
         SensorBias,
         SensorScale,
@@ -39,14 +59,24 @@ EFFECTS: dict[str, type[Effect]] = {
 
 __all__ = [
     "EFFECTS",
+    "ActuatorDeadZone",
     "ActuatorDelay",
     "ActuatorGain",
+    "ActuatorLag",
+    "ActuatorSaturation",
+    "Armature",
+    "AsymmetricFriction",
+    "BackEmf",
     "Cogging",
+    "ComOffset",
     "ConstantLoad",
+    "CubicStiffness",
     "DryFriction",
     "Effect",
+    "GravityTilt",
     "JointStiffness",
     "LoadDependentFriction",
+    "Payload",
     "QuadraticDrag",
     "Reading",
     "Scales",
@@ -55,6 +85,7 @@ __all__ = [
     "SensorDelay",
     "SensorScale",
     "StribeckFriction",
+    "TargetKind",
     "ThermalDerating",
     "ViscousFriction",
 ]

@@ -30,6 +30,9 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 
+TargetKind = Literal["joint", "actuator", "body", "world", "signal"]
+"""What an effect acts on; a world has one target, ``"world"``."""
+
 
 @dataclass(frozen=True)
 class Scales:
@@ -42,6 +45,9 @@ class Scales:
         time: longest plausible dead time [s].
         unit: the joint's kind, which decides the units.
         centre: middle of the positions visited [m, rad].
+        inertia: that a force at the joint moves [kg, kg m2]; of a body, its mass [kg].
+        length: size of a body [m].
+        output: largest force of an actuator itself, before its gear [N, N m].
     """
 
     force: float
@@ -50,10 +56,9 @@ class Scales:
     time: float
     unit: Literal["slide", "hinge"] = "hinge"
     centre: float = 0.0
-
-
-Target = Literal["joint", "actuator", "signal"]
-"""What an effect acts on."""
+    inertia: float = 1.0
+    length: float = 0.1
+    output: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -102,18 +107,22 @@ class Effect(ABC):
     Attributes:
         name: the contract's name, e.g. ``"dry_friction"``.
         target_kind: what ``target`` names.
-        target: name of the joint, actuator or signal.
+        target: name of the joint, actuator, body or signal; ``"world"`` for what acts on all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
+        contains: names of simpler effects that it becomes, at the same target, for some of its values.
+        axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
 
     name: ClassVar[str]
-    target_kind: ClassVar[Target]
+    target_kind: ClassVar[TargetKind]
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
+    contains: ClassVar[tuple[str, ...]] = ()
+    axes: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     @abstractmethod
@@ -134,6 +143,11 @@ class Effect(ABC):
     def key(self) -> str:
         """``name@target``."""
         return f"{self.name}@{self.target}"
+
+    @property
+    def element(self) -> str:
+        """Name of what the target stands for, without an axis."""
+        return self.target
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
@@ -248,3 +262,9 @@ class Effect(ABC):
                 return None
             states.append(after)
         return TensorDict.stack(states, dim=1)
+
+
+def split_axis(target: str, axes: tuple[str, ...]) -> tuple[str, str]:
+    """The element and the axis of ``element.axis``; the axis is empty where the target names none."""
+    element, dot, axis = target.rpartition(".")
+    return (element, axis) if dot and axis in axes else (target, "")

@@ -51,11 +51,7 @@ class ConstantLoad(Effect):
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Append the actuator, named like the effect; it is no command of the simulator."""
-        actuator = spec.add_actuator()
-        actuator.name, actuator.target = self.key, self.target
-        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.gainprm[0] = 0.0
+        add_load_actuator(spec, self.key, self.target)
 
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
@@ -66,3 +62,12 @@ class ConstantLoad(Effect):
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """L [N, N m]."""
         return parameters["load"]
+
+
+def add_load_actuator(spec: mujoco.MjSpec, name: str, joint: str) -> None:
+    """Append an actuator whose force is ``biasprm[0]`` and nothing else."""
+    actuator = spec.add_actuator()
+    actuator.name, actuator.target = name, joint
+    actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.gainprm[0] = 0.0

@@ -57,11 +57,17 @@ class DryFriction(Effect):
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
     ) -> None:
-        """``dof_frictionloss += F``, and a hard ``dof_solimp`` and ``dof_solref`` where F > 0."""
-        bound = parameters["frictionloss"]
-        fields["dof_frictionloss"][:, int(model.joint(self.target).dofadr[0])] += bound
-        harden(model, fields, self.target, bound > 0)
+        """See :func:`add_friction`."""
+        add_friction(model, fields, self.target, parameters["frictionloss"])
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """F [N, N m]."""
         return parameters["frictionloss"]
+
+
+def add_friction(
+    model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, bound: Float[np.ndarray, " N"]
+) -> None:
+    """``dof_frictionloss += F`` [N, N m], made hard where F > 0."""
+    fields["dof_frictionloss"][:, int(model.joint(joint).dofadr[0])] += bound
+    harden(model, fields, joint, bound > 0)

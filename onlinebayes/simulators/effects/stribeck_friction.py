@@ -37,6 +37,7 @@ class StribeckFriction(Effect):
     stribeck_velocity: Parameter
     name = "stribeck_friction"
     target_kind = "joint"
+    contains = ("dry_friction",)
 
     def __post_init__(self) -> None:
         non_negative(self.key, "coulomb", self.coulomb)

@@ -1,8 +1,8 @@
 """Addresses of physical parameters in a compiled model: ``<kind>.<name>.<field>[index]`` or ``option.<field>``.
 
 An address resolves to the cells of ``mjModel`` arrays that a value is written to, each with a sign:
-``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. The contract's names are MJCF's (see
-:mod:`.fields`).
+``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. A name with ``*`` or ``?`` is one value
+for all elements that it matches. The contract's names are MJCF's (see :mod:`.fields`).
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import difflib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fnmatch import fnmatchcase
 
 import mujoco
 import numpy as np
@@ -99,6 +100,8 @@ def resolve(model: mujoco.MjModel, name: str) -> Address:
     Raises:
         BadInput: the address is malformed, or names an element or a field that is not there; names the nearest.
     """
+    if is_glob(name):
+        return _tied(name, [resolve(model, one) for one in expand(model, name)])
     kind, element, field, index = _parse(model, name)
     if kind == "actuator" and field in ("kp", "kv"):
         return Address(name, _servo(model, element, field, name), "")
@@ -111,6 +114,39 @@ def resolve(model: mujoco.MjModel, name: str) -> Address:
         raise BadInput(f"address '{name}' is past the end", f"the index runs from 0 to {len(columns) - 1}")
     column = columns[index or 0]
     return Address(name, (Cell(column.array, _index(model, kind, element, column)),), unit(model, kind, element, field))
+
+
+def is_glob(name: str) -> bool:
+    """Whether an address stands for several elements."""
+    return "*" in name or "?" in name
+
+
+def expand(model: mujoco.MjModel, name: str) -> tuple[str, ...]:
+    """The address of every element that a glob matches, in the model's order; the address itself where it is none.
+
+    Raises:
+        BadInput: nothing matches; names the nearest.
+    """
+    if not is_glob(name):
+        return (name,)
+    kind, _, rest = name.partition(".")
+    pattern, _, field = rest.rpartition(".")
+    if kind not in _OBJECTS or not pattern:
+        raise BadInput(f"address '{name}' is malformed", f"write <kind>.<glob>.<field> with kind {', '.join(_OBJECTS)}")
+    known = [n for n in names(model, kind) if n and (kind, n) != ("body", "world")]
+    if found := [n for n in known if fnmatchcase(n, pattern)]:
+        return tuple(f"{kind}.{n}.{field}" for n in found)
+    near = difflib.get_close_matches(pattern.replace("*", ""), known, n=3, cutoff=0.4)
+    cure = f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"
+    raise BadInput(f"the model has no {kind} that matches '{pattern}'", cure)
+
+
+def _tied(name: str, parts: Sequence[Address]) -> Address:
+    """One value for several addresses; the model's own is read from the first."""
+    if units := sorted({part.unit for part in parts if part.unit != parts[0].unit}):
+        problem = f"address '{name}' ties {parts[0].unit} to {', '.join(units)}"
+        raise BadInput(problem, "tie slide joints and hinges apart")
+    return Address(name, tuple(cell for part in parts for cell in part.cells), parts[0].unit)
 
 
 def unit(model: mujoco.MjModel, kind: str, element: str, field: str) -> str:
@@ -188,6 +224,18 @@ def scalar_joint(model: mujoco.MjModel, name: str) -> tuple[int, int, int]:
     if model.jnt_type[i] not in (SLIDE, HINGE):
         raise BadInput(f"joint '{name}' is a free or ball joint", "only a slide or hinge joint can carry this")
     return int(model.jnt_qposadr[i]), int(model.jnt_dofadr[i]), i
+
+
+def movable_body(model: mujoco.MjModel, name: str) -> int:
+    """Id of a body that can move.
+
+    Raises:
+        BadInput: there is no such body, or it is welded to the world.
+    """
+    i = element_id(model, "body", name)
+    if model.body_weldid[i] == 0:
+        raise BadInput(f"body '{name}' is fixed to the world", "name one that a joint moves")
+    return i
 
 
 def _servo(model: mujoco.MjModel, element: str, field: str, name: str) -> tuple[Cell, ...]:

@@ -10,13 +10,19 @@ from pathlib import Path
 import mujoco
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.files import check_files
 
 
-def load_spec(model: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
+def load_spec(model: str | Path | mujoco.MjSpec, root: Path | None = None) -> mujoco.MjSpec:
     """The spec of an MJCF file, of MJCF text (it starts with ``<``), or a copy of a spec.
 
+    Args:
+        model: the file, the text or the spec.
+        root: the folder that must hold every file a model file names, as of a model that somebody else wrote;
+            anywhere when None.
+
     Raises:
-        BadInput: the file is missing or is not a model.
+        BadInput: the file is missing, is not a model, or reaches outside ``root``.
     """
     if isinstance(model, mujoco.MjSpec):
         return model.copy()
@@ -26,6 +32,7 @@ def load_spec(model: str | Path | mujoco.MjSpec) -> mujoco.MjSpec:
     path = Path(model)
     if not path.is_file():
         raise BadInput(f"model '{path}' does not exist", "give the path of an MJCF file, MJCF text or a MjSpec")
+    check_files(path, root)
     with _reported(f"model '{path}'"):
         return mujoco.MjSpec.from_file(str(path))
 

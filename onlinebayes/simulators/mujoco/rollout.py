@@ -39,7 +39,8 @@ def rollout(
             "give one row of theta, state and inputs a world, and one column of inputs an instant",
         )
     marks = _marks(times, system.model.opt.timestep)
-    per_world = max(1, int(marks[-1])) * (system.model.nu + system.record.size)
+    width = system.model.nu + system.record.size + len(system.sensors)
+    per_world = max(1, int(marks[-1])) * width
     chunk = max(1, MEMORY // per_world)
     parts = [
         _rollout(system, threads, theta[i : i + chunk], state[i : i + chunk], inputs[i : i + chunk], marks)
@@ -69,7 +70,10 @@ def _rollout(
     worlds = Worlds(system, len(theta), threads)
     worlds.write_theta(theta.numpy())
     worlds.write_state(state)
-    start = system.record.pack(worlds.read_state(), len(theta))
+    before = worlds.read_state()
+    start = system.record.pack(before, len(theta))
+    if system.sensors:
+        start = np.concatenate([start, before["sensor"].numpy()], axis=1)
     row = np.repeat(np.arange(len(marks)), np.diff(marks, prepend=0))
     hidden = system.hidden(state, len(theta))
     if worlds.stage is not None:
@@ -85,6 +89,8 @@ def _rollout(
     elif (picked == 0).any():
         states = np.where((picked == 0)[..., None], start[:, None], states)
     trajectory = TensorDict(system.record.unpack(torch.from_numpy(states)), batch_size=[len(theta), len(marks)])
+    if system.sensors:
+        trajectory["sensor"] = torch.from_numpy(states[..., system.record.size :])
     trajectory["valid"] = torch.from_numpy(marks[None] <= good[:, None])
     for key, trace in system.trace(theta, hidden, fed).items():
         trajectory["effects", key] = _pick(hidden[key], trace, marks)
@@ -97,16 +103,27 @@ def _rollout(
 def _record(
     worlds: Worlds, ctrl: np.ndarray, enable: np.ndarray | None, row: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run all timesteps; where actuators are switched, in stretches between the switches."""
-    if enable is None or enable.all() or not len(row):
-        return worlds.record(ctrl) if len(row) else (np.zeros((worlds.worlds, 0, 1)), np.zeros(worlds.worlds, int))
-    on = enable[:, row]
-    switches = np.flatnonzero((on[:, 1:] != on[:, :-1]).any((0, 2))) + 1
-    edges = [0, *switches.tolist(), len(row)]
+    """Run all timesteps; where actuators are switched, or sensors read at every row, in stretches between these."""
+    sensors = bool(worlds.system.sensors)
+    if not len(row):
+        return np.zeros((worlds.worlds, 0, 1)), np.zeros(worlds.worlds, int)
+    always = enable is None or bool(enable.all())
+    if always and not sensors:
+        return worlds.record(ctrl)
+    on = None if enable is None or always else enable[:, row]
+    changes = np.zeros(len(row) - 1, dtype=bool) if on is None else (on[:, 1:] != on[:, :-1]).any((0, 2))
+    if sensors:
+        changes = changes | (np.diff(row) > 0)
+    edges = [0, *(np.flatnonzero(changes) + 1).tolist(), len(row)]
     pieces, good = [], np.zeros(worlds.worlds, dtype=np.int64)
     for begin, end in itertools.pairwise(edges):
-        worlds.write_enable(on[:, begin])
+        if on is not None:
+            worlds.write_enable(on[:, begin])
         piece, count = worlds.record(ctrl[:, begin:end])
+        if sensors:  # behind the state, at the stretch's last timestep: the only one that is picked
+            read = np.zeros((*piece.shape[:2], len(worlds.system.sensors)))
+            read[:, -1] = worlds.read_sensors()
+            piece = np.concatenate([piece, read], axis=2)
         pieces.append(piece)
         good += np.where(good == begin, count, 0)
     return np.concatenate(pieces, axis=1), good

@@ -14,10 +14,10 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, TargetKind
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
@@ -37,6 +37,7 @@ class MujocoSimulator(Simulator):
         threads: threads that step the worlds, 0 for all cores. Give torch one (``torch.set_num_threads(1)``): its idle
             threads spin, and a Collector of 1024 hoppers on two cores was slower by a fifth for it.
         effects: effects to begin with, in order; the same as :meth:`with_effect` for each.
+        sensors: sensors that are signals too, ``sensor.<name>`` or ``qfrc.<joint>`` (see :mod:`.sensors`).
 
     Attributes:
         spec: the model's spec, effects' structure included; its values are the nominal ones.
@@ -55,8 +56,9 @@ class MujocoSimulator(Simulator):
         dt: float | None = None,
         threads: int = 0,
         effects: Sequence[Effect] = (),
+        sensors: Sequence[str] = (),
     ) -> None:
-        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects)
+        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects, sensors)
         self._threads = threads
         self.spec, self.model = self._system.spec, self._system.model
         self.parameters, self.effects = self._system.parameters, self._system.effects
@@ -100,6 +102,29 @@ class MujocoSimulator(Simulator):
             if kind in (SLIDE, HINGE):
                 kinds[name] = "slide" if kind == SLIDE else "hinge"
         return kinds
+
+    def targets(self, kind: TargetKind) -> tuple[str, ...]:
+        """See :meth:`Simulator.targets`; bodies that move, by name, and the world."""
+        if kind == "body":
+            return tuple(self.body_sizes)
+        return ("world",) if kind == "world" else super().targets(kind)
+
+    @property
+    def body_sizes(self) -> dict[str, tuple[float, float]]:
+        """Mass [kg] of each named body that moves, and half the diagonal of the box with its inertia [m]."""
+        sizes = {}
+        for i, name in enumerate(names(self.model, "body")):
+            mass, trace = float(self.model.body_mass[i]), float(self.model.body_inertia[i].sum())
+            if name and self.model.body_weldid[i] and mass > 0:
+                # A box of sides 2a, 2b, 2c has the trace 2 m (a^2 + b^2 + c^2) / 3.
+                sizes[name] = (mass, max(math.sqrt(1.5 * trace / mass), 1e-6))
+        return sizes
+
+    @property
+    def actuator_gains(self) -> dict[str, float]:
+        """The first gain parameter of each actuator; for a servo its kp."""
+        gains = zip(names(self.model, "actuator"), self.model.actuator_gainprm[:, 0], strict=True)
+        return {name: abs(float(gain)) for name, gain in gains}
 
     @property
     def theta(self) -> Float[Tensor, "N P"]:
@@ -161,8 +186,9 @@ class MujocoSimulator(Simulator):
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
-        """Positions, then velocities, in the model's order."""
-        return torch.cat([state.get("qpos"), state.get("qvel")], dim=-1)
+        """Positions, then velocities, in the model's order, then the sensors that are signals."""
+        sensors = [state.get("sensor")] if self._system.sensors else []
+        return torch.cat([state.get("qpos"), state.get("qvel"), *sensors], dim=-1)
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
@@ -173,6 +199,12 @@ class MujocoSimulator(Simulator):
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""
         return self._remade(worlds, self.effects)
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
+        system = self._system
+        space = system.base_parameters.replaced(name, parameter)
+        return type(self)(system.source, space, self.worlds, self.dt, self._threads, self.effects)
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
@@ -205,11 +237,15 @@ class MujocoSimulator(Simulator):
         return foreign(self._system, _finite(theta[None]).numpy())
 
     def _integrated(self, spec: mujoco.MjSpec, dt: float | None) -> Self:
-        return type(self)(spec, self._system.base_parameters, self.worlds, dt, self._threads, self.effects)
+        return type(self)(
+            spec, self._system.base_parameters, self.worlds, dt, self._threads, self.effects, self._system.sensors
+        )
 
     def _remade(self, worlds: int, effects: Sequence[Effect]) -> Self:
         system = self._system
-        return type(self)(system.source, system.base_parameters, worlds, self.dt, self._threads, effects)
+        return type(self)(
+            system.source, system.base_parameters, worlds, self.dt, self._threads, effects, system.sensors
+        )
 
 
 def _finite(theta: Tensor) -> Tensor:

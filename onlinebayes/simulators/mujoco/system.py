@@ -8,6 +8,8 @@
 | ``"act"``             | na      | actuators have activations                                       |
 | ``"history"``, ``"time"`` | n, 1 | the model file itself has delays                                 |
 | ``"qacc_warmstart"``  | nv      | always: the constraint solver starts from it, so the future depends on it |
+| ``"ctrl"``            | nu      | sensors are signals: those of forces feel the command that is held |
+| ``"sensor"``          | n       | sensors are signals (see :mod:`.sensors`); read, never set       |
 """
 
 from __future__ import annotations
@@ -33,11 +35,13 @@ from onlinebayes.simulators.mujoco.addresses import (
     Address,
     element_id,
     model_array,
+    movable_body,
     names,
     resolve,
     scalar_joint,
 )
 from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.sensors import add_torque_sensors, sensor_places
 
 STATE = {
     "time": mujoco.mjtState.mjSTATE_TIME,
@@ -91,24 +95,33 @@ class MujocoSystem:
         source: the spec without effects; not changed.
         parameters: the free parameters, by address.
         effects: in order.
+        sensors: signals that sensors give, ``sensor.<name>`` or ``qfrc.<joint>``.
 
     Raises:
         BadInput: the model does not compile, an address or a target does not exist.
     """
 
-    def __init__(self, source: mujoco.MjSpec, parameters: ParameterSpace, effects: Sequence[Effect] = ()) -> None:
+    def __init__(
+        self,
+        source: mujoco.MjSpec,
+        parameters: ParameterSpace,
+        effects: Sequence[Effect] = (),
+        sensors: Sequence[str] = (),
+    ) -> None:
         self.source, self.base_parameters, self.effects = source, parameters, tuple(effects)
         base = compile_spec(source)
         self.spec = source.copy()
         self.parameters = parameters
         for effect in self.effects:
-            _check_target(base, effect)
+            _check_target(base, effect, sensors)
             effect.edit(self.spec)
             self.parameters = self.parameters | _grown(effect)
-        self.model = compile_spec(self.spec) if self.effects else base
+        add_torque_sensors(self.spec, base, sensors)
+        self.model = compile_spec(self.spec) if self.effects or sensors else base
+        self.sensors, self.sensor_places = tuple(sensors), sensor_places(self.model, sensors)
         self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
         self.commands = _commands(self.model, names(base, "actuator"))
-        self.signals = _signals(self.model)
+        self.signals = (*_signals(self.model), *self.sensors)
         self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
         self.staged = tuple(e for e in self.effects if e.staged)
         self.joint_actuators = _joint_actuators(self.model, self.commands)
@@ -125,7 +138,7 @@ class MujocoSystem:
         self._scatter = _scatter(self.addresses, self._base)
         self.needs_const = any(is_const_input(f) for f in self.fields)
         self._places = {command.name: command.ctrl for command in self.commands}
-        self.record = _record(self.model)
+        self.record = _record(self.model, bool(sensors))
         self.parts = tuple(self.record.columns)
 
     @property
@@ -216,6 +229,10 @@ def _scatter(
         for cell in address.cells:
             flat = np.arange(base[cell.array].size).reshape(base[cell.array].shape)
             columns = np.ravel(flat[cell.index]).tolist()
+            for column, other, _ in places.get(cell.array, ()):
+                if column in columns and other != i:
+                    problem = f"'{addresses[other].name}' and '{address.name}' are the same value of the model"
+                    raise BadInput(problem, "leave one of them out")
             places.setdefault(cell.array, []).extend((column, i, cell.sign) for column in columns)
     unzipped = {array: tuple(zip(*rows, strict=True)) for array, rows in places.items()}
     return {array: (np.array(c), np.array(s), np.array(signs)) for array, (c, s, signs) in unzipped.items()}
@@ -226,10 +243,12 @@ def is_const_input(field: str) -> bool:
     return field.startswith("opt.") or field in mujoco.MjModel._setconst_inputs
 
 
-def _record(model: mujoco.MjModel) -> Record:
+def _record(model: mujoco.MjModel, sensors: bool) -> Record:
     # Time matters only to delays, which read their buffers by it; the record always has it, to see who stopped.
     columns, place, bits = {}, 0, 0
-    for key, bit in STATE.items():
+    # Sensors of forces depend on the command that is held, which the future does not.
+    parts = {**STATE, "ctrl": mujoco.mjtState.mjSTATE_CTRL} if sensors else STATE
+    for key, bit in parts.items():
         size = mujoco.mj_stateSize(model, int(bit))
         if key in ("qpos", "qvel") or size > 0:
             bits |= int(bit)
@@ -247,15 +266,20 @@ def _grown(effect: Effect) -> ParameterSpace:
     return ParameterSpace({f"{effect.key}.{name}": parameter for name, parameter in effect.parameters.items()})
 
 
-def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
+def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str]) -> None:
     if effect.target_kind == "joint":
         scalar_joint(model, effect.target)
     elif effect.target_kind == "signal":
-        known = _signals(model)
+        known = (*_signals(model), *sensors)
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
             raise BadInput(f"signal '{effect.target}' of {effect.key} is unknown", f"nearest: {', '.join(near)}")
         return
+    elif effect.target_kind == "body":
+        movable_body(model, effect.element)
+    elif effect.target_kind == "world":
+        if effect.element != "world":
+            raise BadInput(f"{effect.key} acts on the whole world", f"write {effect.name}@world")
     else:
         actuator = element_id(model, "actuator", effect.target)
         if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:

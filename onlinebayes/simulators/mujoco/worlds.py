@@ -101,7 +101,18 @@ class Worlds:
     def read_state(self) -> TensorDict:
         """A copy of the states, batch size (N,)."""
         rows = torch.from_numpy(self._record.copy())
-        return TensorDict(self.system.record.unpack(rows), batch_size=[self.worlds])
+        state = TensorDict(self.system.record.unpack(rows), batch_size=[self.worlds])
+        if self.system.sensors:
+            state["sensor"] = torch.from_numpy(self.read_sensors())
+        return state
+
+    def read_sensors(self) -> np.ndarray:
+        """What the sensors among the signals read at the present states (N, n); the states stay as they are."""
+        before = self.batch.state.copy()
+        self._run(self.batch.forward, self._alive())
+        sensors = np.array(self.batch.bind("sensordata"))[:, list(self.system.sensor_places)]
+        self.batch.state[...] = before
+        return sensors
 
     # --- running ------------------------------------------------------------------------------------------------
 

@@ -78,10 +78,12 @@ def _check_neutral(simulator: Simulator, grown: Simulator, steps: int, scale: fl
 
 
 def _check_refusals(grown: Simulator, simulator: Simulator, effect: Effect) -> None:
-    stranger = dataclasses.replace(effect, target="no such target")  # type: ignore[type-var]
+    def strange() -> Simulator:
+        return simulator.with_effect(dataclasses.replace(effect, target="no such target"))  # type: ignore[type-var]
+
     for what, act in (
         ("a second copy", lambda: grown.with_effect(effect)),
-        ("an unknown target", lambda: simulator.with_effect(stranger)),
+        ("an unknown target", strange),
     ):
         try:
             act()

@@ -54,7 +54,7 @@ def _along(result: Criticism) -> Html:
     for trace in found[:RUNS_SHOWN]:
         errors = {"before": trace.before - trace.measured, "after": trace.after - trace.measured}
         scale = quantities.scale_for(svg.largest(errors["before"]), unit)
-        kinds = ("before", "after") if result.accepted else ("before",)
+        kinds = ("before", "after") if result.changed else ("before",)
         curves = [svg.Curve(trace.time, trace.broken(errors[k]) / scale.size, k, f"error {k}") for k in kinds]
         floor = result.heldout_error.noise_floor[signal] / scale.size
         panel = svg.Panel(curves, f"error [{scale.unit}]", 110, band=floor)
@@ -66,6 +66,4 @@ def _along(result: Criticism) -> Html:
     left = f" {len(found) - RUNS_SHOWN} more runs are in the recording." if len(found) > RUNS_SHOWN else ""
     horizon = quantities.exact(result.heldout_error.horizon_s[signal], "s")
     note = f"Simulated minus measured {signal}; every {horizon} the model starts again from the measured state.{left}"
-    return section(
-        "The error along the runs", legend(bool(result.accepted), ("before", "after", "floor")), *charts, note=note
-    )
+    return section("The error along the runs", legend(result.changed, ("before", "after", "floor")), *charts, note=note)

@@ -14,7 +14,7 @@ def render(result: Criticism) -> Html:
 
 
 def _table(result: Criticism) -> Html:
-    space, changed, rows = dict(result.final.simulator.parameters), bool(result.accepted), []
+    space, changed, rows = dict(result.final.simulator.parameters), result.changed, []
     for name, value in result.parameters.items():
         base = result.base.parameters.get(name)
         bounds = space.get(name)

@@ -29,7 +29,7 @@ def picture(result: Criticism) -> Html:
     worst = replays.worst_window(replays.traces(result, signal))
     if worst is None:
         return Html("")
-    unit, changed = result.units[signal], bool(result.accepted)
+    unit, changed = result.units[signal], result.changed
     kinds = ("before", "after") if changed else ("before",)
     values = {"before": worst.before, "after": worst.after}
     span = float(np.nanmax(np.abs(worst.measured - np.nanmean(worst.measured)))) or 1.0
@@ -121,6 +121,8 @@ def _missing(result: Criticism) -> Html:
         return _tile(question, members, "the data cannot tell these apart")
     if result.verdict == "insufficient_data":
         return _tile(question, "not decided", result.what_to_record or "the measurements are too few")
+    if result.widened:
+        return _tile("What is wrong?", "a bound excludes the truth", join(*map(_bound, words.bounds(result))))
     if not result.accepted:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
@@ -134,13 +136,17 @@ def _missing(result: Criticism) -> Html:
     return _tile(question, words.together(result.accepted), join(*sizes))
 
 
+def _bound(sentence: str) -> Html:
+    return tag("span", prose(sentence), kind="line")
+
+
 def _better(result: Criticism) -> Html:
     signal = words.worst_signal(result)
     errors, unit = result.heldout_error, result.units[signal]
     before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
     if result.command == "compare":
         return Html("")
-    if not result.accepted:
+    if not result.changed:
         ratio = result.remainder.rms_over_floor.get(signal, float("nan"))
         return _tile(
             "How much better now?", "unchanged", f"nothing was added; the residual is {words.times_floor(ratio)}"

@@ -1,7 +1,7 @@
-"""The columns of a CSV or Parquet file, read in pieces; every error names the file, the row and the column.
+"""The columns of a CSV file, read in pieces; every error names the file, the row and the column.
 
 Rows are counted as a spreadsheet shows them: the header is row 1, empty lines count. CSV is UTF-8 (a byte-order mark
-is fine), comma separated, with a decimal point. Parquet needs the extra ``onlinebayes[parquet]``.
+is fine), comma separated, with a decimal point.
 """
 
 from __future__ import annotations
@@ -12,104 +12,63 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from itertools import islice
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
-from onlinebayes.measurements.parquet import parquet_columns, parquet_header
+from onlinebayes.measurements.formats.source import Columns, Source
 from onlinebayes.runs import BadInput
 
 CHUNK = 100_000
 """Rows that are held as text at once."""
 
+CHUNK_CELLS = 5_000_000
+"""Cells that are held as text at once, where the rows are wide."""
+
+LONGEST_LINE = 4_000_000
+"""Characters in one line; what is longer is no table, and would be held in memory as a whole."""
+
 NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
-def header(path: Path) -> list[str]:
-    """The column names of a table, stripped of surrounding blanks, in the file's order.
+class CsvSource(Source):
+    """A CSV file; its column names are stripped of surrounding blanks.
+
+    Args:
+        path: the file.
 
     Raises:
-        BadInput: the file is missing or unreadable, no table, empty, not UTF-8, not separated by commas, or two
-            columns share a name.
+        BadInput: the file is unreadable, no table, empty, not UTF-8, not separated by commas, or two columns share a
+            name.
     """
-    if is_parquet(path):
-        names = parquet_header(path)
-    else:
+
+    def __init__(self, path: Path) -> None:
         with csv_rows(path) as rows:
             first = next(rows, None)
         if not first:
             raise BadInput("the first row is empty", "begin with a row of column names", where=str(path))
         names = [name.strip() for name in first]
         _check_separator(names, path)
-    for name in names:
-        if name and names.count(name) > 1:
-            raise BadInput(
-                f"two columns are called '{name}'", "give each column a name of its own", where=f"{path}, row 1"
-            )
-    return names
+        super().__init__(path, names)
 
-
-def columns(path: Path, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
-    """Some columns of a table.
-
-    Args:
-        path: the file.
-        names: which columns, all of them in the header.
-        text: those that stay text; the others are numbers, nan where a cell is empty or says nan.
-        held: number columns in which a written nan is an error, for their empty cells mean the last value.
-    """
-    if is_parquet(path):
-        read = parquet_columns(path, names, text, held)
-        return Columns(read, np.arange(2, 2 + len(next(iter(read.values())))))
-    parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    numbers: list[np.ndarray] = []
-    with csv_rows(path) as rows:
-        all_names = [name.strip() for name in next(rows)]
-        places = {name: all_names.index(name) for name in names}
-        for chunk, at in _chunks(rows, len(all_names), path):
-            numbers.append(at)
-            cells = list(zip(*chunk, strict=True))
-            for name, place in places.items():
-                if name in text:
-                    parts[name].append(np.array([cell.strip() for cell in cells[place]], dtype=object))
-                else:
-                    parts[name].append(_numbers(cells[place], name, path, at, name in held))
-    if not numbers:
-        raise BadInput("a header and no rows", "give at least two rows a run", where=str(path))
-    return Columns({name: np.concatenate(part) for name, part in parts.items()}, np.concatenate(numbers))
-
-
-class Columns(dict[str, np.ndarray]):
-    """Column name -> values, with the number of each row in its file.
-
-    Attributes:
-        rows: (T,) numbers of the rows.
-    """
-
-    def __init__(self, values: dict[str, np.ndarray], rows: np.ndarray) -> None:
-        super().__init__(values)
-        self.rows = rows
-
-
-def is_parquet(path: Path) -> bool:
-    """Whether the file is Parquet, by its first bytes; raises :class:`BadInput` when it cannot be read."""
-    if not path.exists():
-        raise BadInput("no such file", "check 'measurements' in the problem file", where=str(path))
-    if not path.is_file():
-        raise BadInput("is not a file", "name a CSV or Parquet file", where=str(path))
-    try:
-        with path.open("rb") as file:
-            start = file.read(4)
-    except OSError as error:
-        raise BadInput(f"cannot be read: {error.strerror}", "name a CSV or Parquet file", where=str(path)) from None
-    if start == b"PAR1":
-        return True
-    if path.suffix.lower() in (".parquet", ".pq"):
-        raise BadInput("is not a Parquet file", "write it again, or name a CSV file .csv", where=str(path))
-    if not start:
-        raise BadInput("the file is empty", "give a header and at least two rows", where=str(path))
-    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        raise BadInput("the file is UTF-16", "save it as UTF-8", where=str(path))
-    return False
+    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+        """See :meth:`Source.columns`."""
+        parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
+        numbers: list[np.ndarray] = []
+        places = {name: self.names.index(name) for name in names}
+        with csv_rows(self.path) as rows:
+            next(rows)
+            for chunk, at in _chunks(rows, len(self.names), self.path):
+                numbers.append(at)
+                cells = list(zip(*chunk, strict=True))
+                for name, place in places.items():
+                    if name in text:
+                        parts[name].append(np.array([cell.strip() for cell in cells[place]], dtype=object))
+                    else:
+                        parts[name].append(_numbers(cells[place], name, self.path, at, name in held))
+        if not numbers:
+            raise BadInput("a header and no rows", "give at least two rows a run", where=str(self.path))
+        return Columns({name: np.concatenate(part) for name, part in parts.items()}, np.concatenate(numbers))
 
 
 @contextmanager
@@ -118,7 +77,7 @@ def csv_rows(path: Path) -> Iterator[Iterator[list[str]]]:
     reader = None
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
+            reader = csv.reader(_lines(file, path), strict=True)
             yield reader
     except UnicodeDecodeError:
         raise BadInput("the file is not UTF-8", "save it as UTF-8", where=f"{path}, {_undecodable(path)}") from None
@@ -127,10 +86,21 @@ def csv_rows(path: Path) -> Iterator[Iterator[list[str]]]:
         raise BadInput(f"is no readable CSV: {error}", "check the quotes on that line", where=f"{path}{line}") from None
 
 
+def _lines(file: TextIO, path: Path) -> Iterator[str]:
+    while line := file.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise BadInput(
+                f"a line of more than {LONGEST_LINE} characters",
+                "write one row a line, cells separated by commas",
+                where=str(path),
+            )
+        yield line
+
+
 def _undecodable(path: Path) -> str:
     number = 0
     with path.open("rb") as file:
-        for number, line in enumerate(file, start=1):
+        for number, line in enumerate(iter(lambda: file.readline(4 * LONGEST_LINE), b""), start=1):
             try:
                 line.decode("utf-8")
             except UnicodeDecodeError as error:
@@ -154,7 +124,8 @@ def _check_separator(names: Sequence[str], path: Path) -> None:
 def _chunks(rows: Iterator[list[str]], width: int, path: Path) -> Iterator[tuple[list[list[str]], np.ndarray]]:
     """Pieces of rows that are not empty, each with the rows' numbers."""
     start = 2
-    while chunk := list(islice(rows, CHUNK)):
+    most = max(1, min(CHUNK, CHUNK_CELLS // width))
+    while chunk := list(islice(rows, most)):
         at = np.arange(start, start + len(chunk))
         start += len(chunk)
         lengths = np.fromiter(map(len, chunk), dtype=np.int64, count=len(chunk))

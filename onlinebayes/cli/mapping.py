@@ -1,0 +1,70 @@
+"""``[signals."NAME"]`` and ``[commands.ACTUATOR]`` of a problem file -> which column becomes what, in which unit.
+
+value(t) = sign scale cell(t + latency) + offset,   the unit's factor in the scale
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from onlinebayes.cli.section import Section
+from onlinebayes.measurements import CommandColumn, Signal, SignalColumn
+from onlinebayes.measurements.units import to_si
+
+COLUMN = ("column", "unit", "sign", "scale", "offset")
+
+
+def signal_columns(section: Section, names: Sequence[str], units: Mapping[str, str]) -> list[SignalColumn]:
+    """The mapped signals.
+
+    Args:
+        section: ``[signals]``, tables by the model's names.
+        names: the model's signals.
+        units: signal -> SI unit, where known.
+
+    Raises:
+        BadInput: an unknown signal or key, a unit of another quantity, a scale of 0.
+    """
+    Section(section.values, section.file, section.path, known=names)
+    mapped = []
+    for name in section.values:
+        table = section.section(name, (*COLUMN, "latency", "sd", "resolution"))
+        scale, offset = _line(table, units.get(name, ""))
+        with section.at(name):
+            signal = Signal(name, units.get(name, ""), table.number("sd"), table.number("resolution"))
+        latency = table.number("latency", 0.0) or 0.0
+        mapped.append(SignalColumn(signal, table.text("column", ""), scale, offset, latency))
+    return mapped
+
+
+def command_columns(section: Section, names: Sequence[str]) -> list[CommandColumn]:
+    """The mapped commands; any unit goes, for a command's own depends on the actuator.
+
+    Args:
+        section: ``[commands]``, tables by the model's names.
+        names: the model's actuators.
+
+    Raises:
+        BadInput: an unknown actuator, key or unit, a scale of 0.
+    """
+    Section(section.values, section.file, section.path, known=names)
+    mapped = []
+    for name in section.values:
+        table = section.section(name, COLUMN)
+        mapped.append(CommandColumn(name, table.text("column", ""), *_line(table, "")))
+    return mapped
+
+
+def _line(table: Section, unit: str) -> tuple[float, float]:
+    """Scale (sign and unit included) and offset."""
+    sign = table.number("sign", 1.0)
+    if sign not in (1.0, -1.0):
+        raise table.error("sign", f"{sign} is no sign", "write 1 or -1")
+    factor = 1.0
+    if "unit" in table:
+        with table.at("unit"):
+            factor = to_si(table.text("unit"), unit)
+    scale = table.number("scale", 1.0) or 0.0
+    if scale == 0.0:
+        raise table.error("scale", "0 would erase it", "give what multiplies the column")
+    return sign * scale * factor, table.number("offset", 0.0) or 0.0

@@ -1,0 +1,94 @@
+"""Which parameters differ between runs: one value a run, or known constants of some runs.
+
+    theta_r = A_r phi + c_r
+
+phi is what is fitted, theta_r what the simulator gets in run r. Each row of A_r picks one entry of phi, or none where
+c_r holds a constant:
+
+| parameter        | phi                          | theta_r                                                     |
+|------------------|------------------------------|-------------------------------------------------------------|
+| shared           | ``address``                  | that entry                                                  |
+| one value a run  | ``address[run r]`` a run     | its own entry; the mean of all for a run that has none      |
+| known in the run | none                         | the constant                                                |
+| not fitted       | none                         | the constant where the run has one, else the model's own    |
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+
+from onlinebayes.criticism.split import origin
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput
+
+
+@dataclass(frozen=True)
+class Scope:
+    """How a simulator's parameters depend on the run.
+
+    Args:
+        per_run: addresses of the simulator's parameters, and keys ``name@target`` of effects (present or candidates,
+            all of whose parameters are meant), that have one value in every run.
+        known: name or glob of runs -> address -> value [SI] that is a known constant there.
+        unfitted: addresses that are fitted in no run: where nothing is known the model's own value holds.
+    """
+
+    per_run: tuple[str, ...] = ()
+    known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+    unfitted: tuple[str, ...] = ()
+
+    def __bool__(self) -> bool:
+        return bool(self.per_run or self.known or self.unfitted)
+
+    def owned(self, address: str) -> bool:
+        """Whether a parameter has one value a run."""
+        return address in self.per_run or ("@" in address and address.rpartition(".")[0] in self.per_run)
+
+    def constants(self, run: str) -> dict[str, float]:
+        """What is known in a run, address -> value [SI]; a part of a run knows what the run does."""
+        names = {run, origin(run)}
+        return {
+            address: value
+            for pattern, values in self.known.items()
+            if any(name == pattern or fnmatchcase(name, pattern) for name in names)
+            for address, value in values.items()
+        }
+
+    def check(self, parameters: ParameterSpace, runs: Iterable[str]) -> None:
+        """Raise :class:`BadInput` where the scope names what is not there, or a run knows two values of one address."""
+        runs = tuple(runs)
+        for pattern in self.known:
+            if not any(run == pattern or fnmatchcase(run, pattern) for run in runs):
+                raise BadInput(f"no run is called '{pattern}'", _near(pattern, runs))
+        for run in runs:
+            seen: dict[str, float] = {}
+            for pattern, values in self.known.items():
+                if run != pattern and not fnmatchcase(run, pattern):
+                    continue
+                for address, value in values.items():
+                    if seen.setdefault(address, value) != value:
+                        problem = f"run '{run}' has two values of '{address}', {seen[address]:g} and {value:g}"
+                        raise BadInput(problem, "let each run be matched once")
+        named = [*self.per_run, *self.unfitted, *(address for values in self.known.values() for address in values)]
+        for address in named:
+            # What belongs to an effect may belong to a candidate, which is not there yet.
+            if "@" not in address and address not in parameters:
+                raise BadInput(f"'{address}' is no parameter of the simulator", _near(address, parameters.names))
+
+
+def own_name(address: str, run: str) -> str:
+    """Name of one run's own value, e.g. ``body.cart.mass[run heavy]``."""
+    return f"{address}[run {run}]"
+
+
+def address_of(name: str) -> str:
+    """The simulator's address of an entry of phi."""
+    return name.partition("[run ")[0]
+
+
+def _near(name: str, known: tuple[str, ...]) -> str:
+    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+    return f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known[:12]) or 'none'}"

@@ -1,0 +1,6 @@
+"""Files that measurements come in, each as columns by name: CSV, Parquet, MCAP, LeRobot data sets, Rerun recordings."""
+
+from onlinebayes.measurements.formats.opening import open_source
+from onlinebayes.measurements.formats.source import Columns, Source
+
+__all__ = ["Columns", "Source", "open_source"]

@@ -1,0 +1,61 @@
+"""Which format a path is in, by its first bytes: the name of a file proves nothing.
+
+| begins with          | format                                                     |
+|----------------------|------------------------------------------------------------|
+| a folder             | LeRobot data set (it has ``meta/info.json``)               |
+| ``PAR1``             | Parquet                                                    |
+| ``\\x89MCAP0\\r\\n``    | MCAP                                                       |
+| ``RRF``              | Rerun recording                                            |
+| else                 | CSV                                                        |
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from onlinebayes.measurements.formats.delimited import CsvSource
+from onlinebayes.measurements.formats.lerobot import lerobot_source
+from onlinebayes.measurements.formats.mcap import mcap_source
+from onlinebayes.measurements.formats.parquet import ParquetSource
+from onlinebayes.measurements.formats.rrd import rrd_source
+from onlinebayes.measurements.formats.source import Source
+from onlinebayes.runs import BadInput
+
+NAMED = {".parquet": "Parquet", ".pq": "Parquet", ".mcap": "MCAP", ".rrd": "Rerun"}
+_CURE = "name a CSV, Parquet, MCAP or Rerun file, or the folder of a LeRobot data set"
+
+
+def open_source(path: Path) -> Source:
+    """The file's columns.
+
+    Raises:
+        BadInput: it is missing, cannot be read, or is in none of the formats.
+    """
+    try:
+        if path.is_dir():
+            return lerobot_source(path)
+        if not path.exists():
+            raise BadInput("no such file", "check 'measurements' in the problem file", where=str(path))
+        if not path.is_file():
+            raise BadInput("is not a file", _CURE, where=str(path))
+        with path.open("rb") as file:
+            start = file.read(8)
+    except OSError as error:
+        raise BadInput(f"cannot be read: {error.strerror}", _CURE, where=str(path)) from None
+    if start.startswith(b"PAR1"):
+        return ParquetSource(path)
+    if start == b"\x89MCAP0\r\n":
+        return mcap_source(path)
+    if start.startswith(b"RRF"):
+        return rrd_source(path)
+    if not start:
+        raise BadInput("the file is empty", "give a header and at least two rows", where=str(path))
+    if (called := NAMED.get(path.suffix.lower())) is not None:
+        raise BadInput(
+            f"is not a{'n' if called == 'MCAP' else ''} {called} file",
+            "write it again, or name a CSV file .csv",
+            where=str(path),
+        )
+    if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        raise BadInput("the file is UTF-16", "save it as UTF-8", where=str(path))
+    return CsvSource(path)

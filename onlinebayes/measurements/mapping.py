@@ -1,0 +1,66 @@
+"""How a column of a log becomes a quantity of the model: value = scale cell + offset, sign and units in the scale."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from onlinebayes.measurements.measurement import Signal
+
+
+@dataclass(frozen=True)
+class SignalColumn:
+    """A signal and the column that it comes from.
+
+    Args:
+        signal: the model's signal, with its noise.
+        column: the table's column; the signal's own name by default.
+        scale: what multiplies the cell, units and sign included [unit of the signal / unit of the column].
+        offset: what is added then [unit of the signal].
+        latency: seconds by which the column lags (see :mod:`.latency`) [s].
+    """
+
+    signal: Signal
+    column: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+    latency: float = 0.0
+
+    @property
+    def source(self) -> str:
+        """Name of the column in the table."""
+        return self.column or self.signal.name
+
+    def value(self, cells: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+        """The signal [SI]; what overflows is infinite, which the checks refuse."""
+        with np.errstate(over="ignore"):
+            return cells * self.scale + self.offset
+
+
+@dataclass(frozen=True)
+class CommandColumn:
+    """An actuator's command and the column that it comes from.
+
+    Args:
+        actuator: the model's actuator.
+        column: the table's column; ``ctrl.<actuator>`` by default.
+        scale: what multiplies the cell, units and sign included [command unit / unit of the column].
+        offset: what is added then [command unit].
+    """
+
+    actuator: str
+    column: str = ""
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def source(self) -> str:
+        """Name of the column in the table."""
+        return self.column or f"ctrl.{self.actuator}"
+
+    def value(self, cells: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+        """The command [command unit]; what overflows is infinite, which the checks refuse."""
+        with np.errstate(over="ignore"):
+            return cells * self.scale + self.offset

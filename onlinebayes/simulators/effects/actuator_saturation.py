@@ -1,0 +1,100 @@
+"""A limit of an actuator's force: f -> max(-F, min(f, F)), carried by MuJoCo as ``actuator_forcerange``.
+
+f is the actuator's own force, before the gear, as in MuJoCo. "No limit" is a value of F like any other, the upper bound
+of the parameter: there, and only there, nothing is written. Take that bound no smaller than the largest force that
+occurs, and the effect is continuous up to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.bounds import non_negative
+
+UNLIMITED = 1e15
+"""Force range of an actuator that has none of its own: no finite motion reaches it [N, N m]."""
+
+
+@dataclass(frozen=True)
+class ActuatorSaturation(Effect):
+    """abs(f) <= F on an actuator, within the limits that the model has.
+
+    On torch systems, whose actuators are pure forces, effects act on the command in their order: add this one last.
+
+    Args:
+        target: actuator.
+        limit: bounds of F >= 0 [N, N m]; at the upper one the force is not limited.
+    """
+
+    target: str
+    limit: Parameter
+    name = "actuator_saturation"
+    target_kind = "actuator"
+    fields = ("actuator_forcerange",)
+    has_command = True
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "limit", self.limit)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """F from a fiftieth of the largest force to that force."""
+        return cls(target, Parameter(0.02 * scales.output, scales.output, ""))
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``limit``."""
+        return ParameterSpace({"limit": self.limit})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """F at its upper bound: no limit."""
+        return {"limit": self.limit.high}
+
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """Limits that cut more and more: a limit just below the largest force is seen at its peaks alone."""
+        low, width = self.limit.low, self.limit.high - self.limit.low
+        return tuple({"limit": low + part * width} for part in (0.8, 0.5, 0.25))
+
+    def edit(self, spec: mujoco.MjSpec) -> None:
+        """Give an actuator without limits some that are never reached, so that each world can have its own."""
+        actuator = spec.actuator(self.target)
+        own = actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_TRUE or (
+            actuator.forcelimited == mujoco.mjtLimited.mjLIMITED_AUTO and np.any(actuator.forcerange != 0)
+        )
+        actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
+        if not own:
+            actuator.forcerange = [-UNLIMITED, UNLIMITED]
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """``actuator_forcerange`` cut to [-F, F] where F is below its upper bound."""
+        limits = fields["actuator_forcerange"][:, int(model.actuator(self.target).id)]
+        bound = np.where(parameters["limit"] < self.limit.high, parameters["limit"], np.inf)
+        limits[:, 0] = np.maximum(limits[:, 0], -bound)
+        limits[:, 1] = np.minimum(limits[:, 1], bound)
+
+    def command(
+        self,
+        parameters: Mapping[str, Tensor],
+        state: TensorDict | None,
+        command: Float[Tensor, "N K"],
+        timestep: float,
+    ) -> tuple[Float[Tensor, "N K"], TensorDict | None]:
+        """u cut to [-F, F], for a backend whose actuators are pure forces."""
+        limit = parameters["limit"][:, None]
+        cut = torch.minimum(torch.maximum(command, -limit), limit)
+        return torch.where(limit < self.limit.high, cut, command), state

@@ -1,0 +1,60 @@
+"""Rotor inertia at a joint: (M + J e e^T) a = f + tau, carried by MuJoCo as ``dof_armature``.
+
+e is the joint's unit vector in generalised coordinates. A rotor behind a gear of ratio n counts n^2 times. On a single
+joint whose own mass is free, it is that mass: the data leave the two open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+
+
+@dataclass(frozen=True)
+class Armature(Effect):
+    """Rotor inertia J of a slide or hinge joint; it adds to the armature that the model has.
+
+    A torch system gives accelerations and not its mass matrix: it has no form there.
+
+    Args:
+        target: joint.
+        armature: bounds of J >= 0 [kg, kg m2].
+    """
+
+    target: str
+    armature: Parameter
+    name = "armature"
+    target_kind = "joint"
+    fields = ("dof_armature",)
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "armature", self.armature)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """J up to twice the inertia that the joint moves."""
+        return cls(target, Parameter(0.0, 2 * scales.inertia, joint_unit(scales.unit, "kg", "kg m2")))
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``armature``."""
+        return ParameterSpace({"armature": self.armature})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """J = 0."""
+        return {"armature": 0.0}
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """``dof_armature += J``."""
+        fields["dof_armature"][:, int(model.joint(self.target).dofadr[0])] += parameters["armature"]

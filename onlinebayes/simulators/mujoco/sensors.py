@@ -1,0 +1,73 @@
+"""Sensors of a model as signals: which numbers of ``sensordata`` they are, at the state they belong to.
+
+| signal                         | reads                                                                              |
+|--------------------------------|------------------------------------------------------------------------------------|
+| ``sensor.<name>``, ``.0`` ...  | that sensor of the model, one number or several                                    |
+| ``qfrc.<joint>``               | the actuators' force at a slide or hinge joint, ``qfrc_actuator`` [N, N m]         |
+
+``mj_step`` computes sensors before it moves the state; here they are computed again at each row's own state, with the
+command that was held until it, as a controller reads its sensors before it sends the next command.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+import mujoco
+
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.addresses import names, scalar_joint
+
+TORQUE = "qfrc."
+SENSOR = "sensor."
+
+
+def add_torque_sensors(spec: mujoco.MjSpec, model: mujoco.MjModel, signals: Sequence[str]) -> None:
+    """Give the spec a sensor for every ``qfrc.<joint>`` among the signals.
+
+    Args:
+        spec: changed.
+        model: compiled from it, for its joints.
+        signals: names; others are left alone.
+
+    Raises:
+        BadInput: there is no such joint, or it is a free or ball joint.
+    """
+    for signal in signals:
+        if signal.startswith(TORQUE):
+            joint = signal.removeprefix(TORQUE)
+            scalar_joint(model, joint)
+            spec.add_sensor(
+                name=signal,
+                type=mujoco.mjtSensor.mjSENS_JOINTACTFRC,
+                objtype=mujoco.mjtObj.mjOBJ_JOINT,
+                objname=joint,
+            )
+
+
+def sensor_signals(model: mujoco.MjModel) -> dict[str, int]:
+    """Signal -> its place in ``sensordata``, for every named sensor of a model."""
+    found: dict[str, int] = {}
+    for i, name in enumerate(names(model, "sensor")):
+        if not name:
+            continue
+        first, width = int(model.sensor_adr[i]), int(model.sensor_dim[i])
+        signal = name if name.startswith(TORQUE) else f"{SENSOR}{name}"
+        found |= {signal: first} if width == 1 else {f"{signal}.{k}": first + k for k in range(width)}
+    return found
+
+
+def sensor_places(model: mujoco.MjModel, signals: Sequence[str]) -> tuple[int, ...]:
+    """Places in ``sensordata`` of some signals.
+
+    Raises:
+        BadInput: the model has no such sensor; names the nearest.
+    """
+    known = sensor_signals(model)
+    for signal in signals:
+        if signal not in known:
+            near = difflib.get_close_matches(signal, known, n=3, cutoff=0.4)
+            cure = f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"
+            raise BadInput(f"the model has no sensor signal '{signal}'", cure)
+    return tuple(known[signal] for signal in signals)

@@ -1,0 +1,91 @@
+"""``model = "module:factory"``: what a factory may give, and from where it is run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from onlinebayes.cli.problem import load_problem
+from onlinebayes.parameters import Parameter
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import DryFriction
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.cli.conftest import PROBLEM
+
+
+def write(folder: Path, text: str) -> Path:
+    (folder / "carriage.toml").write_text(text)
+    return folder / "carriage.toml"
+
+
+GIVES = {
+    "spec": "import mujoco\ndef make():\n    return mujoco.MjSpec.from_file('carriage.xml')\n",
+    "root": "from dm_control import mjcf\ndef make():\n    return mjcf.from_path('carriage.xml')\n",
+    "entity": """
+from dm_control import composer, mjcf
+class Carriage(composer.Entity):
+    def _build(self):
+        self._root = mjcf.from_path('carriage.xml')
+    @property
+    def mjcf_model(self):
+        return self._root
+def make():
+    return Carriage()
+""",
+    "physics": "from dm_control import mujoco\ndef make():\n    return mujoco.Physics.from_xml_path('carriage.xml')\n",
+    "other": """
+import mujoco
+from dm_control import mujoco as dm
+def make():
+    physics = dm.Physics.from_xml_path('carriage.xml')
+    mujoco.MjModel.from_xml_string('<mujoco><worldbody/></mujoco>')
+    return physics
+""",
+}
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("what", GIVES)
+def test_what_a_factory_may_give(folder, monkeypatch, what):
+    """A spec, or what dm_control builds; a compiled model whose XML MuJoCo no longer knows is refused."""
+    pytest.importorskip("dm_control")
+    monkeypatch.chdir(folder)
+    (folder / f"gives_{what}.py").write_text(GIVES[what])
+    text = PROBLEM.replace("carriage.xml", f"gives_{what}:make") + "[model_edit]\ntimestep = 0.0025\n"
+    if what == "other":
+        with pytest.raises(BadInput, match="compiled model whose XML is not known"):
+            load_problem(write(folder, text))
+        return
+    simulator = load_problem(write(folder, text)).simulator
+    assert isinstance(simulator, MujocoSimulator)
+    assert simulator.timestep == 0.0025
+    assert simulator.nominal.tolist() == [3.0, 2.0]
+    simulator.with_effect(DryFriction("carriage", Parameter(0.0, 1.0, "N")))
+
+
+def test_a_factory_beside_a_file_from_elsewhere_is_not_run(folder, monkeypatch, tmp_path_factory):
+    monkeypatch.chdir(tmp_path_factory.mktemp("elsewhere"))
+    (folder / "beside.py").write_text("raise SystemExit('run')\n")
+    with pytest.raises(BadInput, match="run the command in the folder that holds it"):
+        load_problem(write(folder, PROBLEM.replace("carriage.xml", "beside:make")))
+
+
+@pytest.mark.parametrize(
+    ("more", "message"),
+    [
+        ("[model_edit]\ntimestep = 0.001", "model_edit: the factory returns a simulator"),
+        ("[actuators.motor]\ninput = 'force'", "actuators: the factory returns a simulator"),
+        ('"joint.*.stiffness" = [0, 1]', "a glob needs the model's names"),
+    ],
+)
+def test_what_needs_a_spec(folder, monkeypatch, more, message):
+    monkeypatch.chdir(folder)
+    (folder / "built.py").write_text(
+        "from onlinebayes.simulators.mujoco import MujocoSimulator\n"
+        "from onlinebayes.parameters import ParameterSpace\n"
+        "def make(space):\n"
+        "    return MujocoSimulator('carriage.xml', ParameterSpace({k: v for k, v in space.items() if '*' not in k}))\n"
+    )
+    with pytest.raises(BadInput, match=message):
+        load_problem(write(folder, PROBLEM.replace("carriage.xml", "built:make") + more))

@@ -1,0 +1,61 @@
+"""Which candidates are offered, and within which bounds."""
+
+import pytest
+
+from onlinebayes.criticism.acceptance import contained
+from onlinebayes.criticism.candidates import propose, target_scales, trials
+from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.parameters import Parameter
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import ActuatorSaturation, AsymmetricFriction
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.rigs import FREE, SLIDE, measure, model
+
+
+@pytest.fixture(scope="module")
+def windows() -> Windows:
+    return make_windows(model(), measure(runs=2), 1.0, 0.0, None)
+
+
+def test_an_axis_is_a_candidate_of_its_own(windows: Windows) -> None:
+    keys = [effect.key for effect in propose(model(), windows)]
+    assert [key for key in keys if key.startswith("com_offset")] == [f"com_offset@cart.{axis}" for axis in "xyz"]
+    assert len(keys) == len(set(keys)) == 18
+    (whole,) = propose(model(), windows, ["com_offset@cart"])
+    assert whole.parameters.names == ("x", "y", "z")
+
+
+def test_what_makes_no_sense_is_not_offered(windows: Windows) -> None:
+    # On slides alone a tilt is a constant load; with a hinge it is not. A fixed body carries nothing.
+    assert not any("gravity_tilt" in effect.key for effect in propose(model(), windows))
+    hinged = MujocoSimulator(
+        SLIDE.replace('type="slide"', 'type="hinge"').replace(
+            "</body></worldbody>", '</body><body name="wall"><geom size=".1"/></body></worldbody>'
+        ),
+        FREE,
+    )
+    keys = {effect.key for effect in propose(hinged, windows)}
+    assert {"gravity_tilt@world.x", "gravity_tilt@world.y", "payload@cart"} <= keys
+    assert "payload@wall" not in keys
+    with pytest.raises(BadInput, match="no body 'wall'"):
+        propose(hinged, windows, ["payload@wall"])
+
+
+def test_bounds_come_from_the_target(windows: Windows) -> None:
+    (payload,) = propose(model(), windows, ["payload"])
+    assert payload.parameters["mass"].high == pytest.approx(2 * 2.0)
+    scales = target_scales(model(), windows, "actuator", "motor")
+    assert scales.output == scales.force == pytest.approx(float(windows.command.abs().max()))
+    # A force at the rail moves the cart's 2 kg.
+    assert target_scales(model(), windows, "joint", "rail").inertia == pytest.approx(2.0, rel=1e-2)
+
+
+def test_a_limit_is_tried_from_no_limit_downwards() -> None:
+    effect = ActuatorSaturation("motor", Parameter(1.0, 11.0))
+    assert [trial.values["limit"] for trial in trials([effect])] == pytest.approx([10.99, 9.0, 6.0, 3.5])
+    assert all(trial.reach < 0 and not trial.two_sided for trial in trials([effect]))
+
+
+def test_what_a_richer_effect_contains() -> None:
+    friction = AsymmetricFriction("rail", Parameter(0.0, 1.0), Parameter(0.0, 1.0))
+    assert contained(friction) == {"dry_friction@rail"}

@@ -1,0 +1,38 @@
+"""Two effects missing at once of which neither may be added alone."""
+
+from __future__ import annotations
+
+import pytest
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.candidates import propose
+from onlinebayes.criticism.pairs import pair
+from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.stage import run_stage
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import ActuatorDelay, ConstantLoad, Effect, JointStiffness
+from tests.criticism.rigs import measure, model
+
+SPRING = JointStiffness("rail", Parameter(0.0, 5.0, "N/m"), Parameter(-5.0, 5.0, "m"))
+LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+DELAY = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("effect", "values"), [(SPRING, (0.4, 0.5)), (LOAD, (0.4,))])
+def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float, ...]) -> None:
+    hidden = measure({effect: values, DELAY: (0.02,)}, runs=10)
+    selection = Selection()
+    base = ground(model(), hidden, selection)
+    effects = propose(base.fitted.simulator, base.windows)
+    stage = run_stage(base.fitted, base.windows, effects, base.numerics, selection, lambda _line: None)
+    assert not any(judged.admissible for judged in stage.judged)
+    found = pair(stage, effects, base.numerics, selection, lambda _line: None)
+    assert found is not None
+    assert {judged.effect.key for _, judged in found} == {effect.key, DELAY.key}
+    result = refine(model(), hidden, holdout=["run9", "run8"])
+    assert result.verdict == "missing_effect"
+    assert set(result.accepted) == {effect.key, DELAY.key}
+    assert result.remainder.status == "noise"
+    delay = result.parameters["actuator_delay@motor.delay"]
+    assert delay.mean == pytest.approx(0.02, abs=5 * delay.sd)
