@@ -71,11 +71,17 @@ def rollout(
 
 
 def history_rows(simulator: Simulator, windows: Windows) -> int:
-    """Rows before each window that the effects' hidden states may remember; all there are where others have some."""
-    known = [effect.memory for effect in simulator.effects]
+    """Rows before each window that the effects' hidden states may remember; all there are where others have some.
+
+    Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
+    """
     if any(key not in VISIBLE and key != "effects" for key in simulator.state.keys()):  # noqa: SIM118
         return windows.history.shape[1]
-    return min(math.ceil(max(known, default=0.0) / windows.step), windows.history.shape[1])
+    rows = 0
+    for effect in simulator.effects:
+        mine = math.ceil(effect.memory / windows.step)
+        rows = max(rows, min(mine, int(windows.first.max())) if effect.staged else mine)
+    return min(rows, windows.history.shape[1])
 
 
 def shown(

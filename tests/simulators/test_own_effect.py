@@ -10,7 +10,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.cli.model import import_module
+from onlinebayes.cli.factory import import_module
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -25,11 +25,12 @@ from onlinebayes.simulators.effects import EFFECTS, Effect
 
 
 @pytest.fixture
-def propeller(tmp_path: Path):
+def propeller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     blocks = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
     code = next(block for block in blocks if "PropellerTorque" in block)
     (tmp_path / "my_propeller.py").write_text(IMPORTS + code)
-    import_module("my_propeller", tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    import_module("my_propeller")
     yield EFFECTS["propeller_torque"]
     EFFECTS.pop("propeller_torque")
     sys.modules.pop("my_propeller")
