@@ -1,4 +1,4 @@
-"""``onlinebayes compare | diagnose | refine problem.toml --out DIR`` and ``onlinebayes show DIR``.
+"""``onlinebayes compare | diagnose | refine | next problem.toml --out DIR``; before them ``init``, after them ``show``.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (with its traceback), 130 stopped by
 Ctrl-C. What is slow to import is imported only once the arguments are known to be right.
@@ -17,12 +17,16 @@ from typing import NoReturn
 
 EXAMPLES = """\
 examples:
+  onlinebayes init carriage.xml carriage.csv --out carriage.toml
+      write a first problem file: columns matched, bounds proposed
   onlinebayes compare carriage.toml --out out/compare
       fit what is free, replay the measurements, show where the model fails
   onlinebayes diagnose carriage.toml --out out/diagnose
       the same, then rank the physical effects that the model may lack
   onlinebayes refine carriage.toml --out out/refine
       add the best effect, refit, repeat; writes refined.toml and refined.xml
+  onlinebayes next carriage.toml --out out/next
+      propose the recording that decides what is open; writes next.csv
   onlinebayes compare carriage.toml --out out/by-hand --add dry_friction@carriage
       the same with an effect that you add yourself
   onlinebayes show out/refine
@@ -34,6 +38,7 @@ COMMANDS = {
     "compare": "fit what is free, replay, show where it fails",
     "diagnose": "the same, then rank the missing effects",
     "refine": "add the best effect, refit, repeat until the verdict stands",
+    "next": "propose the recording that decides what is open",
 }
 
 
@@ -62,6 +67,11 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
         )
+    first = commands.add_parser("init", help="write a first problem file", description="write a first problem file")
+    first.add_argument("model", help="the model (MJCF)")
+    first.add_argument("logs", nargs="+", metavar="LOG", help="measurement tables")
+    first.add_argument("--out", required=True, metavar="FILE", help="where the problem file goes")
+    first.add_argument("--force", action="store_true", help="write over a file that is there")
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
     show.add_argument("out", metavar="DIR", help="the folder that a command wrote")
     return top
@@ -101,6 +111,14 @@ def _run(arguments: argparse.Namespace) -> int:
 
         show(arguments.out)
         return 0
+    if arguments.command == "init":
+        from onlinebayes.cli.init import init
+
+        return init(arguments.model, arguments.logs, arguments.out, arguments.force)
+    if arguments.command == "next":
+        from onlinebayes.cli.next import propose_next
+
+        return propose_next(arguments.problem, arguments.out, arguments.add)
     from onlinebayes.cli.work import work
 
     return work(arguments.command, arguments.problem, arguments.out, arguments.add)

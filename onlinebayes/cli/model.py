@@ -54,7 +54,7 @@ def build_simulator(
     spec = edited(made, edit, actuators)
     compiled = compile_spec(spec.copy())
     parameters = parameters.expanded(lambda name: expand(compiled, name), top.section("parameters"))
-    sensors = _sensors(compiled, columns)
+    sensors = measured_sensors(compiled, columns)
     space = _with_units(top, compiled, parameters)
     with top.at("parameters"):
         simulator = MujocoSimulator(spec, space, sensors=sensors)
@@ -70,7 +70,7 @@ def _root(folder: Path, model: str) -> Path:
     return folder if inside else (folder / model).resolve().parent
 
 
-def _sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:
+def measured_sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:
     """The model's sensors and joint torques that the tables hold, in the model's order."""
     joints = [name for name, kind in zip(names(model, "joint"), model.jnt_type, strict=True) if kind in (SLIDE, HINGE)]
     known = [*sensor_signals(model), *(f"{TORQUE}{joint}" for joint in joints)]

@@ -31,7 +31,7 @@ LARGEST, MOST_DOTS = 2**20, 2000
 
 TOP = (
     *("schema", "model", "measurements", "holdout", "ignore", "parameters"),
-    *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects"),
+    *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
 

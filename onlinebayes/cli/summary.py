@@ -1,19 +1,23 @@
-"""What a command found, in a few lines for the terminal; the sentences are the report's."""
+"""What a command found, for a terminal of 80 columns; the sentences are the report's."""
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism import Candidate, Criticism
+from onlinebayes.criticism.report import quantities, words
 
-RANKS = 3
+WIDTH = 80
+RANKS = 5
 """How many of the ranked effects are shown."""
+SIGNALS = 6
+"""How many of the signals are shown, the worst first."""
 
 
 def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
-    """Verdict, effects, held-out error before and after, what is left, and where the report lies.
+    """Verdict, held-out error, candidates, what is left, and where the report lies.
 
     Args:
         result: what the command returned.
@@ -21,28 +25,72 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         more: names of further files there.
     """
     lines = [] if result.verdict is None else [f"verdict:   {result.verdict}"]
-    lines += [words.headline(result), words.improvement(result)]
+    sentences = [words.headline(result), words.improvement(result)]
     if result.verdict != "insufficient_data":
-        lines.append(words.remainder(result))
+        sentences.append(words.remainder(result))
+    for sentence in sentences:
+        lines += textwrap.wrap(sentence, WIDTH, break_long_words=False)
+    if result.wiring:
+        lines += _labelled("wiring", words.wiring(result))
+        lines += ["to put in the problem file:", *(f"    {line}" for line in result.wiring.lines.splitlines())]
     if result.what_to_record:
-        lines.append(f"to record: {result.what_to_record}")
-    if result.command == "diagnose":
-        lines += _ranking(result)
+        lines += _labelled("to record", result.what_to_record)
+    lines += ["", *_errors(result), ""]
+    if result.candidates:
+        lines += [*_candidates(result), ""]
     if result.accepted:
-        lines.append(f"added:     {', '.join(result.accepted)}")
-    lines += [f"bounds:    {sentence}" for sentence in words.bounds(result)]
-    lines += [f"note:      {note}" for note in result.notes]
+        lines += _labelled("added", ", ".join(result.accepted))
+    for sentence in words.bounds(result):
+        lines += _labelled("bounds", sentence)
+    for note in result.notes:
+        lines += _labelled("note", note)
     lines += [f"wrote:     {folder / name}" for name in more]
     lines.append(f"report:    {folder / 'report.html'}   (to open it: onlinebayes show {folder})")
     return "\n".join(lines)
 
 
-def _ranking(result: Criticism) -> list[str]:
+def _errors(result: Criticism) -> list[str]:
+    """Error before, after and floor of the signals, the worst first."""
+    errors, order = result.heldout_error, words.signals_by_error(result)
+    lines = [f"{'held-out error (RMS)':<38} {'before':>12} {'after':>12} {'floor':>12}"]
+    for signal in order[:SIGNALS]:
+        before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
+        scale = quantities.scale_for(before, result.units[signal])
+        cells = (scale.text(before), scale.text(after) if result.changed else "–", words.small(scale, floor))
+        lines.append(f"  {_cut(signal, 36):<36} " + " ".join(f"{_cut(cell, 12):>12}" for cell in cells))
+    return [*lines, *_others(len(order) - SIGNALS, "signals, with smaller errors")]
+
+
+def _candidates(result: Criticism) -> list[str]:
+    """Gain and p of the ranked effects, the first ones and all that are in the model."""
     ranked = [candidate for candidate in result.candidates if candidate.rank is not None]
     ranked.sort(key=lambda candidate: candidate.rank or 0)
-    lines = []
-    for candidate in ranked[:RANKS]:
-        p = "" if candidate.p_value is None else f", p = {candidate.p_value:.2g}"
-        size = f"  {words.size(result, candidate)}" if candidate.parameters else ""
-        lines.append(f"{candidate.rank:>4}. {candidate.effect}{size}{p}: {words.outcome(candidate)}")
-    return lines
+    shown = [candidate for k, candidate in enumerate(ranked) if k < RANKS or candidate.accepted]
+    lines = [f"{'candidate effects':<35} {'gain':>11} {'p':>6}  outcome"]
+    lines += [_candidate(candidate) for candidate in shown]
+    return [*lines, *_others(len(result.candidates) - len(shown), "candidates in the report")]
+
+
+def _candidate(candidate: Candidate) -> str:
+    gain = "–"
+    if candidate.score_gain is not None:
+        error = quantities.significant(candidate.score_gain_se or 0.0)
+        gain = f"{quantities.significant(candidate.score_gain)} ± {error}"
+    p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
+    start = f"{candidate.rank:>4} {_cut(candidate.effect, 30):<30} {gain:>11} {p:>6}  "
+    return start + _cut(words.outcome(candidate), WIDTH - len(start))
+
+
+def _others(count: int, what: str) -> list[str]:
+    return [f"  and {count} more {what}"] if count > 0 else []
+
+
+def _labelled(label: str, text: str) -> list[str]:
+    """``label:`` in a column of its own, the text beside it wrapped."""
+    return textwrap.wrap(
+        text, WIDTH, initial_indent=f"{label + ':':<11}", subsequent_indent=" " * 11, break_long_words=False
+    )
+
+
+def _cut(text: str, width: int) -> str:
+    return text if len(text) <= width else f"{text[: max(width - 1, 0)]}…"

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from onlinebayes.cli.problem import Problem, load_problem
+from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import summary
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import write_report
@@ -48,9 +49,11 @@ def criticise(command: str, problem: Problem) -> Criticism:
     """The command's result on a loaded problem; a search that Ctrl-C stops gives what it has found until then."""
     model, data, how = problem.simulator, problem.measurement, problem.selection
     if command == "compare":
-        return compare(model, data, holdout=problem.holdout, selection=how, scope=problem.scope, progress=_log)
+        with Stages() as say:
+            return compare(model, data, holdout=problem.holdout, selection=how, scope=problem.scope, progress=say)
     search = {"diagnose": diagnose, "refine": refine}[command]
-    with Interrupt("onlinebayes: stopping after this stage; Ctrl-C again stops at once") as interrupt:
+    stopping = "onlinebayes: stopping after this stage; Ctrl-C again stops at once"
+    with Interrupt(stopping) as interrupt, Stages() as say:
         return search(
             model,
             data,
@@ -58,7 +61,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
             selection=how,
             scope=problem.scope,
             candidates=problem.candidates,
-            progress=_log,
+            progress=say,
             interrupt=interrupt,
         )
 

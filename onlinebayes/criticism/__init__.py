@@ -3,6 +3,7 @@
 Functions on built objects: ``compare``, ``diagnose``, ``refine``; nothing here reads files.
 """
 
+from onlinebayes.criticism.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.criticism.refine import compare, diagnose, refine
 from onlinebayes.criticism.results import (
     Candidate,
@@ -18,24 +19,32 @@ from onlinebayes.criticism.results import (
     Selection,
     Step,
     WidenedBounds,
+    Wiring,
 )
 from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.timing import Timing
 
 __all__ = [
     "Candidate",
     "Criticism",
+    "Detail",
     "Estimate",
     "Failure",
     "FittedModel",
     "FlatDirection",
     "HeldOutError",
+    "HorizonError",
     "Numerics",
+    "Profile",
     "Remainder",
     "ReplayedRun",
     "Scope",
     "Selection",
     "Step",
+    "Timing",
     "WidenedBounds",
+    "WindowError",
+    "Wiring",
     "compare",
     "diagnose",
     "refine",

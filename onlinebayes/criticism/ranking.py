@@ -10,7 +10,7 @@ from onlinebayes.criticism.identifiability import covariance_of, estimates
 from onlinebayes.criticism.results import Candidate, Estimate, Step
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
-from onlinebayes.criticism.stage import Screened, Stage
+from onlinebayes.criticism.stage import REFIT_BELOW, Screened, Stage
 
 
 def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate, ...]:
@@ -37,7 +37,7 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
             row = _judged(last, verdicts[key], len(rows) + 1, equal, accepted=False, screened=screened)
         else:
             number = None if screened.p_value is None else len(rows) + 1
-            refused = () if screened.p_value is None else (f"not significant (p = {screened.p_value:.2g})",)
+            refused = _not_refitted(screened)
             row = Candidate(
                 key,
                 number,
@@ -69,6 +69,15 @@ def steps(found: Found) -> tuple[Step, ...]:
         )
         taken.append(Step(judged.effect.key, before, after, judged.gain.gain, judged.gain.se, judged.gain.blocks))
     return tuple(taken)
+
+
+def _not_refitted(screened: Screened) -> tuple[str, ...]:
+    """Why screening was the end of it, in words; empty for a confounded effect."""
+    if screened.p_value is None:
+        return ()
+    if screened.p_value < REFIT_BELOW:
+        return (f"too weak: it would lower the error by {100 * screened.promise:.1f} % (p = {screened.p_value:.2g})",)
+    return (f"not significant (p = {screened.p_value:.2g})",)
 
 
 def _place(screened: Screened, judged: Judged | None) -> tuple[bool, bool, float, float]:

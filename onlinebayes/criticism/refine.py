@@ -1,6 +1,7 @@
 """The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
 
-fit runs: base model -> search (see ``search``) -> final model;    held-out runs: opened once, for the reported error
+fit runs: base model -> wiring and effects (see ``inquiry``) -> final model
+held-out runs: opened once, for the reported error
 """
 
 from __future__ import annotations
@@ -12,31 +13,35 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.blocks import Blocks
-from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor
+from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.opening import opened
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.ranking import rank, steps
 from onlinebayes.criticism.results import (
     Criticism,
     FittedModel,
-    HeldOutError,
     Remainder,
     ReplayedRun,
     Selection,
     WidenedBounds,
+    Wiring,
 )
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.scoped import scoped
-from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground, search
+from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
+from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
 from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
+from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -69,13 +74,14 @@ def compare(
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
     """
-    selection, say = selection or Selection(), progress or _silent
+    selection, say = selection or Selection(), Stopwatch(progress or _silent)
     fit_runs, held_runs = split(measurement, holdout)
     say("fitting the base model")
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
+    fault = suspect(base, simulator, fit_runs, selection, say)
     found = Found(base, base, (), (), ())
-    return _assemble("compare", simulator, fit_runs, held_runs, found, selection, say)
+    return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
 def diagnose(
@@ -95,9 +101,7 @@ def diagnose(
         candidates: ``"all"``, or effect names, ``name@target`` keys and effects with bounds of their own.
         interrupt: stops the search between its rounds; what was found until then is returned.
     """
-    return _searched(
-        "diagnose", simulator, measurement, holdout, selection, scope, candidates, 1, progress or _silent, interrupt
-    )
+    return _searched("diagnose", simulator, measurement, holdout, selection, scope, candidates, 1, progress, interrupt)
 
 
 def refine(
@@ -113,16 +117,7 @@ def refine(
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
     return _searched(
-        "refine",
-        simulator,
-        measurement,
-        holdout,
-        selection,
-        scope,
-        candidates,
-        MOST_EFFECTS,
-        progress or _silent,
-        interrupt,
+        "refine", simulator, measurement, holdout, selection, scope, candidates, MOST_EFFECTS, progress, interrupt
     )
 
 
@@ -136,14 +131,14 @@ def _searched(
     scope: Scope | None,
     candidates: str | Sequence[str | Effect],
     most: int,
-    say: Say,
+    progress: Say | None,
     interrupt: Interrupt | None,
 ) -> Criticism:
-    selection = selection or Selection()
+    selection, say = selection or Selection(), Stopwatch(progress or _silent)
     fit_runs, held_runs = split(measurement, holdout)
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
-    found = search(simulator, fit_runs, selection, candidates, most, say, interrupt)
-    return _assemble(question, simulator, fit_runs, held_runs, found, selection, say)
+    found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)
+    return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, say)
 
 
 def _assemble(
@@ -152,8 +147,9 @@ def _assemble(
     fit_runs: Measurement,
     held_runs: Measurement,
     found: Found,
+    fault: Suspicion | None,
     selection: Selection,
-    say: Say,
+    say: Stopwatch,
 ) -> Criticism:
     base, final = found.base, found.final
     signals = tuple(signal.name for signal in fit_runs.signals)
@@ -177,12 +173,15 @@ def _assemble(
         before,
         after,
         selection.tolerance,
+        fault is not None,
     )
     say("opening the held-out runs")
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
     step = min(model.timestep for model in (simulator, base.fitted.simulator, final.fitted.simulator))
     base_model = _model(base, step, base_blocks, fit_runs, held_runs, selection)
     final_model = base_model if final is base else _model(final, step, blocks, fit_runs, held_runs, selection)
+    held = _all_rows(final_model.simulator, held_runs, selection, final.windows.noise)
+    heldout_error, detail = opened(base_model, final_model, held, signals, units)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
     lacking = verdict == "insufficient_data"
     return Criticism(
@@ -190,7 +189,7 @@ def _assemble(
         verdict=None if question == "compare" else verdict,
         accepted=tuple(judged.effect.key for _, judged in found.accepted),
         remainder=_remainder(final, after, units, selection),
-        heldout_error=_heldout(base_model, final_model, signals, held_runs, selection, final.windows),
+        heldout_error=heldout_error,
         steps=steps(found),
         candidates=rank(found, equal),
         candidates_tried=len(found.effects),
@@ -210,6 +209,9 @@ def _assemble(
         interrupted=found.interrupted,
         notes=_notes(simulator, found),
         widened=_bounds(found),
+        detail=detail,
+        timings=say.timings(),
+        wiring=None if fault is None else _wiring(fault),
     )
 
 
@@ -253,22 +255,6 @@ def _all_rows(
     return make_windows(simulator, measurement, selection.horizon_s, memory, noise, inset=True)
 
 
-def _heldout(
-    base: FittedModel,
-    final: FittedModel,
-    signals: tuple[str, ...],
-    held_runs: Measurement,
-    selection: Selection,
-    windows: Windows,
-) -> HeldOutError:
-    before, after = (
-        replay_error(tuple(run for run in model.replays if run.held_out), signals) for model in (base, final)
-    )
-    held = _all_rows(final.simulator, held_runs, selection, windows.noise)
-    floor = start_floor(final.simulator, held, final.theta, signals)
-    return HeldOutError(before, after, floor, dict.fromkeys(signals, held.horizon))
-
-
 def _remainder(final: Grounds, after: dict[str, float], units: dict[str, str], selection: Selection) -> Remainder:
     if max(after.values(), default=0.0) <= selection.tolerance:
         return Remainder("noise", after, "")
@@ -299,6 +285,11 @@ def _bounds(found: Found) -> dict[str, WidenedBounds]:
     if wide is None:
         return {}
     return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
+
+
+def _wiring(suspicion: Suspicion) -> Wiring:
+    fault, equals = suspicion.fault, tuple((equal.says, equal.lines) for equal in suspicion.equals)
+    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.after, equals)
 
 
 def _silent(line: str) -> None:

@@ -14,6 +14,8 @@ from typing import Literal
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from onlinebayes.criticism.detail import Detail
+from onlinebayes.criticism.timing import Timing
 from onlinebayes.simulators.base import Simulator
 
 Verdict = Literal[
@@ -158,6 +160,24 @@ class Numerics:
 
 
 @dataclass(frozen=True)
+class Wiring:
+    """A fault between sensor and table that explains the misfit better than any effect.
+
+    Args:
+        fault: what is wrong, in words.
+        lines: what to put in the problem file.
+        error_before, error_after: cross-validated RMS without and with these lines, the model refitted [floors].
+        alternatives: (fault, lines) of those that explain as much.
+    """
+
+    fault: str
+    lines: str
+    error_before: float
+    error_after: float
+    alternatives: tuple[tuple[str, str], ...] = ()
+
+
+@dataclass(frozen=True)
 class WidenedBounds:
     """Bounds of a parameter that exclude the truth, and the wider ones under which the model agrees (low, high)."""
 
@@ -235,6 +255,9 @@ class Criticism:
         interrupted: whether the search was stopped before its end.
         notes: what else a reader should know, a sentence each.
         widened: parameter -> bounds, with ``bounds_exclude_truth``; ``final`` is then the model within the wider ones.
+        detail: the held-out error window by window and over time, and how the error spreads over what the machine did.
+        timings: the stages of the work and how long each took, up to the result.
+        wiring: with ``data_problem`` (from ``compare``: where it is suspected), the fault and the line that mends it.
     """
 
     command: Literal["compare", "diagnose", "refine"]
@@ -261,6 +284,9 @@ class Criticism:
     interrupted: bool = False
     notes: tuple[str, ...] = ()
     widened: Mapping[str, WidenedBounds] = field(default_factory=dict)
+    detail: Detail = field(default_factory=Detail)
+    timings: tuple[Timing, ...] = ()
+    wiring: Wiring | None = None
 
     @property
     def changed(self) -> bool:

@@ -191,6 +191,15 @@ class ScopedSimulator(Simulator):
         other = self.physics.with_runge_kutta()
         return self if other is self.physics else self._around(other)
 
+    def with_gravity_compensation(self) -> Simulator | None:
+        """See :meth:`Simulator.with_gravity_compensation`."""
+        other = self.physics.with_gravity_compensation()
+        return None if other is None else self._around(other)
+
+    def with_payload(self, body: str, mass: float) -> Self:
+        """See :meth:`Simulator.with_payload`."""
+        return self._around(self.physics.with_payload(body, mass))
+
     def _around(self, physics: Simulator) -> Self:
         return type(self)(physics, self.scope, self.runs)
 

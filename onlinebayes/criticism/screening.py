@@ -137,6 +137,15 @@ def p_values(
     return z, p, best
 
 
+def promise(horizons: Sequence[Scores], column: int) -> float:
+    """Share by which a column alone, at its least-squares size, would lower the RMS: the larger of the horizons'."""
+    shares = []
+    for scores in horizons:
+        explained = float(scores.g[:, column].sum() ** 2 / scores.norm[column].clamp_min(1e-300))
+        shares.append(1 - math.sqrt(max(0.0, 1 - explained / max(scores.misfit, 1e-300))))
+    return max(shares)
+
+
 def _standardised(scores: Scores, signs: Float[Tensor, "X B"]) -> Float[Tensor, "X C"]:
     total = signs @ scores.g
     mixed = torch.einsum("xb,bqc->xqc", signs, scores.h).square().sum(1)

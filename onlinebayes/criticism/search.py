@@ -74,6 +74,7 @@ def search(
     most: int,
     say: Callable[[str], None],
     interrupt: Interrupt | None,
+    base: Grounds | None = None,
 ) -> Found:
     """Look for missing effects.
 
@@ -85,9 +86,12 @@ def search(
         most: number of effects to add at most, one or more.
         say: takes one line of progress.
         interrupt: looked at between rounds.
+        base: the base model on its grounds, where it was fitted already.
     """
-    say("fitting the base model")
-    base = current = ground(simulator, measurement, selection)
+    if base is None:
+        say("fitting the base model")
+        base = ground(simulator, measurement, selection)
+    current = base
     effects = propose(base.fitted.simulator, base.windows, candidates)
     stages: list[Stage] = []
     accepted: list[tuple[Stage, Judged]] = []

@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, judge
+from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, contained, judge
 from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, make_blocks, t_quantile
 from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
 from onlinebayes.criticism.fit import Fit, fit
@@ -23,7 +23,7 @@ from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.scoped import ScopedSimulator, effect_entries
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
-from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values
+from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values, promise
 from onlinebayes.criticism.sensitivities import columns
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
@@ -31,6 +31,8 @@ from onlinebayes.simulators.effects import Effect
 
 REFIT_BELOW = 0.1
 FEWEST_REFITS, MOST_REFITS = 2, 5
+PROMISING = 0.4 * LEAST_FALL
+"""To first order; what lowers the error by less will not lower it by what acceptance asks for."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Screened:
         effect: the effect.
         z, p_value: of the maximum test; None where it is confounded.
         start: values from which its refit begins, short name -> value [SI].
+        promise: share by which it would lower the RMS, to first order.
         confounded_with: free parameters that do the same already.
         exclusion_limit: size of the first parameter, from neutral, that these data would have shown [SI].
     """
@@ -49,6 +52,7 @@ class Screened:
     z: float | None
     p_value: float | None
     start: dict[str, float]
+    promise: float
     confounded_with: tuple[str, ...]
     exclusion_limit: float | None
 
@@ -102,7 +106,11 @@ def run_stage(
     screened = screen(current, windows, effects, flip_groups(windows, correlation))
     leading = [s for s in screened if s.p_value is not None]
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
-    refits = [s for k, s in enumerate(leading) if k < fewest or (s.p_value or 0.0) < below][:MOST_REFITS]
+    # A richer effect waits for the significant simpler one that it contains: it would fit as well by construction.
+    seen = {s.effect.key for s in leading if (s.p_value or 0.0) < selection.alpha}
+    leading = [s for s in leading if not seen & contained(s.effect)]
+    worth = [s for s in leading if (s.p_value or 0.0) < below and s.promise >= PROMISING]
+    refits = [s for k, s in enumerate(leading) if k < fewest or s in worth][:MOST_REFITS]
     judged = []
     for candidate in refits:
         say(f"refitting with {candidate.effect.key}")
@@ -148,7 +156,7 @@ def screen(
     for k, effect in enumerate(effects):
         if int(best[k]) < 0:
             mine = next(i for i, trial in enumerate(tried) if trial.candidate == k)
-            found.append(Screened(effect, None, None, {}, _confounding(current, windows, raw[mine]), None))
+            found.append(Screened(effect, None, None, {}, 0.0, _confounding(current, windows, raw[mine]), None))
             continue
         i = int(best[k])
         found.append(
@@ -157,6 +165,7 @@ def screen(
                 float(z[k]),
                 float(p[k]),
                 _starting_values(effect, tried[i], float(horizons[0].size[i])),
+                promise(horizons, i),
                 (),
                 # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
                 _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]) if tried[i].reach > 0 else None,

@@ -1,9 +1,10 @@
 """The verdict in one word, and what is left.
 
-In this order: insufficient_data (nothing moves, fewer than 7 windows' worth of motion, or an effect that only more
-independent blocks could decide on), bounds_exclude_truth (see ``bounds``), tie (the first accepted effect can be
-swapped for another that is not parted from it), missing_effect (accepted effects remove half of the squared error above
-the floor, or reach it), adequate (nothing accepted, rms_over_floor within the tolerance), unexplained.
+In this order: data_problem (a wiring fault explains the misfit, see ``wiring``), insufficient_data (nothing moves,
+fewer than 7 windows' worth of motion, or an effect that only more independent blocks could decide on),
+bounds_exclude_truth (see ``bounds``), tie (the first accepted effect can be swapped for another that is not parted from
+it), missing_effect (accepted effects remove half of the squared error above the floor, or reach it), adequate (nothing
+accepted, rms_over_floor within the tolerance), unexplained.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
@@ -69,6 +70,7 @@ def decide(
     before: dict[str, float],
     after: dict[str, float],
     tolerance: float,
+    miswired: bool = False,
 ) -> Verdict:
     """The first verdict that applies.
 
@@ -81,7 +83,10 @@ def decide(
         bounds: whether a bound was found to exclude the truth.
         before, after: rms_over_floor of the base and the final model.
         tolerance: up to which a model is adequate.
+        miswired: whether a wiring fault explains the misfit.
     """
+    if miswired:
+        return "data_problem"
     if not enough or (undecided and not accepted):
         return "insufficient_data"
     worst = max(after.values(), default=0.0)

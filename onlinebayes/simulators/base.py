@@ -193,3 +193,15 @@ class Simulator(ABC):
             f"{type(self).__name__} has one integrator only",
             "override with_runge_kutta to let numerics be checked at coarse steps",
         )
+
+    def with_gravity_compensation(self) -> Simulator | None:
+        """The same system with its weight carried by its drives; None where that is not possible or changes nothing."""
+        return None
+
+    def with_payload(self, body: str, mass: float) -> Self:
+        """A new simulator with a known point mass [kg] at a body's centre of mass, besides what its parameters say.
+
+        Raises:
+            BadInput: no such body, or this simulator has none.
+        """
+        raise BadInput(f"{type(self).__name__} has no bodies to fix {mass:g} kg to", "leave the payload out")

@@ -10,6 +10,7 @@ import torch
 
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Selection
+from onlinebayes.criticism.faults import Offset, Rescaled
 from onlinebayes.measurements import Signal
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
@@ -163,6 +164,21 @@ def test_the_loaded_runs_replay(folder):
     inputs = data.select("command", "enable")[:, :-1]
     replay = problem.simulator.rollout(problem.simulator.nominal[None], state, inputs, data["time"][0, 1:])
     assert float((replay["qpos"] - data["signal"][:, 1:]).abs().max()) < 2e-2
+
+
+@pytest.mark.parametrize(
+    "fault",
+    [
+        Rescaled("signal", ("qpos.carriage",), -1.0, ""),
+        Rescaled("signal", ("qpos.carriage",), 1e-3, ""),
+        Offset("qpos.carriage", 0.25),
+    ],
+)
+def test_the_line_of_a_wiring_fault_does_what_the_check_tried(folder, fault):
+    """What the wiring check replays is what its line in the problem file makes of the table."""
+    asked = fault.mended(load_problem(folder / "carriage.toml").measurement)
+    written = load_problem(write(folder, f"{PROBLEM}\n{fault.lines}\n")).measurement
+    assert torch.allclose(written.data["signal"], asked.data["signal"], rtol=1e-12, atol=1e-15)
 
 
 def test_a_mapped_log_is_the_problem_of_the_table(folder):

@@ -15,6 +15,7 @@ from tests.criticism.rigs import measure, model
 
 SPRING = JointStiffness("rail", Parameter(0.0, 5.0, "N/m"), Parameter(-5.0, 5.0, "m"))
 LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+FEW = ["constant_load", "joint_stiffness", "dry_friction", "quadratic_drag", "actuator_gain", "actuator_delay"]
 DELAY = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
 
 
@@ -24,13 +25,13 @@ def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float
     hidden = measure({effect: values, DELAY: (0.02,)}, runs=10)
     selection = Selection()
     base = ground(model(), hidden, selection)
-    effects = propose(base.fitted.simulator, base.windows)
+    effects = propose(base.fitted.simulator, base.windows, FEW)
     stage = run_stage(base.fitted, base.windows, effects, base.numerics, selection, lambda _line: None)
     assert not any(judged.admissible for judged in stage.judged)
     found = pair(stage, effects, base.numerics, selection, lambda _line: None)
     assert found is not None
     assert {judged.effect.key for _, judged in found} == {effect.key, DELAY.key}
-    result = refine(model(), hidden, holdout=["run9", "run8"])
+    result = refine(model(), hidden, holdout=["run9", "run8"], candidates=FEW)
     assert result.verdict == "missing_effect"
     assert set(result.accepted) == {effect.key, DELAY.key}
     assert result.remainder.status == "noise"

@@ -17,6 +17,7 @@ from onlinebayes.criticism.windows import make_windows
 from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction, SensorBias
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.testing import check_simulator
@@ -56,6 +57,13 @@ def test_the_map(loaded) -> None:
         assert (A @ phi + c).tolist() == pytest.approx(theta)
     assert simulator.typical(phi).tolist() == pytest.approx((3.0, 1.5))
     assert simulator.nominal.tolist() == [2.0, 2.0, 1.0]
+
+
+def test_no_hook_of_a_simulator_stays_behind() -> None:
+    """What a simulator may override is passed through, or the base class's answer would hide the physics' own."""
+    hooks = {name for name, value in vars(Simulator).items() if not name.startswith("_") and name != "parameters"}
+    assert {"with_gravity_compensation", "actuator_gains"} <= hooks
+    assert hooks - vars(ScopedSimulator).keys() == set()
 
 
 def test_the_typical_world_is_a_simulator(loaded) -> None:

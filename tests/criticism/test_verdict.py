@@ -15,6 +15,12 @@ def test_a_bound_comes_before_a_tie_and_after_too_little_data() -> None:
     assert decide(False, False, FINE, 0, False, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "insufficient_data"
 
 
+def test_a_wiring_fault_comes_before_everything() -> None:
+    for enough, bounds in ((False, False), (True, True)):
+        verdict = decide(enough, False, FINE, 0, False, bounds, {"q": 5.0}, {"q": 5.0}, 1.2, miswired=True)
+        assert verdict == "data_problem"
+
+
 @pytest.mark.parametrize(
     ("enough", "undecided", "fine", "accepted", "tie", "before", "after", "verdict"),
     [

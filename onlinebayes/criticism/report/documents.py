@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism.report import places, quantities, words
 from onlinebayes.criticism.results import Candidate, Criticism
 
 SHOWN = 15
@@ -11,7 +11,7 @@ SHOWN = 15
 def report(result: Criticism) -> str:
     """Headline, errors, remainder, parameters."""
     lines = [f"# {words.headline(result)}", "", words.improvement(result), "", words.remainder(result), ""]
-    lines += [f"- where: {f.where}: {quantities.percent(f.share_of_error)} of the error of {f.signal}, "
+    lines += [f"- {places.plainly(f.where)}: {quantities.percent(f.share_of_error)} of the error of {f.signal}, "
               f"{quantities.percent(f.share_of_time)} of the time" for f in result.failures[:3]]  # fmt: skip
     lines += ["", "| parameter | value |", "|---|---|"]
     lines += [f"| {name} | {words.estimate(value)} |" for name, value in result.parameters.items()]

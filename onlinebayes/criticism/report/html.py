@@ -9,11 +9,11 @@ from importlib.resources import files
 from typing import Final
 
 from onlinebayes.criticism.report import words
-from onlinebayes.criticism.report.markup import Html, tag, text
-from onlinebayes.criticism.report.sections import errors, parameters, ranking, summary, usage
+from onlinebayes.criticism.report.markup import Html, chapter, join, tag, text
+from onlinebayes.criticism.report.sections import accuracy, errors, parameters, ranking, summary, usage, where
 from onlinebayes.criticism.results import Criticism
 
-_PAGE: Final = """<!doctype html>
+PAGE: Final = """<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
@@ -23,12 +23,14 @@ _PAGE: Final = """<!doctype html>
 {style}</style>
 </head>
 <body>
-<main>
+<a class="skip" href="#main">Skip to the answer</a>
+<main id="main" tabindex="-1">
 {body}
 </main>
 </body>
 </html>
 """
+"""The frame of a page: ``title``, ``style``, ``body``."""
 
 
 def to_html(
@@ -43,15 +45,53 @@ def to_html(
         left_out: keys of the effects that refined.xml cannot hold.
     """
     style = files("onlinebayes.criticism.report").joinpath("style.css").read_text(encoding="utf-8")
+    chapters = [
+        chapter(
+            "answer", "Before and after", summary.tiles(result), accuracy.picture(result), accuracy.heldout(result)
+        ),
+        chapter("where", "Where the model fails", *_where(result)),
+        chapter("candidates", "What could be missing", ranking.render(result)),
+        chapter("parameters", "Parameters", parameters.render(result)),
+        chapter("next", "What to do next", usage.advice(result, refined, left_out)),
+        chapter("how", "How this was reached", usage.provenance(result)),
+    ]
     parts = [
         tag("p", f"onlinebayes {result.command}", f" · {title}" if title else "", kind="source"),
-        summary.render(result),
-        summary.heldout(result),
-        usage.advice(result, refined, left_out),
-        ranking.render(result),
-        parameters.render(result),
-        errors.render(result),
-        usage.provenance(result),
+        summary.headline(result),
+        _contents(chapters),
+        *chapters,
     ]
     head = text(f"{title or 'onlinebayes'}: {words.headline(result)}")
-    return _PAGE.format(title=head, style=style, body=Html("\n".join(part for part in parts if part)))
+    return PAGE.format(title=head, style=style, body=Html("\n".join(part for part in parts if part)))
+
+
+def _where(result: Criticism) -> tuple[Html, ...]:
+    return (
+        summary.picture(result),
+        where.profiles(result),
+        errors.failures(result),
+        where.horizons(result),
+        where.worst(result),
+        errors.along(result),
+        errors.remainder(result),
+    )
+
+
+def _contents(chapters: list[Html]) -> Html:
+    """Links to the chapters that are there."""
+    links = [
+        Html(f'<a href="#{name}">{label}</a>')
+        for (name, label), content in zip(_CHAPTERS.items(), chapters, strict=True)
+        if content
+    ]
+    return Html(f'<nav aria-label="Contents">{join(*links)}</nav>')
+
+
+_CHAPTERS: Final = {
+    "answer": "Answer",
+    "where": "Where",
+    "candidates": "Candidates",
+    "parameters": "Parameters",
+    "next": "Next",
+    "how": "How",
+}

@@ -50,6 +50,9 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "interrupted": result.interrupted,
         "notes": result.notes,
         "widened": {name: asdict(bounds) for name, bounds in result.widened.items()},
+        "detail": asdict(result.detail),
+        "timings": [asdict(timing) for timing in result.timings],
+        "wiring": None if result.wiring is None else asdict(result.wiring),
         "machine": machine(),
     }
 

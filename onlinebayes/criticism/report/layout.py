@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from onlinebayes.criticism.report import geometry, quantities, replays, words
+from onlinebayes.criticism.forces import effect_forces
+from onlinebayes.criticism.report import arrows, geometry, quantities, replays, words
 from onlinebayes.criticism.results import Criticism
 
 if TYPE_CHECKING:
@@ -56,9 +57,14 @@ def _run(result: Criticism, run: str, name: str, model: mujoco.MjModel | None) -
     worst = words.worst_signal(result)
     signals = sorted(result.signals, key=lambda signal: signal != worst)[:SIGNALS_SHOWN]
     views: list[rrb.View] = []
+    after = next(replay for replay in result.final.replays if replay.run == run)
+    forces = effect_forces(result.final, after, result.signals)
     if model is not None:
-        moved = next(replay.qpos for replay in result.final.replays if replay.run == run).cpu().numpy()
-        name_3d, eye = "measured solid, models as wireframes", _eye(model, moved)
+        moved = after.qpos.cpu().numpy()
+        name_3d, eye = (
+            "measured solid, models as wireframes, added effects as arrows",
+            _eye(model, moved, 1.5 * arrows.LIFT * len(forces)),
+        )
         views.append(rrb.Spatial3DView(origin=f"{root}/scene", name=name_3d, eye_controls=eye))
     for signal in signals:
         part, unit = rr.escape_entity_path_part(signal), result.units[signal]
@@ -75,6 +81,9 @@ def _run(result: Criticism, run: str, name: str, model: mujoco.MjModel | None) -
                 origin=f"{root}/errors/{part}", name=f"error of {signal} [{small}]", axis_y=_axis(*errors)
             ),
         ]
+    if forces:
+        axis = _axis(*(force.value.cpu().numpy() for force in forces))
+        views.append(rrb.TimeSeriesView(origin=f"{root}/forces", name="forces of the added effects", axis_y=axis))
     if result.commands:
         command = next(replay.command for replay in result.base.replays if replay.run == run).cpu().numpy()
         views.append(rrb.TimeSeriesView(origin=f"{root}/commands", name="commands", axis_y=_axis(command)))
@@ -94,11 +103,18 @@ def _axis(*values: np.ndarray) -> Any:
     return rrb.ScalarAxis(range=(low - margin, high + margin))
 
 
-def _eye(model: mujoco.MjModel, qpos: np.ndarray) -> Any:
-    """A view from the front and above that holds everything that moves, all the time, in a wide and low window."""
+def _eye(model: mujoco.MjModel, qpos: np.ndarray, above: float) -> Any:
+    """A view from the front and above that holds everything that moves, all the time, in a wide and low window.
+
+    Args:
+        model: the compiled model.
+        qpos: (T, nq) all its positions.
+        above: height of what is drawn above it, as a share of its width.
+    """
     import rerun.blueprint as rrb
 
     low, high = geometry.bounds(model, qpos[:: max(1, len(qpos) // 50)])
+    high[2] += above * float((high - low).max())
     centre, (wide, deep, tall) = (low + high) / 2, high - low
     distance = 0.6 * deep + max(1.25 * tall, 0.5 * wide, 1e-3)
     return rrb.EyeControls3D(

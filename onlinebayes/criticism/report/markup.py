@@ -20,7 +20,7 @@ def text(content: str) -> Html:
 
 def prose(content: str) -> Html:
     """A sentence whose numbers stay with their units when the line breaks."""
-    return Html(re.sub(r"(?<=\d) (?=[a-zA-Zµ%])", "&nbsp;", text(content)))
+    return Html(re.sub(r"(?<!\w)(\d[\d.]*) (?=[a-zA-Zµ%])", r"\1&nbsp;", text(content)))
 
 
 def tag(name: str, *content: str, kind: str = "") -> Html:
@@ -34,20 +34,44 @@ def join(*content: str) -> Html:
     return Html("".join(text(item) for item in content))
 
 
-def section(title: str, *content: str, note: str = "") -> Html:
-    """A headed part of the report; ``note`` says under the heading how to read it."""
-    return tag("section", tag("h2", title), tag("p", note, kind="note") if note else "", *content)
-
-
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], kinds: Sequence[str] = ()) -> Html:
-    """A table; ``kinds`` gives a CSS class for each row where it needs one."""
-    kinds = kinds or [""] * len(rows)
-    body = [tag("tr", *(tag("td", cell) for cell in row), kind=kind) for row, kind in zip(rows, kinds, strict=True)]
-    return tag(
-        "div",
-        tag("table", tag("thead", tag("tr", *(tag("th", cell) for cell in head))), tag("tbody", *body)),
-        kind="scroll",
+def chapter(name: str, title: str, *content: str) -> Html:
+    """One of the page's main parts, with a heading that links can reach; nothing where it has no content."""
+    inner = join(*content)
+    if not inner:
+        return Html("")
+    return Html(
+        f'<section id="{name}" aria-labelledby="{name}-title"><h2 id="{name}-title">{text(title)}</h2>{inner}</section>'
     )
+
+
+def section(title: str, *content: str, note: str = "") -> Html:
+    """A headed part of a chapter; ``note`` says under the heading how to read it."""
+    return tag("section", tag("h3", title), tag("p", note, kind="note") if note else "", *content)
+
+
+def folded(title: str, *content: str) -> Html:
+    """What only some readers want: closed until its title is clicked; open on paper."""
+    return tag("details", tag("summary", title), *content)
+
+
+def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]], kinds: Sequence[str] = ()) -> Html:
+    """A table with its caption; the first cell of a row is its head, ``kinds`` gives a CSS class for each row.
+
+    Wide tables scroll within a region of their own, which the keyboard reaches.
+    """
+    kinds = kinds or [""] * len(rows)
+    heads = "".join(f'<th scope="col">{text(cell)}</th>' for cell in head)
+    body = [
+        tag("tr", Html(f'<th scope="row">{text(row[0])}</th>'), *(tag("td", cell) for cell in row[1:]), kind=kind)
+        for row, kind in zip(rows, kinds, strict=True)
+    ]
+    inner = tag("table", tag("caption", caption), Html(f"<thead><tr>{heads}</tr></thead>"), tag("tbody", *body))
+    return Html(f'<div class="scroll" role="region" tabindex="0" aria-label="{text(caption)}">{inner}</div>')
+
+
+def wide(drawing: str, label: str) -> Html:
+    """A wide drawing, which on a narrow screen scrolls within a region of its own instead of shrinking out of sight."""
+    return Html(f'<div class="scroll" role="region" tabindex="0" aria-label="{text(label)}">{drawing}</div>')
 
 
 def bar(share: float, kind: str = "", label: str = "", error: float = 0.0) -> Html:

@@ -6,7 +6,9 @@
 | ``runs/RUN/signals/SIGNAL/measured|before|after`` | the signal as measured, by the base and by the final model |
 | ``runs/RUN/errors/SIGNAL/before|after``     | simulated minus measured, in the unit that the layout names     |
 | ``runs/RUN/commands/COMMAND``               | what was commanded                                             |
+| ``runs/RUN/forces/EFFECT``                  | force of an added effect at its joint, where it is one [N, N m] |
 | ``runs/RUN/scene/measured|before|after``    | the model's geometry, for MuJoCo models                        |
+| ``runs/RUN/scene/forces/EFFECT``            | the same forces as arrows                                      |
 
 Time line: ``time``, seconds of the run. Curves are thinned to at most ``RATE`` rows a second: report.json holds the
 figures, the recording is for looking.
@@ -21,8 +23,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.report import documents, geometry, layout
-from onlinebayes.criticism.report.colours import COLOURS
+from onlinebayes.criticism.forces import EffectForce, effect_forces
+from onlinebayes.criticism.report import arrows, documents, geometry, layout
+from onlinebayes.criticism.report.colours import COLOURS, EFFECTS
+from onlinebayes.criticism.report.geometry import Colour
 from onlinebayes.criticism.results import Criticism, ReplayedRun
 from onlinebayes.criticism.scoped import physics
 from onlinebayes.runs import atomic_path
@@ -52,9 +56,11 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):
             stream.log(name, rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN), static=True)
         for before, after in zip(result.base.replays, result.final.replays, strict=True):
+            forces = effect_forces(result.final, after, result.signals)
             _send_curves(stream, result, before, after)
+            _send_forces(stream, after, forces)
             if model is not None and before.run in runs:
-                _send_scene(stream, result, model, before, after)
+                _send_scene(stream, result, model, before, after, forces)
         stream.flush()
         stream.disconnect()
 
@@ -90,8 +96,21 @@ def _send_curves(stream: RecordingStream, result: Criticism, before: ReplayedRun
         _curve(stream, (run, "commands", command), time[keep], before.command.cpu().numpy()[keep, u], "command")
 
 
+def _send_forces(stream: RecordingStream, run: ReplayedRun, forces: tuple[EffectForce, ...]) -> None:
+    time = run.time.cpu().numpy()
+    keep = rows(time, RATE)
+    for k, force in enumerate(forces):
+        values = force.value.cpu().numpy()[keep]
+        _curve(stream, (run.run, "forces", force.effect), time[keep], values, "force", EFFECTS[k % len(EFFECTS)])
+
+
 def _curve(
-    stream: RecordingStream, parts: tuple[str, ...], time: NDArray[np.float64], values: NDArray[np.float64], kind: str
+    stream: RecordingStream,
+    parts: tuple[str, ...],
+    time: NDArray[np.float64],
+    values: NDArray[np.float64],
+    kind: str,
+    colour: Colour | None = None,
 ) -> None:
     import rerun as rr
 
@@ -99,12 +118,19 @@ def _curve(
     if not known.any():
         return
     path = geometry.entity("runs", *parts)
-    stream.log(path, rr.SeriesLines(colors=[COLOURS[kind]], names=[parts[-1]], widths=[_WIDTHS[kind]]), static=True)
+    stream.log(
+        path, rr.SeriesLines(colors=[colour or COLOURS[kind]], names=[parts[-1]], widths=[_WIDTHS[kind]]), static=True
+    )
     stream.send_columns(path, [rr.TimeColumn("time", duration=time[known])], rr.Scalars.columns(scalars=values[known]))
 
 
 def _send_scene(
-    stream: RecordingStream, result: Criticism, model: mujoco.MjModel, before: ReplayedRun, after: ReplayedRun
+    stream: RecordingStream,
+    result: Criticism,
+    model: mujoco.MjModel,
+    before: ReplayedRun,
+    after: ReplayedRun,
+    forces: tuple[EffectForce, ...],
 ) -> None:
     time = before.time.cpu().numpy()
     keep = rows(time, SCENE_RATE)
@@ -114,9 +140,10 @@ def _send_scene(
     real = geometry.measured_qpos(model, result.signals, measured, simulated["after"])
     geometry.log_shapes(stream, f"{root}/measured", model)
     geometry.send_motion(stream, f"{root}/measured", model, time[keep], real)
+    arrows.send_arrows(stream, f"{root}/forces", model, time[keep], simulated["after"], forces, keep)
     for kind in variants(result):
         geometry.log_shapes(stream, f"{root}/{kind}", model, ghost=COLOURS[kind])
         geometry.send_motion(stream, f"{root}/{kind}", model, time[keep], simulated[kind])
 
 
-_WIDTHS = {"measured": 3.0, "before": 1.5, "after": 1.5, "command": 1.5}
+_WIDTHS = {"measured": 3.0, "before": 1.5, "after": 1.5, "command": 1.5, "force": 1.5}

@@ -61,15 +61,20 @@ def shown(all_traces: Sequence[Trace]) -> list[Trace]:
 
 def worst_window(all_traces: Sequence[Trace]) -> Trace | None:
     """The rows of the window in which the base model is furthest off in the root mean square, or None without rows."""
-    best: tuple[float, Trace] | None = None
+    return next(iter(worst_windows(all_traces, 1)), None)
+
+
+def worst_windows(all_traces: Sequence[Trace], count: int) -> list[Trace]:
+    """The ``count`` windows in which the base model is furthest off in the root mean square, the worst first."""
+    found: list[tuple[float, Trace]] = []
     for trace in shown(all_traces):
         squared = (trace.before - trace.measured) ** 2
         for number in np.unique(trace.window):
             inside = (trace.window == number) & np.isfinite(squared)
-            error = float(squared[inside].mean()) if inside.sum() > 2 else -1.0
-            if error >= 0 and (best is None or error > best[0]):
-                best = (error, trace.rows(trace.window == number))
-    return best[1] if best else None
+            if inside.sum() > 2:
+                found.append((float(squared[inside].mean()), trace.rows(trace.window == number)))
+    found.sort(key=lambda item: -item[0])
+    return [trace for _, trace in found[:count]]
 
 
 def _trace(before: ReplayedRun, after: ReplayedRun, column: int) -> Trace:

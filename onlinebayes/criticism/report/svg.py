@@ -59,7 +59,8 @@ def chart(panels: Sequence[Panel], x_label: str, *, width: int = 880, title: str
         parts.append(_panel(panel, frame, x_label if k == len(panels) - 1 else None))
         top += panel.height + GAP
     label = escape(title, quote=True)
-    return f'<svg class="chart" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    kind = "chart wide" if width > 600 else "chart"
+    return f'<svg class="{kind}" viewBox="0 0 {width} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
 
 def nice_ticks(low: float, high: float, count: int = 5) -> list[float]:
@@ -162,7 +163,7 @@ def _grid(frame: _Frame, x_label: str | None, height: int) -> str:
         kind = "zero" if value == 0 else "grid"
         parts.append(f'<path class="{kind}" d="M{frame.left} {y:.1f}H{frame.right}"/>')
         parts.append(f'<text class="tick" x="{frame.left - 6}" y="{y + 4:.1f}" text-anchor="end">{text}</text>')
-    x_ticks = nice_ticks(*frame.x, count=8)
+    x_ticks = nice_ticks(*frame.x, count=max(2, int(frame.right - frame.left) // 95))
     for value, text in zip(x_ticks, _tick_texts(x_ticks), strict=True):
         x = frame.px(value)
         parts.append(f'<path class="grid" d="M{x:.1f} {frame.top}V{frame.bottom}"/>')

@@ -57,8 +57,13 @@ def listing(items: Sequence[str], last: str = "and") -> str:
 
 def worst_signal(result: Criticism) -> str:
     """The signal whose base error is largest in units of its noise floor."""
+    return signals_by_error(result)[0]
+
+
+def signals_by_error(result: Criticism) -> list[str]:
+    """The scored signals, the one that stands highest above its noise floor first."""
     scored = [signal for signal in result.signals if signal in result.heldout_error.before]
-    return max(scored, key=lambda signal: over_floor(result, signal))
+    return sorted(scored, key=lambda signal: -over_floor(result, signal))
 
 
 def over_floor(result: Criticism, signal: str) -> float:
@@ -81,7 +86,8 @@ def headline(result: Criticism) -> str:
     if result.verdict == "bounds_exclude_truth":
         return f"No effect is missing: the bounds of {listing(list(result.widened))} exclude what the data ask for."
     if result.verdict == "data_problem":
-        return "The data themselves explain the misfit better than any missing physics."
+        fault = f" ({result.wiring.fault})" if result.wiring else ""
+        return f"The data themselves explain the misfit better than any missing physics{fault}."
     if result.verdict == "unexplained":
         helped = f"; {effects} helps, but not enough" if result.accepted else ""
         return f"The model is wrong, and no effect that was tried explains it{helped}."
@@ -99,6 +105,18 @@ def improvement(result: Criticism) -> str:
     if result.changed:
         return f"{over}: {scale.text(before)} → {scale.text(after)} ({better(before, after)}); {noise}."
     return f"{over}: {scale.text(before)}; {noise}."
+
+
+def wiring(result: Criticism) -> str:
+    """What the wiring check found and how far mending it brings the error, in one sentence; empty with nothing."""
+    found = result.wiring
+    if found is None:
+        return ""
+    others = (
+        f" Just as well: {listing([fault for fault, _ in found.alternatives], 'or')}." if found.alternatives else ""
+    )
+    fall = f"{quantities.times(found.error_before)} to {quantities.times(found.error_after)} the sensor floor"
+    return f"{found.fault}; putting that right takes the cross-validated error from {fall}.{others}"
 
 
 def bounds(result: Criticism) -> list[str]:
@@ -175,6 +193,26 @@ def ties(result: Criticism) -> list[str]:
     return sentences
 
 
+def nested(result: Criticism) -> list[str]:
+    """One sentence for each candidate that a richer one contains."""
+    return [
+        f"{_capital(plain(candidate.effect))} is a special case of "
+        f"{listing([plain(effect) for effect in candidate.nested_in], 'and of')}: the richer effect enters only where "
+        "the simpler one does not do."
+        for candidate in result.candidates
+        if candidate.nested_in and candidate.score_gain is not None
+    ]
+
+
+def confounded(result: Criticism) -> list[str]:
+    """One phrase for each candidate that the free parameters do already: ``viscous friction at a: a.damping``."""
+    return [
+        f"{plain(candidate.effect)}: {listing(list(candidate.confounded_with))}"
+        for candidate in result.candidates
+        if candidate.confounded_with
+    ]
+
+
 def sizes(result: Criticism, candidate: Candidate) -> dict[str, Estimate]:
     """Its parameters: the final model's where it stands in it, else its own refit's; empty where there was none."""
     final = {name: result.parameters.get(f"{candidate.effect}.{name}") for name in candidate.parameters}
@@ -202,7 +240,8 @@ def outcome(candidate: Candidate) -> str:
         equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
         return f"cannot be told from {equal}"
     if candidate.score_gain is None:
-        return "not significant"
+        reason = candidate.refused_because[0] if candidate.refused_because else "not tried further"
+        return reason.partition(" (")[0].partition(":")[0]
     return "; ".join(candidate.refused_because) or "not needed"
 
 

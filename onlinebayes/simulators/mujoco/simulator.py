@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,6 +25,8 @@ from onlinebayes.simulators.mujoco.model import load_spec
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
+
+JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))  # transmissions to a joint
 
 
 class MujocoSimulator(Simulator):
@@ -218,6 +221,32 @@ class MujocoSimulator(Simulator):
             return self
         spec = self._system.source.copy()
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        return self._integrated(spec, self.dt)
+
+    def with_gravity_compensation(self) -> Simulator | None:
+        """A new simulator with ``gravcomp = 1`` on every body; None unless the actuators drive each of the joints."""
+        if not all(kind in JOINTS for kind in self.model.actuator_trntype.tolist()):
+            return None
+        driven = set(self.model.actuator_trnid[:, 0].tolist())
+        lifted = bool(self.model.opt.gravity.any()) and not bool((self.model.body_gravcomp[1:] == 1).all())
+        if not lifted or driven != set(range(self.model.njnt)):
+            return None
+        spec = self._system.source.copy()
+        for body in spec.bodies[1:]:
+            body.gravcomp = 1.0
+        return self._integrated(spec, self.dt)
+
+    def with_payload(self, body: str, mass: float) -> Self:
+        """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
+        known = [self.model.body(k).name for k in range(1, self.model.nbody)]
+        if body not in known:
+            near = difflib.get_close_matches(body, known, n=3, cutoff=0.4) or known
+            raise BadInput(f"the model has no body '{body}'", f"nearest: {', '.join(near)}")
+        spec = self._system.source.copy()
+        centre = self.model.body(body).ipos
+        # Welded on, so that a free mass of the body itself stays what it is; MuJoCo adds the two up.
+        point = spec.body(body).add_body(name=f"payload@{body}", pos=centre, mass=mass, inertia=[1e-9 * mass] * 3)
+        point.explicitinertial = True
         return self._integrated(spec, self.dt)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:

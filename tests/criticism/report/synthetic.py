@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.criticism.detail import Detail, HorizonError
+from onlinebayes.criticism.heldout import window_errors
+from onlinebayes.criticism.profiles import profiles
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
@@ -26,6 +29,7 @@ from onlinebayes.criticism.results import (
     Selection,
     Step,
 )
+from onlinebayes.criticism.timing import Timing
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction
@@ -174,6 +178,19 @@ def candidates() -> tuple[Candidate, ...]:
     )  # fmt: skip
 
 
+def detail(base: FittedModel, final: FittedModel) -> Detail:
+    """Windows and profiles as criticism computes them; horizons that grow as such errors do."""
+    time = tuple((k + 0.5) / 10 for k in range(10))
+    horizon = HorizonError(
+        SIGNAL, time, tuple(0.011 * t for t in time), tuple(0.0035 * t * t for t in time), (0.0002,) * 10
+    )
+    return Detail(
+        window_errors(base.replays, final.replays, (SIGNAL,)),
+        (horizon,),
+        profiles(base.replays, final.replays, (SIGNAL,), ("motor",), {SIGNAL: "m"}),
+    )
+
+
 def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Simulator | None = None) -> Criticism:
     """A ``missing_effect`` with two accepted effects; vary it with ``dataclasses.replace``."""
     simulator = simulator or Unmoved()
@@ -226,5 +243,7 @@ def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Simulator | 
         units={SIGNAL: "m"},
         sensor_sd={SIGNAL: 1e-5},
         selection=Selection(),
+        detail=detail(base, final),
+        timings=(Timing("fitting the base model", 1.1), Timing("screening 23 effects", 0.4)),
         notes=("column 'qfrc.carriage' was not used: the model has no such signal",),
     )

@@ -11,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from onlinebayes.criticism.report.arrows import places
 from onlinebayes.criticism.report.geometry import bounds, log_shapes, measured_qpos, poses
 from onlinebayes.criticism.report.recording import MOST_ROWS, rows, write_recording
 from tests.criticism.report.synthetic import SIGNAL, criticism, drive
@@ -66,6 +67,32 @@ def test_the_carriage_moves(recording: Path) -> None:
         assert moved[:, 0] == pytest.approx(expected[keep, 0].numpy(), abs=1e-6)
         assert moved[:, 2] == pytest.approx(0.05)
     assert any(path.startswith("/runs/pulses/scene/measured/carriage/geom") for path in found)
+
+
+def test_the_forces_of_the_effects_are_arrows_and_curves(recording: Path) -> None:
+    found, result = read(recording), criticism()
+    curve = np.ravel(column(found["/runs/pulses/forces/dry_friction\\@carriage"], "scalars"))
+    friction = result.parameters["dry_friction@carriage.frictionloss"].mean
+    assert np.abs(curve).max() == pytest.approx(friction)
+    arrows = found["/runs/pulses/scene/forces/dry_friction\\@carriage"]
+    vectors = np.asarray(column(arrows, "vectors"))[:, 0]
+    assert np.abs(vectors[:, 1:]).max() == 0
+    # The longest arrow is half as long as what is drawn is wide.
+    low, high = bounds(drive().model, np.concatenate([r.qpos.numpy() for r in result.final.replays if r.held_out]))
+    assert np.abs(vectors[:, 0]).max() == pytest.approx(0.5 * (high - low).max(), rel=0.05)
+    labels = [label for (label,) in column(arrows, "labels")]
+    assert "dry friction 22 N" in labels
+    assert "dry friction -22 N" in labels
+
+
+def test_a_hinge_has_its_arrow_across_the_arm() -> None:
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><worldbody><body name="a"><joint name="h" axis="0 1 0"/>
+        <geom type="capsule" size="0.02" fromto="0 0 0 0 0 -1"/></body></worldbody></mujoco>"""
+    )
+    points, ways = places(model, 0, np.array([[0.0], [np.pi / 2]]))
+    assert points == pytest.approx(np.array([[0, 0, -0.5], [-0.5, 0, 0]]), abs=1e-9)
+    assert ways == pytest.approx(np.array([[-1, 0, 0], [0, 0, 1]]), abs=1e-9)
 
 
 def test_a_simulator_without_geometry_has_no_scene(tmp_path: Path) -> None:

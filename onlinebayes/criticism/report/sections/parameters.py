@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from typing import Literal
+
 from onlinebayes.criticism.report import quantities, words
-from onlinebayes.criticism.report.markup import Html, join, section, table, tag
+from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag, text
 from onlinebayes.criticism.results import Criticism, Estimate, FlatDirection
 from onlinebayes.parameters import Parameter
+
+SHOWN = 16
+WIDE = 0.8
+"""Share of the bounds from which an interval says no more than they do."""
 
 
 def render(result: Criticism) -> Html:
@@ -22,17 +29,24 @@ def _table(result: Criticism) -> Html:
             tag("code", name),
             tag("strong", words.estimate(value)),
             interval_text(value),
-            _strip(value, bounds) if bounds else "",
+            _strip(name, value, bounds, base if changed else None) if bounds else "–",
             _state(value, bounds),
         ]
         if changed:
             cells.insert(3, words.estimate(base) if base else "–")
         rows.append(cells)
-    head = ["parameter", "value", "90 % interval", "within its bounds", ""]
+    head = ["parameter", "value", "90 % interval", "within what was allowed", "known?"]
     if changed:
         head.insert(3, "without the effects")
-    note = "Mean ± standard deviation, from leaving one block of data out at a time."
-    return section("Parameters", table(head, rows), note=note) if rows else Html("")
+    note = (
+        "Mean ± standard deviation, from leaving one block of data out at a time. The grey bar is what was allowed "
+        "before the data; the coloured part is the 90 % interval after them, the line the mean"
+        + ("; the orange mark is the value without the effects." if changed else ".")
+    )
+    shown = table("Parameters of the final model", head, rows[:SHOWN])
+    rest = rows[SHOWN:]
+    more = folded(f"{len(rest)} more parameters", table("The other parameters", head, rest)) if rest else ""
+    return section("Values and intervals", shown, more, note=note) if rows else Html("")
 
 
 def interval_text(value: Estimate) -> str:
@@ -44,22 +58,44 @@ def interval_text(value: Estimate) -> str:
 def _state(value: Estimate, bounds: Parameter | None) -> str:
     if not value.identifiable:
         return "not determined alone"
-    if bounds is not None and min(value.mean - bounds.low, bounds.high - value.mean) < 1e-3 * (
-        bounds.high - bounds.low
-    ):
+    if bounds is None:
+        return "yes"
+    if _hit(value, bounds):
         return "at its bound"
-    return ""
+    share = (value.q95 - value.q05) / (bounds.high - bounds.low)
+    return f"yes, to {quantities.percent(share)} of what was allowed" if share < WIDE else "hardly: the bounds decide"
 
 
-def _strip(value: Estimate, bounds: Parameter) -> Html:
-    """The 90 % interval and the mean, drawn within the bounds."""
-    width = bounds.high - bounds.low
-    low, high, mean = (100 * min(max((x - bounds.low) / width, 0), 1) for x in (value.q05, value.q95, value.mean))
+def _hit(value: Estimate, bounds: Parameter) -> Literal["", "low", "high"]:
+    """The bound at which the mean lies, if any."""
+    near = 1e-3 * (bounds.high - bounds.low)
+    if value.mean - bounds.low < near:
+        return "low"
+    return "high" if bounds.high - value.mean < near else ""
+
+
+def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None) -> Html:
+    """The 90 % interval and the mean, and the base model's mean, within the bounds on the parameter's own scale."""
+    low, high, mean = (_place(x, bounds) for x in (value.q05, value.q95, value.mean))
     ends = f"{bounds.low:.4g} to {bounds.high:.4g} {quantities.scale_for(0.0, bounds.unit).unit}".strip()
+    log = " (logarithmic)" if bounds.scale == "log" else ""
+    hit = _hit(value, bounds)
+    label = text(f"{name}: {words.estimate(value)}, 90 % within {interval_text(value)}; allowed {ends}{log}")
+    marks = f'<s style="left:{_place(base.mean, bounds):.1f}%"></s>' if base else ""
+    marks += f'<u class="{hit}"></u>' if hit else ""
     return Html(
-        f'<span class="strip" title="{ends}"><i style="left:{low:.1f}%;width:{max(high - low, 1):.1f}%"></i>'
-        f'<b style="left:{mean:.1f}%"></b></span><small>{ends}</small>'
+        f'<span class="strip" role="img" aria-label="{label}" title="{text(ends)}">'
+        f'<i style="left:{low:.1f}%;width:{max(high - low, 1):.1f}%"></i><b style="left:{mean:.1f}%"></b>{marks}</span>'
+        f"<small>{text(ends + log)}</small>"
     )
+
+
+def _place(value: float, bounds: Parameter) -> float:
+    """Where a value lies between the bounds [%]."""
+    low, high = bounds.low, bounds.high
+    if bounds.scale == "log":
+        low, high, value = math.log(low), math.log(high), math.log(max(value, low))
+    return 100 * min(max((value - low) / (high - low), 0.0), 1.0)
 
 
 def _flat(result: Criticism) -> Html:
@@ -70,7 +106,8 @@ def _flat(result: Criticism) -> Html:
         "These combinations can change with no visible change of the trajectories. Do not read the intervals of the "
         "parameters named here one by one; fix one of them by a measurement of its own, such as a scale."
     )
-    return section("What the data leave open", table(("in words", "direction"), rows), note=note)
+    shown = table("Directions that the data leave flat", ("in words", "direction"), rows)
+    return section("What the data leave open", shown, note=note)
 
 
 def _components(direction: FlatDirection) -> Html:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from onlinebayes.criticism.report import quantities, words
-from onlinebayes.criticism.report.markup import Html, bar, join, section, table, tag
+from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.simulators.effects import EFFECTS, Scales
 
@@ -16,7 +16,7 @@ def render(result: Criticism) -> Html:
     """The ranking, the ties in words, the way from the base model to the final one."""
     if result.command == "compare":
         return Html("")
-    return join(_steps(result), _table(result), _limits(result))
+    return join(_steps(result), _table(result), _in_words(result), _limits(result))
 
 
 def _table(result: Criticism) -> Html:
@@ -26,16 +26,32 @@ def _table(result: Criticism) -> Html:
     largest = max((abs(c.score_gain or 0) + (c.score_gain_se or 0) for c in ranked), default=0.0) or 1.0
     rows = [_row(result, candidate, largest) for candidate in result.candidates]
     kinds = ["accepted" if candidate.accepted else "" for candidate in result.candidates]
-    head = ("", "effect", "evidence", "error falls", "p", "same law", "size", "outcome")
+    head = ("effect", "rank", "evidence", "error falls", "p", "same law", "size", "outcome")
     note = (
         "Evidence is the gain in log score on data left out of the fit, with its standard error. Error falls: the "
         "cross-validated error over long and short windows. p: chance of so strong a lead among all candidates if "
         "nothing were missing. Same law: whether one size fits all parts of the data."
     )
-    tied = [tag("p", sentence, kind="equals") for sentence in words.ties(result)]
-    more = _folded(table(head, rows[SHOWN:], kinds[SHOWN:]), len(rows) - SHOWN)
     title = f"Ranking of {result.candidates_tried} candidate effects"
-    return section(title, table(head, rows[:SHOWN], kinds[:SHOWN]), more, *tied, note=note)
+    shown = table("Candidate effects, the most significant first", head, rows[:SHOWN], kinds[:SHOWN])
+    rest = table("Candidate effects, the others", head, rows[SHOWN:], kinds[SHOWN:])
+    more = folded(f"{len(rows) - SHOWN} more candidates", rest) if rows[SHOWN:] else ""
+    return section(title, shown, more, note=note)
+
+
+def _in_words(result: Criticism) -> Html:
+    """Equals, richer relatives, and what the free parameters do already; what nobody wants to count is folded away."""
+    sentences = [tag("p", sentence, kind="equals") for sentence in words.ties(result)]
+    sentences += [tag("p", sentence) for sentence in words.nested(result)]
+    same = [tag("li", sentence) for sentence in words.confounded(result)]
+    if same:
+        note = (
+            "These act like parameters that are free already, so that these data cannot speak for or against them: "
+            "to test one, fix those parameters at values known otherwise."
+        )
+        count = f"{len(same)} candidate{'s' if len(same) > 1 else ''} that free parameters can imitate"
+        sentences.append(folded(count, tag("p", note, kind="note"), tag("ul", *same)))
+    return section("What cannot be told apart", *sentences) if sentences else Html("")
 
 
 def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, ...]:
@@ -53,8 +69,8 @@ def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, 
         for name, value in words.sizes(result, candidate).items()
     ]
     return (
-        str(candidate.rank or ""),
         join(words.plain(candidate.effect), tag("small", tag("code", candidate.effect))),
+        str(candidate.rank or "–"),
         evidence,
         tag("span", fall, kind="number"),
         quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
@@ -62,12 +78,6 @@ def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, 
         join(*sizes) or "–",
         words.outcome(candidate),
     )
-
-
-def _folded(content: Html, count: int) -> Html:
-    if count <= 0:
-        return Html("")
-    return tag("details", tag("summary", f"{count} more"), content)
 
 
 def _steps(result: Criticism) -> Html:
@@ -85,7 +95,9 @@ def _steps(result: Criticism) -> Html:
         name = join(f"+ {words.plain(step.added)}", tag("small", words.meaning(step.added)))
         rows.append((name, bar(error / first, "after", scale.text(error))))
     note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."
-    return section("Step by step", table(("model", "cross-validated error"), rows), note=note)
+    return section(
+        "Step by step", table("Error after each addition", ("model", "cross-validated error"), rows), note=note
+    )
 
 
 def _limits(result: Criticism) -> Html:
@@ -98,7 +110,9 @@ def _limits(result: Criticism) -> Html:
         size = quantities.text(candidate.exclusion_limit, unit)
         rows.append((words.plain(candidate.effect), f"{name} above {size}".strip()))
     note = "Had one of these effects been larger than this, these data would have shown it."
-    return section("What is excluded", table(("effect", "excluded"), rows), note=note)
+    head, title = ("effect", "excluded"), "What is excluded"
+    more = folded(f"{len(rows) - SHOWN} more limits", table("More limits", head, rows[SHOWN:])) if rows[SHOWN:] else ""
+    return section(title, table("Limits at 95 %", head, rows[:SHOWN]), more, note=note)
 
 
 def _first_parameter(result: Criticism, candidate: Candidate) -> tuple[str, str]:

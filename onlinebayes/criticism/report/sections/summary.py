@@ -1,16 +1,16 @@
-"""The first screen: how wrong the model is, where, what is missing, how much better it is now; and one picture."""
+"""The first screen: how wrong the model is, where, what is missing, how much better it is now; the worst window."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from onlinebayes.criticism.report import quantities, replays, svg, words
-from onlinebayes.criticism.report.markup import Html, bar, join, prose, section, table, tag
+from onlinebayes.criticism.report import places, quantities, replays, svg, words
+from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
 from onlinebayes.criticism.results import Criticism
 
 
-def render(result: Criticism) -> Html:
-    """Headline, four tiles, picture."""
+def headline(result: Criticism) -> Html:
+    """The verdict, the headline, and the answer in two sentences."""
     lead = tag("p", prose(f"{words.improvement(result)} {words.remainder(result)}"), kind="lead")
     notes = tag("p", "The search was stopped before its end; this is what it had found.", kind="warning")
     return join(
@@ -18,9 +18,12 @@ def render(result: Criticism) -> Html:
         tag("h1", prose(words.headline(result))),
         lead,
         notes if result.interrupted else "",
-        tag("div", _wrong(result), _where(result), _missing(result), _better(result), kind="tiles"),
-        picture(result),
     )
+
+
+def tiles(result: Criticism) -> Html:
+    """Four questions and their answers."""
+    return tag("div", _wrong(result), _where(result), _missing(result), _better(result), kind="tiles")
 
 
 def picture(result: Criticism) -> Html:
@@ -49,7 +52,7 @@ def picture(result: Criticism) -> Html:
     )
     kept = "held-out run" if worst.held_out else "run"
     caption = f"The window in which the model is furthest off: {kept} “{worst.run}”, both models started alike."
-    return tag("figure", legend(changed), Html(chart), tag("figcaption", caption))
+    return tag("figure", legend(changed), wide(chart, f"{signal} in the worst window"), tag("figcaption", caption))
 
 
 def legend(changed: bool, kinds: tuple[str, ...] = ("measured", "before", "after", "floor")) -> Html:
@@ -59,32 +62,13 @@ def legend(changed: bool, kinds: tuple[str, ...] = ("measured", "before", "after
     return tag("p", *(tag("span", labels[kind], kind=f"key {kind}") for kind in shown), kind="legend")
 
 
-def heldout(result: Criticism) -> Html:
-    """Error before and after for every signal, where there is more than one."""
-    errors, rows = result.heldout_error, []
-    if len(errors.before) < 2:
-        return Html("")
-    for signal in errors.before:
-        before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
-        scale = quantities.scale_for(before, result.units[signal])
-        horizon = quantities.exact(errors.horizon_s[signal], "s")
-        values = (
-            scale.text(before),
-            scale.text(after),
-            words.small(scale, floor),
-            words.better(before, after),
-            horizon,
-        )
-        rows.append((tag("code", signal), *values))
-    head = ("signal", "before", "after", "noise floor", "", "window")
-    return section("Held-out error, signal by signal", table(head, rows))
-
-
 _LABELS = {
     "measured": "measured",
     "before": "model before",
     "after": "model after",
     "floor": "noise floor",
+    "limit": "noise floor",
+    "time": "share of time",
 }
 
 
@@ -109,7 +93,9 @@ def _where(result: Criticism) -> Html:
         return _tile("Where?", "everywhere alike", "no region holds much more of the error than of the time")
     worst = result.failures[0]
     share, time = quantities.percent(worst.share_of_error), quantities.percent(worst.share_of_time)
-    return _tile("Where?", worst.where, f"{share} of the squared error of {worst.signal} in {time} of the time")
+    return _tile(
+        "Where?", places.plainly(worst.where), f"{share} of the squared error of {worst.signal} in {time} of the time"
+    )
 
 
 def _missing(result: Criticism) -> Html:
@@ -121,6 +107,8 @@ def _missing(result: Criticism) -> Html:
         return _tile(question, members, "the data cannot tell these apart")
     if result.verdict == "insufficient_data":
         return _tile(question, "not decided", result.what_to_record or "the measurements are too few")
+    if result.verdict == "data_problem" and result.wiring:
+        return _tile("What is wrong?", "the data", words.wiring(result))
     if result.widened:
         return _tile("What is wrong?", "a bound excludes the truth", join(*map(_bound, words.bounds(result))))
     if not result.accepted:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from onlinebayes.criticism.report import quantities, words
-from onlinebayes.criticism.report.markup import Html, join, section, table, tag
+from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
 from onlinebayes.criticism.results import Criticism
-from onlinebayes.runs.results import versions
+from onlinebayes.runs.results import machine, versions
 
 NEXT = {
     None: "Run onlinebayes diagnose to rank the effects that could be missing.",
-    "data_problem": "Put the line named above into the problem file and run again.",
+    "data_problem": "Put the line below into the problem file and run again; a sign or scale multiplies one "
+    "that stands there.",
     "insufficient_data": "Record more, then run again.",
     "bounds_exclude_truth": "Widen the bound named above if the value is physically possible, and run again.",
     "tie": "Decide by what you know of the machine, add that effect with --add, or record an experiment in which the "
@@ -18,6 +19,20 @@ NEXT = {
     "unexplained": "Look at where the error concentrates: the cause is outside the vocabulary, or two causes act at "
     "once. Free more parameters, add an effect of your own (effects.modules), or record simpler motions.",
     "adequate": "Use the model: these data cannot improve it.",
+}
+
+GLOSSARY = {
+    "Effect": "a physical term that a simulator may have or lack, such as dry friction at a joint.",
+    "Error": "the distance between what was measured and what the model simulates, as a root mean square.",
+    "Window": "a short piece of a run. The model starts it from the measured state and then runs without correction.",
+    "Held-out runs": "runs that had no part in fitting or choosing: the error in them is an honest one.",
+    "Noise floor": "the error that a perfect model would show, because sensors err and windows start a little off.",
+    "90 % interval": "the range in which the data place a parameter with 90 % confidence; before the data, it could be "
+    "anywhere within its bounds.",
+    "Evidence": "how much better data that were left out of the fit are predicted with the effect than without "
+    "(logarithm of the likelihood); twice its error is asked for.",
+    "p": "how often so strong a lead would come about by chance if nothing were missing.",
+    "Block": "a stretch of data, or a run, that is left out in turn to see how well the rest predicts it.",
 }
 
 ADD = "onlinebayes refine adds it, refits, and looks for more."
@@ -38,7 +53,18 @@ def _next(result: Criticism) -> Html:
     """What to do with this verdict."""
     record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
     advice = ADD if result.command == "diagnose" and result.accepted else NEXT[result.verdict]
-    return section("What to do next", tag("p", advice), record, *_notes(result))
+    return join(tag("p", advice, kind="lead"), record, *_wiring(result), *_notes(result))
+
+
+def _wiring(result: Criticism) -> list[Html]:
+    """The fault, the lines that mend it, and those that would do as well."""
+    found = result.wiring
+    if found is None:
+        return []
+    parts = [tag("p", words.wiring(result)), tag("pre", tag("code", found.lines))]
+    for fault, lines in found.alternatives:
+        parts += [tag("p", f"Or, if it is rather {fault}:"), tag("pre", tag("code", lines))]
+    return parts
 
 
 def _notes(result: Criticism) -> list[Html]:
@@ -70,6 +96,7 @@ def provenance(result: Criticism) -> Html:
     looks = {1: "once"}.get(result.holdout_looks, f"{result.holdout_looks} times")
     noise = [f"{name} {quantities.text(sd, result.units.get(name, ''))}" for name, sd in result.sensor_sd.items()]
     horizons = [quantities.exact(share * selection.horizon_s, "s") for share in (1.0, 0.3)]
+    took = sum(timing.seconds for timing in result.timings)
     rows = [
         (
             "time step",
@@ -81,6 +108,24 @@ def provenance(result: Criticism) -> Html:
         ("blocks of the cross-validation", str(blocks or "–")),
         ("level of the screening", f"{selection.alpha:g}"),
         ("sensor noise (sd)", words.listing(noise)),
+        ("random numbers", "fixed seeds: the same data give the same result"),
+        ("machine", machine()),
+        ("time taken", quantities.text(took, "s") if took else "–"),
         ("versions", ", ".join(f"{name} {version}" for name, version in versions().items())),
     ]
-    return section("How this was reached", table(("", ""), rows))
+    shown = table("Settings, checks and versions", ("what", "value"), rows)
+    return join(section("Settings, checks and versions", shown), _stages(result), _glossary())
+
+
+def _stages(result: Criticism) -> Html:
+    """What was done, one after the other, and how long it took."""
+    if not result.timings:
+        return Html("")
+    rows = [(timing.stage, f"{timing.seconds:.1f} s") for timing in result.timings]
+    shown = table("Stages of the work", ("stage", "time"), rows)
+    return folded(f"{len(rows)} stages of the work and their times", shown)
+
+
+def _glossary() -> Html:
+    items = [join(tag("dt", name), tag("dd", meaning)) for name, meaning in GLOSSARY.items()]
+    return section("Words used here", tag("dl", *items))

@@ -1,0 +1,20 @@
+"""Eight rigs that play reality, with equations and an integrator of their own, and the blind cases made with them."""
+
+from envs.rigs.cases import KINDS, LEVELS, BlindCase, case, effect_case
+from envs.rigs.catalogue import RIGS
+from envs.rigs.files import write_case
+from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
+
+__all__ = [
+    "KINDS",
+    "LEVELS",
+    "RIGS",
+    "BlindCase",
+    "HiddenEffect",
+    "Protocol",
+    "Rig",
+    "Tie",
+    "case",
+    "effect_case",
+    "write_case",
+]

@@ -1,0 +1,106 @@
+"""Which parameters a first problem file frees, and between which bounds.
+
+In this order: damping of every joint, mass of every body that a joint carries, then what the model sets at all of
+frictionloss and armature, and the gears. With measurements a parameter is freed only where its sensitivity is no
+combination of those before it,
+
+    |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
+
+so that of mass, gear and damping on a slide two are freed and the third is not. Without measurements dampings and
+masses are freed. Bounds: a third to three times the model's value; dampings from zero to three times the model's value.
+Where it has none they reach to the largest force in play over the largest speed, or, without measurements, to what
+would stop the joint in a tenth of a second.
+"""
+
+from __future__ import annotations
+
+import mujoco
+import torch
+
+from onlinebayes.criticism.candidates import target_scales
+from onlinebayes.criticism.projection import project
+from onlinebayes.criticism.sensitivities import linearise
+from onlinebayes.criticism.windows import make_windows
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco.addresses import names, resolve
+
+FACTOR = 3.0
+STOP = 10.0  # [1/s]
+OWN = 0.01
+MOST_WINDOWS = 12
+
+
+def free_parameters(model: MujocoSimulator, measurement: Measurement | None = None) -> ParameterSpace:
+    """Parameters to free.
+
+    Args:
+        model: without free parameters.
+        measurement: what the problem is about, or None where it is not known yet.
+    """
+    if measurement is not None:
+        try:
+            windows = make_windows(model, measurement, 1.0)
+            joints = [name.removeprefix("qpos.") for name in model.signals if name.startswith("qpos.")]
+            scales = {joint: target_scales(model, windows, "joint", joint) for joint in joints}
+            proposed = _proposed(model.model, {joint: scale.force / scale.speed for joint, scale in scales.items()})
+            return proposed.subspace(_distinct(model, proposed, measurement))
+        except BadInput:  # the log does not suit the model yet; its owner learns of it from the first run
+            pass
+    proposed = _proposed(model.model, {})
+    return proposed.subspace([name for name in proposed if name.endswith((".damping", ".mass"))])
+
+
+def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
+    """Every parameter that may be freed, the one to free first in front; ``most`` bounds dampings that are zero."""
+    joints, bodies, motors = (names(model, kind) for kind in ("joint", "body", "actuator"))
+    found: dict[str, Parameter] = {}
+    for i, joint in enumerate(joints):
+        dof = int(model.jnt_dofadr[i])
+        own, inertia = float(model.dof_damping[dof]), float(model.dof_M0[dof])
+        found[f"joint.{joint}.damping"] = Parameter(0.0, FACTOR * own or most.get(joint, STOP * inertia) or 1.0)
+    for i, body in enumerate(bodies):
+        if body and model.body_jntnum[i] and model.body_mass[i] > 0:
+            found |= _around(f"body.{body}.mass", float(model.body_mass[i]))
+    for field, values in (("frictionloss", model.dof_frictionloss), ("armature", model.dof_armature)):
+        for i, joint in enumerate(joints):
+            found |= _around(f"joint.{joint}.{field}", float(values[model.jnt_dofadr[i]]))
+    for i, motor in enumerate(motors):
+        found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
+    units = {name: resolve(model, name).unit for name in found}
+    return ParameterSpace({name: Parameter(_round(p.low), _round(p.high), units[name]) for name, p in found.items()})
+
+
+def _around(name: str, value: float) -> dict[str, Parameter]:
+    """A third to three times the value; nothing where it is zero."""
+    if value == 0:
+        return {}
+    low, high = sorted((value / FACTOR, value * FACTOR))
+    return {name: Parameter(low, high)}
+
+
+def _round(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def _distinct(model: MujocoSimulator, proposed: ParameterSpace, measurement: Measurement) -> list[str]:
+    """Those whose sensitivity no combination of earlier ones gives."""
+    free = MujocoSimulator(model.spec, proposed, threads=1)
+    windows = make_windows(free, measurement, 1.0)
+    windows = windows.select(torch.arange(windows.count)[:: -(-windows.count // MOST_WINDOWS)])
+    lin = linearise(free, windows, proposed.clamp(free.nominal), windows.start)
+    if not lin.valid:
+        raise BadInput("the simulation diverges at the model's own values", "give the model a finer timestep")
+    columns = project(windows, lin).columns.flatten(0, 1) * (proposed.high - proposed.low)
+    chosen: list[str] = []
+    basis = columns.new_zeros(len(columns), 0)
+    largest = columns.norm(dim=0).max()
+    for i, name in enumerate(proposed):
+        c = columns[:, i]
+        rest = c - basis @ (basis.T @ c)
+        if float(rest.square().sum()) > OWN * float(c.square().sum()) and float(rest.norm()) > 1e-6 * float(largest):
+            chosen.append(name)
+            basis = torch.cat([basis, (rest / rest.norm())[:, None]], 1)
+    return chosen

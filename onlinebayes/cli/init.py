@@ -1,0 +1,200 @@
+"""``onlinebayes init model.xml log.csv --out problem.toml``: a first problem file, to be read and edited.
+
+Columns are matched by name (:mod:`.matching`), parameters chosen by what the logs tell apart (:mod:`.freeing`), the
+last third of the runs is held out. What could not be matched stands in the file as a comment and is printed; with
+everything matched the file loads as it is.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from onlinebayes.cli.freeing import free_parameters
+from onlinebayes.cli.matching import Match, match
+from onlinebayes.cli.model import measured_sensors, signal_units
+from onlinebayes.criticism.report.toml import to_toml
+from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements.formats import Source, open_source
+from onlinebayes.measurements.units import to_si
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput, write_atomic
+from onlinebayes.simulators.mujoco import MujocoSimulator
+
+LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
+HEAD = """\
+A first problem file, made by onlinebayes init: read every line, above all the bounds.
+Then: onlinebayes compare {name} --out out   (how wrong is the model?)
+      onlinebayes refine {name} --out out    (what is missing?)"""
+
+
+@dataclass(frozen=True)
+class Draft:
+    """A first problem file.
+
+    Args:
+        text: of the file.
+        matches: columns that were found.
+        missing: names of the model without a column; nothing when the file is complete.
+        unused: columns of the logs that nothing takes.
+    """
+
+    text: str
+    matches: tuple[Match, ...]
+    missing: tuple[str, ...]
+    unused: tuple[str, ...]
+
+
+def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
+    """Write the file and print what was matched and what was not; returns the exit status.
+
+    Args:
+        model: path of an MJCF file.
+        logs: paths of tables, at least one.
+        out: where the problem file goes.
+        force: write over a file that is there.
+
+    Raises:
+        BadInput: the model or a log cannot be read, or the file is there already.
+    """
+    target = Path(out)
+    if target.exists() and not force:
+        raise BadInput("the file is there already", "choose another --out, or write over it with --force", where=out)
+    if not target.parent.is_dir():
+        raise BadInput("its folder is not there", "make it, or choose another --out", where=out)
+    drafted = draft(Path(model), [Path(log) for log in logs], target)
+    write_atomic(target, drafted.text)
+    for found in drafted.matches:
+        said = "" if found.exact else "   (proposed by its name: check it)"
+        print(f"matched:   {found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}{said}")
+    for name in drafted.missing:
+        print(f"missing:   {name}: no column was found; {_cure(name)}")
+    if drafted.unused:
+        print(f"unused:    {', '.join(drafted.unused)}")
+    print(f"wrote:     {target}")
+    return 0
+
+
+def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
+    """The problem file for a model and its logs, to stand at ``target``."""
+    if not model.is_file():
+        raise BadInput("no such file", "name the MJCF file of the model", where=str(model))
+    simulator = MujocoSimulator(model, threads=1)
+    sources = [open_source(log) for log in logs]
+    shared = [name for name in sources[0].names if all(name in other.names for other in sources)]
+    wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
+    matches = match(wanted, [name for name in shared if name not in ("run", "time")])
+    have = {found.name for found in matches}
+    needed = [name for name in wanted if not name.startswith("qvel.") and name not in have]
+    missing = tuple(([] if "time" in shared else ["time"]) + needed)
+    own = (*measured_sensors(simulator.model, shared), *(f"enable.{name}" for name in simulator.commands))
+    taken = {"run", "time", *own, *(found.column for found in matches)}
+    unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
+    measurement = None if missing else _measurement(simulator, logs, matches, unused)
+    content = {
+        "schema": 1,
+        "model": _relative(model, target),
+        "measurements": [_relative(log, target) for log in logs],
+    }
+    runs = _runs(sources)
+    if len(runs) > 1:
+        content["holdout"] = runs[-(len(runs) // 3 or 1) :]
+    if ignored := [name for name in unused if name.startswith(LIKE_THE_MODEL)]:
+        content["ignore"] = ignored
+    parameters = free_parameters(simulator, measurement)
+    content["parameters"] = {name: [bounds.low, bounds.high] for name, bounds in parameters.items()}
+    content |= _mapped(matches)
+    text = to_toml(content, head=HEAD.format(name=target.name), comments=_comments(content, simulator, parameters))
+    return Draft(text + _lacking(missing) + _more(simulator), matches, missing, unused)
+
+
+def _measurement(
+    simulator: MujocoSimulator, logs: Sequence[Path], matches: Sequence[Match], unused: Sequence[str]
+) -> Measurement:
+    """The logs as the problem file will read them."""
+    units = signal_units(simulator)
+    mapped = [
+        SignalColumn(
+            Signal(found.name, units.get(found.name, "")), found.column, to_si(found.unit) if found.unit else 1.0
+        )
+        for found in matches
+        if not found.name.startswith("ctrl.")
+    ]
+    commanded = [
+        CommandColumn(found.name.removeprefix("ctrl."), found.column)
+        for found in matches
+        if found.name.startswith("ctrl.")
+    ]
+    reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands, mapped, commanded, unused)
+    return reader.read(logs)
+
+
+def _runs(sources: Sequence[Source]) -> list[str]:
+    """Names of the runs, in order."""
+    found: list[str] = []
+    for source in sources:
+        named = "run" in source.names
+        found += [str(run) for run in source.columns(["run"], ["run"])["run"]] if named else [source.path.stem]
+    return list(dict.fromkeys(found))
+
+
+def _mapped(matches: Sequence[Match]) -> dict[str, dict[str, dict[str, str]]]:
+    """``[signals]`` and ``[commands]`` for the columns that have other names."""
+    found: dict[str, dict[str, dict[str, str]]] = {}
+    for one in matches:
+        if one.exact:
+            continue
+        kind, name = (
+            ("commands", one.name.removeprefix("ctrl.")) if one.name.startswith("ctrl.") else ("signals", one.name)
+        )
+        found.setdefault(kind, {})[name] = {"column": one.column} | ({"unit": one.unit} if one.unit else {})
+    return found
+
+
+def _comments(
+    content: dict[str, object], simulator: MujocoSimulator, parameters: ParameterSpace
+) -> dict[tuple[str, ...], str]:
+    comments: dict[tuple[str, ...], str] = {
+        ("model",): "the MJCF file",
+        ("measurements",): "tables: run, time, commands, positions",
+        ("holdout",): "runs that are opened once, at the end, for the reported error",
+        ("ignore",): "columns that look like the model's and are not",
+    }
+    free = MujocoSimulator(simulator.spec, parameters, threads=1)
+    for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):
+        comments["parameters", name] = f"{bounds.unit or '1'}; the model has {value:g}"
+    for kind in ("signals", "commands"):
+        for name in content.get(kind, {}):  # type: ignore[attr-defined]
+            comments[kind, name, "column"] = "proposed by its name: check it"
+            comments[kind, name, "unit"] = "as the column's name says"
+    return comments
+
+
+def _lacking(missing: Sequence[str]) -> str:
+    return "".join(f"\n# MISSING: {name}; {_cure(name)}" for name in missing) + ("\n" if missing else "")
+
+
+def _cure(name: str) -> str:
+    if name == "time":
+        return "the tables need a column 'time' in seconds"
+    kind, _, target = name.partition(".")
+    table = f"[commands.{target}]" if kind == "ctrl" else f'[signals."{name}"]'
+    return f'name it here: {table} column = "..."'
+
+
+def _more(simulator: MujocoSimulator) -> str:
+    """What else could stand here, as comments."""
+    signal = simulator.signals[0] if simulator.signals else "qpos.joint"
+    return (
+        f'\n# [signals."{signal}"]\n'
+        "# sd = 1e-3           # the sensor's noise [SI], where you know it; estimated from the data otherwise\n"
+        '# unit = "deg"        # or sign = -1, scale, offset: how the column becomes the model\'s quantity\n'
+        "# [selection]\n"
+        "# horizon_s = 1.0     # seconds over which the model is replayed from a measured state\n"
+    )
+
+
+def _relative(path: Path, target: Path) -> str:
+    return Path(os.path.relpath(path.resolve(), target.resolve().parent)).as_posix()

@@ -1,0 +1,102 @@
+"""Columns of a log -> the model's signals and commands: exact names first, then names that say the same.
+
+A column is cut into words (``LeftKneePos_deg`` -> left, knee, pos, deg). It is proposed for ``qpos.left_knee`` when it
+holds every word of the joint's name and a word for position, or no word for another kind; where the model has a single
+joint (or actuator) its name may be missing. What fits best is taken, each column once, nothing by chance: a column that
+fits two names equally well is left out.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+KINDS = {
+    "qpos": {"qpos", "q", "pos", "position", "angle", "theta", "displacement", "encoder"},
+    "qvel": {"qvel", "qd", "dq", "vel", "velocity", "speed", "omega", "rate"},
+    "ctrl": {
+        "ctrl",
+        "cmd",
+        "command",
+        "control",
+        "u",
+        "input",
+        "action",
+        "torque",
+        "effort",
+        "voltage",
+        "force",
+        "tau",
+    },
+}
+UNITS = {word: word for word in ("mm", "cm", "um", "deg", "rev", "mrad", "rpm")} | {"degrees": "deg", "degree": "deg"}
+OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}, "ctrl": set()}
+PER_SECOND = {"mm", "cm", "deg", "rev", "mrad"}
+
+
+@dataclass(frozen=True)
+class Match:
+    """One of the model's names and the column proposed for it.
+
+    Args:
+        name: ``qpos.hinge``, ``ctrl.motor``.
+        column: of the log.
+        unit: what the column's name says of its unit, as the problem file writes it; empty for SI.
+    """
+
+    name: str
+    column: str
+    unit: str = ""
+
+    @property
+    def exact(self) -> bool:
+        """Whether nothing need be said in the problem file."""
+        return self.column == self.name and not self.unit
+
+
+def match(names: Sequence[str], columns: Sequence[str]) -> tuple[Match, ...]:
+    """Columns for as many of the names as can be told.
+
+    Args:
+        names: of the model, ``<kind>.<joint or actuator>`` with kind qpos, qvel or ctrl.
+        columns: of the log.
+    """
+    found = [Match(name, name) for name in names if name in columns]
+    left = [name for name in names if name not in columns]
+    free = [column for column in columns if column not in names]
+    scored = {(name, column): _score(name, column, names) for name in left for column in free}
+    for name in left:
+        best = max(((scored[name, column], column) for column in free), default=(0, ""))
+        rivals = [other for other in free if other != best[1] and scored[name, other] == best[0]]
+        claims = [other for other in left if other != name and scored[other, best[1]] >= best[0]] if best[0] else []
+        if best[0] > 0 and not rivals and not claims:
+            found.append(Match(name, best[1], _unit(name.partition(".")[0], best[1])))
+    return tuple(found)
+
+
+def words(column: str) -> list[str]:
+    """``LeftKneePos_deg`` -> ``["left", "knee", "pos", "deg"]``."""
+    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", column)
+    return [part.lower() for part in parts]
+
+
+def _score(name: str, column: str, names: Sequence[str]) -> int:
+    """How well they agree: 0 for not at all."""
+    kind, _, target = name.partition(".")
+    have, wanted = set(words(column)), set(words(target))
+    others = set().union(*(KINDS[other] for other in KINDS if other != kind)) - KINDS[kind] - wanted
+    named, said = wanted <= have, bool(have & (KINDS[kind] - wanted))
+    only = sum(other.partition(".")[0] == kind for other in names) == 1
+    if have & others or not (named or only) or not (named or said) or (not said and kind != "qpos"):
+        return 0
+    return 2 * named + said
+
+
+def _unit(kind: str, column: str) -> str:
+    said = [UNITS[word] for word in words(column) if word in UNITS]
+    if not said or kind == "ctrl":
+        return ""
+    if kind == "qvel" and said[-1] in PER_SECOND:
+        return f"{said[-1]}/s"
+    return said[-1] if said[-1] in OF_KIND[kind] else ""

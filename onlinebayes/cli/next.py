@@ -1,0 +1,87 @@
+"""``onlinebayes next problem.toml --out DIR``: criticise, then propose the recording that decides what is open."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+from onlinebayes.cli.limits import read_allowed
+from onlinebayes.cli.problem import load_problem, read_toml
+from onlinebayes.cli.section import Section
+from onlinebayes.cli.work import criticise, writable
+from onlinebayes.criticism.experiment import Plan, next_experiment
+from onlinebayes.criticism.report import plan_words
+from onlinebayes.criticism.report.plan import write_plan
+from onlinebayes.criticism.split import split
+from onlinebayes.runs import BadInput
+
+WIDTH, COLUMN = 80, 12
+
+
+def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
+    """Do it and write next.csv, next.html and next.json; returns the exit status.
+
+    Args:
+        problem_file: path of the TOML file.
+        out: folder for the files.
+        add: effects ``name@target`` added by hand.
+
+    Raises:
+        BadInput: the problem cannot be used, nothing is admissible, or the folder not be written.
+    """
+    problem = load_problem(problem_file, add, note=_log)
+    if problem.scope:
+        raise BadInput(
+            "an experiment for parameters that differ between runs is not planned by this version",
+            'leave out [runs], [effects.scope] and scope = "per_run", or plan for one run\'s constants',
+            where=problem_file,
+        )
+    allowed = read_allowed(Section(read_toml(problem.path), problem_file), problem.simulator)
+    with writable(Path(out)) as folder:
+        try:
+            result = criticise("refine", problem)
+            if result.interrupted:
+                _log("stopped by Ctrl-C; nothing is proposed")
+                return 130
+            fit_runs, _ = split(problem.measurement, problem.holdout)
+            plan = next_experiment(
+                result,
+                problem.simulator,
+                fit_runs,
+                candidates=problem.candidates,
+                allowed=allowed,
+                progress=_log,
+            )
+        except BadInput as error:
+            raise BadInput(str(error), where=problem_file) from error
+        names = write_plan(plan, folder, title=problem.path.stem)
+    print(summary(plan, folder, names))
+    return 0
+
+
+def summary(plan: Plan, folder: Path, names: Sequence[str]) -> str:
+    """What to record and why, in lines of at most 80 columns."""
+    lines = [("verdict", str(plan.verdict)), ("next", plan_words.headline(plan))]
+    if plan.decides:
+        lines.append(("start", plan_words.beginning(plan)))
+    for rivalry in plan.rivalries:
+        lines.append(("structural" if rivalry.structural else "decides", plan_words.expected(rivalry)))
+        if rivalry.structural:
+            lines.append(("", plan_words.remedy(rivalry)))
+    if plan.decides:
+        lines.append(("then", plan_words.instructions(plan)))
+    lines.append(("compared", f"{len(plan.tried)} admissible inputs; {plan.refused} left the limits at any size"))
+    lines += [("wrote", str(folder / name)) for name in names]
+    return "\n".join(_wrapped(f"{key}:" if key else "", what) for key, what in lines)
+
+
+def _wrapped(key: str, what: str) -> str:
+    """A key of 12 columns and its text, broken between words; paths stay whole."""
+    lines = textwrap.wrap(what, WIDTH - COLUMN, break_long_words=False, break_on_hyphens=False)
+    return "\n".join(f"{key if k == 0 else '':<{COLUMN}}{line}" for k, line in enumerate(lines))
+
+
+def _log(line: str) -> None:
+    print(f"onlinebayes: {line}", file=sys.stderr, flush=True)

@@ -1,0 +1,224 @@
+"""What to record next: of all admissible inputs the one under which the rivals differ most.
+
+    chosen = argmax over inputs u of  min over pairs of rivals (a, b) of  separation(a, b; u)
+
+Separation is the smaller of both ways round: whichever of the two is true, the other must go. The inputs are compared
+to first order; the best few, and each pair's own best, with the models fitted anew. A pair that no input parts by 3
+sigma is structural: it takes no part in the choice, unless all are. Atkinson and Fedorov (1975): designs that
+discriminate between models (T-optimality), here with what the present data say as the prior.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from onlinebayes.criticism.blocks import APART, FEWEST
+from onlinebayes.criticism.experiment.inputs import Inputs, family
+from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload, find_limits
+from onlinebayes.criticism.experiment.plan import Plan, Remedy, Rivalry, Tried
+from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
+from onlinebayes.criticism.experiment.remedies import PARTED, loaded, loaded_pair, remedies
+from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
+from onlinebayes.criticism.experiment.separation import refitted, separations
+from onlinebayes.criticism.grid import row_step
+from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.windows import joint_names
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput, one_torch_thread
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+
+FEWEST_INPUTS, MOST_INPUTS = 12, 96
+WORK = 2e7  # integration steps that comparing the inputs may take: minutes for an arm of six joints
+REFITTED = 3
+REPEATS = 4  # new runs outweigh all older ones, and by flipping the signs of two or three nothing becomes significant
+
+
+@dataclass(frozen=True)
+class _Trials:
+    """All admissible inputs without or with a payload, and the separation of every rivalry under each."""
+
+    inputs: Inputs
+    payload: Payload | None
+    sigma: Float[Tensor, "N R"]
+    refitted: Bool[Tensor, " N"]
+
+
+@one_torch_thread()
+def next_experiment(
+    result: Criticism,
+    simulator: Simulator,
+    measurement: Measurement,
+    *,
+    candidates: str | Sequence[str | Effect] = "all",
+    allowed: Allowed | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Plan:
+    """The recording that would decide what a criticism leaves open.
+
+    Args:
+        result: what ``diagnose`` or ``refine`` found.
+        simulator: the base model that it criticised.
+        measurement: the runs that it fitted, without those held out.
+        candidates: the effects that it tried.
+        allowed: the user's own limits.
+        progress: takes one line of text between stages.
+
+    Raises:
+        BadInput: no actuators, no rivals, or limits that admit no input at all.
+    """
+    say = progress or (lambda _line: None)
+    allowed = allowed or Allowed()
+    say("fitting the rivals")
+    rivals = find_rivals(result, simulator, measurement, candidates)
+    model = rivals.hypotheses[0].simulator
+    limits = find_limits(model, measurement, rivals.windows, allowed, _least_seconds(rivals))
+    every = family(rivals.windows, limits, model.commands, _affordable(rivals, limits))
+    trials = []
+    for payload in (None, *([allowed.payload] if allowed.payload else [])):
+        say(f"playing {every.count} inputs" + (f" with {payload.mass:g} kg at '{payload.body}'" if payload else ""))
+        safe = admissible([loaded(h, payload) for h in rivals.hypotheses], every, limits)
+        if safe.count:
+            trials.append(_compared(rivals, safe, payload, measurement))
+    if not trials:
+        raise BadInput(
+            f"none of {every.count} inputs keeps {', '.join(joint_names(model))} within the limits",
+            "widen travel, max_speed or max_command under [next]",
+        )
+    say("refitting under the best inputs")
+    if trials[0].payload is None:
+        trials[0] = _confirmed(rivals, trials[0], measurement)
+    plan = _plan(result, rivals, limits, trials, measurement)
+    enough = math.ceil(_least_seconds(rivals) / limits.seconds)
+    return replace(plan, refused=every.count - trials[0].inputs.count, recordings=max(REPEATS, enough) + 1)
+
+
+def _affordable(rivals: Rivals, limits: Limits) -> int:
+    """How many inputs are compared: each costs a replay for itself, every start and every parameter of every pair."""
+    joints = len(limits.speed)
+    worlds = sum(1 + 2 * joints + len(pair.other.hypothesis.theta) for pair in rivals.pairs)
+    steps = worlds * limits.seconds / rivals.hypotheses[0].simulator.timestep
+    return min(MOST_INPUTS, max(FEWEST_INPUTS, int(WORK / steps)))
+
+
+def _least_seconds(rivals: Rivals) -> float:
+    """What enough independent blocks need [s], as correlated as the residual is now."""
+    longest = max(pair.other.tau for pair in rivals.pairs)
+    return (FEWEST + 1) * max(rivals.windows.horizon, min(APART * longest, 10 * rivals.windows.horizon))
+
+
+def _compared(rivals: Rivals, inputs: Inputs, payload: Payload | None, measurement: Measurement) -> _Trials:
+    pairs = [loaded_pair(pair, payload) for pair in rivals.pairs]
+    each = torch.stack([separations(pair, inputs, rivals.windows, measurement.signals) for pair in pairs], -1)
+    sigma = torch.stack([each[:, list(rivals.of(names))].amin(-1) for names in rivals.names], -1)
+    return _Trials(inputs, payload, sigma, torch.zeros(inputs.count, dtype=torch.bool, device=sigma.device))
+
+
+def _confirmed(rivals: Rivals, trials: _Trials, measurement: Measurement) -> _Trials:
+    """The leading inputs with the models fitted anew."""
+    order = _worth(trials.sigma).argsort(descending=True)[:REFITTED].tolist()
+    leading = dict.fromkeys([*order, *trials.sigma.argmax(0).tolist()])
+    sigma, done = trials.sigma.clone(), trials.refitted.clone()
+    for n in leading:
+        one = trials.inputs.select(torch.tensor([n], device=sigma.device))
+        each = [refitted(pair, one, rivals.windows, measurement.signals) for pair in rivals.pairs]
+        sigma[n] = sigma.new_tensor([min(each[k] for k in rivals.of(names)) for names in rivals.names])
+        done[n] = True
+    return replace(trials, sigma=sigma, refitted=done)
+
+
+def _worth(sigma: Float[Tensor, "N R"]) -> Float[Tensor, " N"]:
+    """The smallest separation of each input over the rivalries that some input decides; over all where none does."""
+    open_ = sigma.amax(0) >= PARTED
+    return sigma[:, open_].amin(-1) if bool(open_.any()) else sigma.amin(-1)
+
+
+def _plan(
+    result: Criticism,
+    rivals: Rivals,
+    limits: Limits,
+    trials: Sequence[_Trials],
+    measurement: Measurement,
+) -> Plan:
+    sigma = torch.cat([part.sigma for part in trials])
+    tried = [
+        Tried(name, float(scale), part.payload, tuple(row), bool(done))
+        for part in trials
+        for name, scale, row, done in zip(
+            part.inputs.names, part.inputs.scale, part.sigma.tolist(), part.refitted, strict=True
+        )
+    ]
+    worth = _worth(sigma)
+    # Where one was refitted, only those that were are compared: first order flatters what bends.
+    eligible = torch.cat([part.refitted | (part.payload is not None) for part in trials])
+    order = torch.where(eligible, worth, worth - 1e9).argsort(descending=True).tolist()
+    best = order[0]
+    part, row = (trials[0], best) if best < trials[0].inputs.count else (trials[1], best - trials[0].inputs.count)
+    chosen = part.inputs.select(torch.tensor([row], device=sigma.device))
+    rivalries = _rivalries(rivals, limits, trials[0], sigma, best, measurement)
+    time, command = _table(chosen, measurement)
+    tracks = {h.name: _track(loaded(h, part.payload), chosen, rivals, time) for h in rivals.hypotheses}
+    model = rivals.hypotheses[0].simulator
+    return Plan(
+        verdict=result.verdict,
+        chosen=tried[best],
+        tried=tuple(tried[k] for k in order),
+        refused=0,
+        recordings=REPEATS + 1,
+        rivalries=rivalries,
+        time=time,
+        command=command,
+        start=chosen.start[0],
+        commands=tuple(model.commands),
+        joints=joint_names(model),
+        signals=tuple(signal.name for signal in measurement.signals),
+        tracks=tracks,
+        units={signal.name: signal.unit for signal in measurement.signals},
+    )
+
+
+def _rivalries(
+    rivals: Rivals, limits: Limits, bare: _Trials, sigma: Float[Tensor, "N R"], best: int, measurement: Measurement
+) -> tuple[Rivalry, ...]:
+    found = []
+    for r, names in enumerate(rivals.names):
+        most = float(sigma[:, r].max())
+        structural = most < PARTED
+        helps: tuple[Remedy, ...] = ()
+        if structural:
+            closest = bare.inputs.select(bare.sigma[:, r].argsort(descending=True)[:REFITTED])
+            pairs = [rivals.pairs[k] for k in rivals.of(names)]
+            helps = remedies(pairs, closest, limits, rivals.windows, measurement.signals)
+        found.append(Rivalry(names, float(sigma[best, r]), most, structural, helps))
+    return tuple(found)
+
+
+def _table(inputs: Inputs, measurement: Measurement) -> tuple[Float[Tensor, " T"], Float[Tensor, "T U"]]:
+    """The one input's command on the measurement's clock, straight between the rows of the replay's."""
+    step, K = row_step(measurement), inputs.command.shape[1]
+    command = inputs.command[0]
+    rows = round((K - 1) * inputs.step / step) + 1
+    time = torch.arange(rows, dtype=command.dtype, device=command.device) * step
+    return time, _between(command, inputs.step, time)
+
+
+def _track(hypothesis: Hypothesis, inputs: Inputs, rivals: Rivals, time: Tensor) -> Float[Tensor, "T S"]:
+    simulator = hypothesis.simulator
+    signals = simulator.read(play(hypothesis, inputs))[0][:, list(rivals.windows.columns)]
+    return _between(signals, inputs.step, time)
+
+
+def _between(rows: Float[Tensor, "K C"], step: float, time: Float[Tensor, " T"]) -> Float[Tensor, "T C"]:
+    """Linear interpolation of rows at spacing ``step``; the rows themselves where the clocks agree."""
+    place = time / step
+    nearest = place.round()
+    place = torch.where((place - nearest).abs() < 1e-6, nearest, place).clamp(0, len(rows) - 1)
+    low = place.floor().long().clamp_max(len(rows) - 2)
+    share = (place - low)[:, None]
+    return rows[low] + share * (rows[low + 1] - rows[low])

@@ -1,0 +1,76 @@
+"""Which wiring faults are worth a look for these signals and commands.
+
+Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
+of joints: their columns swapped. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller
+that carries the weight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import combinations
+
+from onlinebayes.criticism.faults import (
+    COMMAND,
+    HINGE,
+    SLIDE,
+    Compensated,
+    Fault,
+    Offset,
+    Rescaled,
+    Swapped,
+)
+from onlinebayes.criticism.windows import joint_names
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
+
+TURNS = (math.pi / 2, -math.pi / 2, math.pi)
+
+
+def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, ...]:
+    """Every fault to try, those of the signals first: where a command's explains as much, the signal's is named first.
+
+    Args:
+        simulator: the model; gives joints, their kinds and the actuators.
+        measurement: gives the signals that were measured.
+    """
+    measured = {signal.name for signal in measurement.signals}
+    return (
+        *_of_signals(simulator, measured),
+        *_of_commands(simulator),
+        *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
+    )
+
+
+def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
+    joints = joint_names(simulator)
+    for joint in joints:
+        hinge = simulator.joint_kinds.get(joint, "hinge") == "hinge"
+        sets = _columns(joint, measured)
+        for names in sets:
+            yield Rescaled("signal", names, -1.0, "the reversed sign")
+        for factor, instead in (HINGE if hinge else SLIDE).items():
+            for names in sets:
+                yield Rescaled("signal", names, factor, instead)
+        if hinge:
+            for turn in TURNS:
+                yield Offset(f"qpos.{joint}", turn)
+    for a, b in combinations(joints, 2):
+        both = [kind for kind in ("qpos", "qvel") if {f"{kind}.{a}", f"{kind}.{b}"} <= measured]
+        if "qpos" in both:
+            yield Swapped("signal", tuple(f"{kind}.{a}" for kind in both), tuple(f"{kind}.{b}" for kind in both))
+
+
+def _columns(joint: str, measured: set[str]) -> list[tuple[str, ...]]:
+    """Position and velocity together, then each alone; what was not measured left out."""
+    names = tuple(name for name in (f"qpos.{joint}", f"qvel.{joint}") if name in measured)
+    return [names] if len(names) < 2 else [names, names[:1], names[1:]]
+
+
+def _of_commands(simulator: Simulator) -> Iterator[Fault]:
+    for name in simulator.commands:
+        for factor, instead in COMMAND.items():
+            yield Rescaled("command", (name,), factor, instead)
+    for a, b in combinations(simulator.commands, 2):
+        yield Swapped("command", (a,), (b,))

@@ -1,0 +1,74 @@
+"""The order of the questions: is it the wiring, is it an effect, is it the wiring after all.
+
+    base model -> faults screened -> (a fault that is overwhelming: fitted) -> search -> (misfit left: faults fitted)
+
+Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
+the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves a small share of
+the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.search import Found, ground, search
+from onlinebayes.criticism.verdict import rms_over_floor
+from onlinebayes.criticism.wiring import Suspicion, look
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+
+
+def suspect(
+    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+) -> Suspicion | None:
+    """The wiring fault that explains the base model's misfit, if one does, no effect having been tried.
+
+    Args:
+        base: the base model fitted to the measurement as it stands.
+        simulator: the base model at its own step.
+        measurement: the fit runs.
+        selection: how faults are judged.
+        say: takes one line of progress.
+    """
+    leads = look(base, simulator, measurement, selection, say)
+    return leads.explain(selection) if leads is not None else None
+
+
+def inquire(
+    simulator: Simulator,
+    measurement: Measurement,
+    selection: Selection,
+    candidates: str | Sequence[str | Effect],
+    most: int,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None,
+) -> tuple[Found, Suspicion | None]:
+    """What the search found, and the wiring fault that explains more than that, if there is one.
+
+    Arguments as :func:`onlinebayes.criticism.search.search`. With a fault nothing is accepted and no bound widened: the
+    final model is the base model.
+    """
+    say("fitting the base model")
+    base = ground(simulator, measurement, selection)
+    leads = look(base, simulator, measurement, selection, say)
+    fault = leads.explain(selection) if leads is not None and leads.overwhelming else None
+    if fault is not None and fault.certain:
+        return Found(base, base, (), (), ()), fault
+    found = search(simulator, measurement, selection, candidates, most, say, interrupt, base)
+    if leads is not None and not leads.overwhelming and not found.interrupted:
+        fault = leads.explain(selection) if _structured(found.final, simulator, selection) else None
+    if fault is not None and fault.beats(found.final, selection):
+        return replace(found, final=base, accepted=(), widened=None), fault
+    return found, None
+
+
+def _structured(final: Grounds, simulator: Simulator, selection: Selection) -> bool:
+    """Whether more than noise is left."""
+    coarsened = final.numerics.timestep > simulator.timestep
+    left = rms_over_floor(final.fitted, final.windows, final.numerics, coarsened)
+    return max(left.values(), default=0.0) > selection.tolerance

@@ -1,0 +1,152 @@
+"""A first problem file: columns matched, parameters that the log tells apart, nothing overwritten."""
+
+from __future__ import annotations
+
+import tomllib
+
+import pytest
+
+from onlinebayes.cli.init import draft
+from onlinebayes.cli.main import main
+from onlinebayes.cli.matching import Match, match
+from onlinebayes.cli.problem import load_problem
+from tests.cli.conftest import MODEL, table
+
+
+def make(folder, capsys, *more: str, log: str = "carriage.csv", out: str = "first.toml") -> tuple[int, str]:
+    status = main(["init", str(folder / "carriage.xml"), str(folder / log), "--out", str(folder / out), *more])
+    return status, "".join(capsys.readouterr())
+
+
+def test_exact_names_need_nothing_more(folder, capsys) -> None:
+    status, said = make(folder, capsys)
+    assert status == 0
+    assert "missing" not in said
+    problem = load_problem(folder / "first.toml")
+    assert problem.holdout == ("second",)
+    assert problem.simulator.parameters.names == ("joint.carriage.damping", "body.carriage.mass")
+    content = tomllib.loads((folder / "first.toml").read_text())
+    assert content["parameters"] == {"joint.carriage.damping": [0.0, 6.0], "body.carriage.mass": [1.0, 9.0]}
+    assert "signals" not in content
+
+
+def test_a_gear_is_freed_only_where_mass_and_damping_do_not_do_the_same(folder) -> None:
+    """m v' = g u - d v knows two of three; with the mass at rest in the model's frame both joints share one gear."""
+    assert "gear" not in draft(folder / "carriage.xml", [folder / "carriage.csv"], folder / "x.toml").text
+    fixed = MODEL.replace('damping="2"', 'damping="2" armature="0.5"').replace("mass=", "density='0' mass=")
+    (folder / "carriage.xml").write_text(fixed)
+    text = draft(folder / "carriage.xml", [folder / "carriage.csv"], folder / "x.toml").text
+    assert "armature" not in text
+
+
+def test_a_damping_of_zero_is_bounded_by_what_the_log_shows(folder) -> None:
+    (folder / "carriage.xml").write_text(MODEL.replace(' damping="2"', ""))
+    text = draft(folder / "carriage.xml", [folder / "carriage.csv"], folder / "x.toml").text
+    low, high = tomllib.loads(text)["parameters"]["joint.carriage.damping"]
+    assert low == 0.0
+    assert 2.0 < high < 200.0
+
+
+def test_near_names_are_proposed_with_their_unit(folder, capsys) -> None:
+    rows = table().replace("qpos.carriage", "Position_mm").splitlines()
+    scaled = [",".join([*row.split(",")[:3], str(1e3 * float(row.split(",")[3]))]) for row in rows[1:]]
+    (folder / "lab.csv").write_text("\n".join([rows[0], *scaled]) + "\n")
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert "qpos.carriage <- Position_mm [mm]" in said
+    loaded = load_problem(folder / "first.toml").measurement.data["signal"]
+    own = load_problem(folder / "carriage.toml").measurement.data["signal"]
+    assert float((loaded - own).abs().max()) < 1e-9
+
+
+def test_a_mapped_command_tells_parameters_apart_as_its_own_name_does(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("ctrl.motor", "motor_effort"))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert "ctrl.motor <- motor_effort" in said
+    problem = load_problem(folder / "first.toml")
+    assert problem.simulator.parameters.names == ("joint.carriage.damping", "body.carriage.mass")
+    own = load_problem(folder / "carriage.toml").measurement.data
+    assert bool((problem.measurement.data["command"] == own["command"]).all())
+
+
+def test_logs_of_other_formats_are_read(folder, capsys) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = [row.split(",") for row in table().splitlines()]
+    columns = {name: [row[k] if name == "run" else float(row[k]) for row in rows[1:]] for k, name in enumerate(rows[0])}
+    pq.write_table(pa.table(columns), folder / "lab.parquet")
+    status, _ = make(folder, capsys, log="lab.parquet")
+    assert status == 0
+    problem = load_problem(folder / "first.toml")
+    assert problem.holdout == ("second",)
+    assert problem.simulator.parameters.names == ("joint.carriage.damping", "body.carriage.mass")
+
+
+def test_a_measured_joint_torque_is_no_foreign_column(folder, capsys) -> None:
+    (folder / "carriage.csv").write_text(
+        "\n".join(f"{row},{'qfrc.carriage' if k == 0 else '0.1'}" for k, row in enumerate(table().splitlines())) + "\n"
+    )
+    make(folder, capsys)
+    signals = load_problem(folder / "first.toml").measurement.signals
+    assert [signal.name for signal in signals] == ["qpos.carriage", "qfrc.carriage"]
+
+
+def test_what_cannot_be_matched_is_named(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("qpos.carriage", "channel 7"))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert "missing:   qpos.carriage" in said
+    assert "unused:    channel 7" in said
+    text = (folder / "first.toml").read_text()
+    assert "# MISSING: qpos.carriage" in text
+    assert tomllib.loads(text)["parameters"]
+
+
+def test_foreign_columns_that_look_like_the_models_are_ignored(folder, capsys) -> None:
+    (folder / "carriage.csv").write_text(
+        "\n".join(f"{row},{'qpos.wheel' if k == 0 else '0.1'}" for k, row in enumerate(table().splitlines())) + "\n"
+    )
+    make(folder, capsys)
+    assert load_problem(folder / "first.toml").measurement.signals[0].name == "qpos.carriage"
+
+
+def test_a_file_that_is_there_stays(folder, capsys) -> None:
+    before = (folder / "carriage.toml").read_text()
+    status, said = make(folder, capsys, out="carriage.toml")
+    assert status == 2
+    assert "--force" in said
+    assert (folder / "carriage.toml").read_text() == before
+    status, _ = make(folder, capsys, "--force", out="carriage.toml")
+    assert status == 0
+    assert (folder / "carriage.toml").read_text() != before
+
+
+@pytest.mark.parametrize(
+    ("names", "columns", "found"),
+    [
+        (["qpos.hip", "qpos.knee"], ["HipPos", "KneePos"], {"qpos.hip": "HipPos", "qpos.knee": "KneePos"}),
+        (
+            ["qpos.hip", "qvel.hip"],
+            ["hip_angle_deg", "hip_speed"],
+            {"qpos.hip": "hip_angle_deg", "qvel.hip": "hip_speed"},
+        ),
+        (["qpos.left_knee"], ["right_knee_pos", "left_knee_pos"], {"qpos.left_knee": "left_knee_pos"}),
+        (["qpos.hinge", "ctrl.motor"], ["angle", "torque_cmd"], {"qpos.hinge": "angle", "ctrl.motor": "torque_cmd"}),
+        (["qpos.a", "qpos.b"], ["position"], {}),  # whose?
+        (["qpos.hinge"], ["angle", "position"], {}),  # which?
+        (["qpos.hinge"], ["temperature"], {}),
+        (["ctrl.motor"], ["motor_speed"], {}),  # not what it was told
+    ],
+)
+def test_names(names, columns, found) -> None:
+    assert {one.name: one.column for one in match(names, columns)} == found
+
+
+def test_units_in_names() -> None:
+    names = ["qpos.hip", "qvel.hip"]
+    assert match(names, ["hip_pos_deg", "hip_vel_deg"]) == (
+        Match("qpos.hip", "hip_pos_deg", "deg"),
+        Match("qvel.hip", "hip_vel_deg", "deg/s"),
+    )

@@ -1,0 +1,64 @@
+"""The terminal: a summary within 80 columns, and progress that rewrites one line or writes plain ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import sys
+from pathlib import Path
+
+import pytest
+
+from onlinebayes.cli.stages import Stages
+from onlinebayes.cli.summary import WIDTH, summary
+from tests.criticism.report.many import many
+from tests.criticism.report.synthetic import SIGNAL, criticism
+
+
+class Terminal(io.StringIO):
+    """A stream that calls itself a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_verdict_errors_and_candidates_are_there() -> None:
+    text = summary(criticism(rate=50.0, seconds=2.0), Path("out"))
+    lines = text.splitlines()
+    assert lines[0] == "verdict:   missing_effect"
+    (error,) = [line for line in lines if line.startswith(f"  {SIGNAL} ")]
+    assert error.split() == [SIGNAL, "6.6", "mm", "2.0", "mm", "0.20", "mm"]
+    (first,) = [line for line in lines if line.startswith("   1 ")]
+    assert first.split() == ["1", "dry_friction@carriage", "212", "±", "31", "0.001", "accepted"]
+    assert "and 1 more candidates in the report" in text
+    assert "added:     dry_friction@carriage, constant_load@carriage" in lines
+
+
+@pytest.mark.parametrize("command", ["compare", "diagnose", "refine"])
+def test_it_fits_the_terminal(command: str) -> None:
+    for result in (criticism(rate=50.0, seconds=2.0), many(joints=4, candidates=40)):
+        made = dataclasses.replace(result, command=command, verdict=None if command == "compare" else result.verdict)
+        lines = summary(made, Path("o"), ["refined.toml"]).splitlines()
+        assert max(map(len, lines)) <= WIDTH, max(lines, key=len)
+        assert len(lines) < 40
+
+
+def test_a_terminal_sees_one_line_and_keeps_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Stages() as say:
+        say("fitting the base model")
+        say("refitting with " + "a" * 100)
+    shown = stream.getvalue().split("\r\x1b[K")
+    assert "\n" not in stream.getvalue()
+    assert shown[1] == "onlinebayes [0 s]: fitting the base mod"
+    assert all(len(line) < 40 for line in shown)
+    assert shown[-1] == ""
+
+
+def test_a_log_keeps_every_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with Stages() as say:
+        say("one")
+        say("two")
+    assert capsys.readouterr().err == "onlinebayes: one\nonlinebayes: two\n"
