@@ -2,20 +2,23 @@
 
     (theta_m, start_mw, commands_w) -> simulated signals (M, W, K, S),   M x W worlds at once
 
-Hidden states of effects (delay buffers, heat) come from a forced replay: each world first runs through the commands of
-the seconds before its window, as many as the effects remember (actuators are off before the run began), then its
-positions and velocities are set to the window's start and the hidden states kept.
+Hidden states of effects are those that the run left before the window. Where they follow from its command and its
+measured motion alone (heat), they are worked out along that; see :mod:`.recall`. Others (delay buffers) come from a
+forced replay: each world first runs through the commands of the seconds before its window, as many as the effects
+remember, then its positions and velocities are set to the window's start and the hidden states kept.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 
 import torch
 from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.recall import recall
 from onlinebayes.criticism.scoped import unfold
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
@@ -60,25 +63,28 @@ def rollout(
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     state = unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,)))
     hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
-    rows = history_rows(simulator, windows) if hidden else 0
+    recalled = recall(simulator, windows, unfolded) if hidden else {}
+    rows = history_rows(simulator, windows, recalled) if hidden else 0
     if rows:
         before, enable = windows.history[:, -rows:], windows.history_enable[:, -rows:]
         past = _drive(simulator, worlds, state, before, enable, windows.step, M)
         for key in hidden:
             state[key] = past[key][:, -1]
+    for key, value in recalled.items():
+        state["effects", key] = value
     during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
     return during.reshape(M, W, K)
 
 
-def history_rows(simulator: Simulator, windows: Windows) -> int:
-    """Rows before each window that the effects' hidden states may remember; all there are where others have some.
+def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[str] = ()) -> int:
+    """Rows before each window that hidden states may remember which are not recalled; all there are without effects'.
 
     Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
     """
     if any(key not in VISIBLE and key != "effects" for key in simulator.state.keys()):  # noqa: SIM118
         return windows.history.shape[1]
     rows = 0
-    for effect in simulator.effects:
+    for effect in (effect for effect in simulator.effects if effect.key not in recalled):
         mine = math.ceil(effect.memory / windows.step)
         rows = max(rows, min(mine, int(windows.first.max())) if effect.staged else mine)
     return min(rows, windows.history.shape[1])

@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.past import Past
 from onlinebayes.criticism.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -44,6 +45,7 @@ class Windows:
         noise: floor of each signal [SI].
         columns: the S signals' places among the simulator's signals.
         runs, begin: names of the runs, and the instants of their first rows [s].
+        pasts: how each of the runs moved before its windows; none where that is not at hand.
     """
 
     step: float
@@ -65,6 +67,7 @@ class Windows:
     columns: tuple[int, ...]
     runs: tuple[str, ...]
     begin: tuple[float, ...]
+    pasts: tuple[Past, ...] = ()
 
     @property
     def count(self) -> int:
@@ -213,6 +216,7 @@ def _gather(
         columns=tuple(simulator.signals.index(name) for name in names),
         runs=measurement.runs,
         begin=tuple(grid.start for grid in grids),
+        pasts=tuple(Past(measurement, grid, joint_names(simulator)) for grid in grids),
     )
 
 

@@ -148,6 +148,22 @@ class Simulator(ABC):
             row on in which a world diverged (its state is held there).
         """
 
+    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Hidden states of effects that follow from a known motion alone, no physics simulated.
+
+        Args:
+            theta: parameters of each world [SI].
+            motion: batch size (N, K): ``"qpos"`` and ``"qvel"`` in the middle of each row, ``"command"`` and,
+                optionally, ``"enable"`` that hold during it. Before the first row commands were what they are in it,
+                and the hidden states of force stages at rest.
+            step: length of a row [s].
+
+        Returns:
+            Key of the effect -> its hidden state before the first row and after each, batch size (N, K + 1); none by
+            default, and then criticism replays what came before a window.
+        """
+        return {}
+
     @abstractmethod
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """The signals of a state or trajectory, in the order of :attr:`signals`."""

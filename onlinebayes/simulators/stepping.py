@@ -106,7 +106,8 @@ class Stepper:
         """``steps`` timesteps under one held command; gives new tensors and leaves the given ones alone."""
         if not steps:
             return q, v, hidden
-        drive, hidden = self._drive(values, hidden, command, enable, steps)
+        held = command[:, None].expand(-1, steps, -1)
+        drive, hidden = self._drive(values, hidden, held, None if enable is None else enable[:, None], self.timestep)
         h = self.timestep
         for k in range(steps):
             tau, bounds = self._act(values, q, v, hidden, drive, k)
@@ -118,32 +119,62 @@ class Stepper:
             q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
         return q, v, hidden
 
+    def recall(
+        self,
+        values: Values,
+        q: Float[Tensor, "J N K"],
+        v: Float[Tensor, "J N K"],
+        command: Float[Tensor, "N K U"],
+        enable: Tensor | None,
+        step: float,
+    ) -> Hidden:
+        """Hidden states of the force stages before and after each row of a motion; see ``Simulator.recall``."""
+        rests = {effect.key: effect.rest(len(command), step, command) for effect in self.effects}
+        settling = math.ceil(max((e.memory for e in self.effects if e.has_command), default=0.0) / step)
+        before = command[:, :1].expand(-1, settling, -1)
+        stages = {key: rest for key, rest in rests.items() if rest is not None}
+        if settling:
+            _, stages = self._drive(values, stages, before, None, step)
+        drive, _ = self._drive(values, stages, command, enable, step)
+        found: Hidden = {}
+        for effect in self.effects:
+            rest = rests[effect.key]
+            if rest is None or not effect.has_force or effect.has_command:
+                continue
+            _, _, seen = self._see(effect, values, q, v, rest, drive, slice(None), step)
+            after = effect.along(_own(effect, values), seen)
+            if after is not None:
+                found[effect.key] = TensorDict.cat([rest[:, None], after], dim=1)
+        return found
+
     def _drive(
-        self, values: Values, hidden: Hidden, command: Tensor, enable: Tensor | None, steps: int
+        self, values: Values, hidden: Hidden, command: Tensor, enable: Tensor | None, timestep: float
     ) -> tuple[Drive, Hidden]:
-        """What the actuators do on each of ``steps`` timesteps, and a copy of the hidden states after the stages."""
+        """What the actuators do on each of the steps of ``command`` (N, steps, U), and the hidden states after them.
+
+        ``enable`` has a row for each step, or one for all.
+        """
         hidden = dict(hidden)
         total: dict[str, Tensor] = {}
         forces, commands = {}, {}
         for column, actuator in enumerate(self.actuators):
-            u = command[:, column]
+            u = command[..., column]
             if actuator.limit < math.inf:
                 u = u.clamp(-actuator.limit, actuator.limit)
-            u = u[:, None].expand(-1, steps)
             for effect in self.effects:
                 if effect.has_command and effect.target == actuator.name:
-                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, self.timestep)
+                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, timestep)
                     if after is not None:
                         hidden[effect.key] = after
             commands[actuator.name] = forces[actuator.name] = u
             if enable is not None:
-                forces[actuator.name] = u * enable[:, column, None].to(u)
+                forces[actuator.name] = u * enable[..., column].to(u)
             gear = self._gear(values, actuator)
             force = u * (gear[:, None] if isinstance(gear, Tensor) else gear)
             if enable is not None:
-                force = force * enable[:, column, None].to(u)
+                force = force * enable[..., column].to(u)
             total[actuator.joint] = total[actuator.joint] + force if actuator.joint in total else force
-        none = command.new_zeros(()).expand(len(command), steps)
+        none = command.new_zeros(()).expand(command.shape[:2])
         joints = torch.stack([total.get(joint.name, none) for joint in self.joints])
         return Drive(joints, forces, commands), hidden
 
@@ -161,7 +192,7 @@ class Stepper:
             return drive.joints[..., k], bounds
         for effect in acting:
             own = _own(effect, values)
-            i, gear, seen = self._see(effect, values, q, v, hidden.get(effect.key), drive, k)
+            i, gear, seen = self._see(effect, values, q, v, hidden.get(effect.key), drive, k, self.timestep)
             force, bound, after = effect.force(own, seen), effect.friction_bound(own, seen), effect.advance(own, seen)
             if force is not None:
                 tau[i] = tau[i] + (force if gear is None else force * gear)
@@ -172,7 +203,15 @@ class Stepper:
         return torch.stack(tau), bounds
 
     def _see(
-        self, effect: Effect, values: Values, q: Tensor, v: Tensor, hidden: TensorDict | None, drive: Drive, k: int
+        self,
+        effect: Effect,
+        values: Values,
+        q: Tensor,
+        v: Tensor,
+        hidden: TensorDict | None,
+        drive: Drive,
+        k: int | slice,
+        timestep: float,
     ) -> tuple[int, Tensor | float | None, Seen]:
         """The joint on which the effect acts, the gear between (None at the joint itself), and what it sees."""
         rows = {joint.name: i for i, joint in enumerate(self.joints)}
@@ -180,13 +219,13 @@ class Stepper:
             actuator = next(actuator for actuator in self.actuators if actuator.name == effect.target)
             i, gear = rows[actuator.joint], self._gear(values, actuator)
             force, command = drive.forces[actuator.name][:, k], drive.commands[actuator.name][:, k]
-            return i, gear, Seen(q[i], v[i], force, command, hidden, self.timestep)
+            return i, gear, Seen(q[i], v[i], force, command, hidden, timestep)
         i = rows[effect.target]
         command = torch.zeros_like(q[i])
         for actuator in self.actuators:
             if actuator.joint == effect.target:
                 command = command + drive.commands[actuator.name][:, k]
-        return i, None, Seen(q[i], v[i], drive.joints[i, :, k], command, hidden, self.timestep)
+        return i, None, Seen(q[i], v[i], drive.joints[i, :, k], command, hidden, timestep)
 
     @staticmethod
     def _gear(values: Values, actuator: Actuator) -> Tensor | float:

@@ -196,6 +196,16 @@ class TorchSimulator(Simulator):
             rows.append(self._state(q, v, hidden).set("valid", valid))
         return torch.stack(rows, dim=1)
 
+    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
+        q, v, command = (
+            motion.get(key).to(dtype=self.dtype, device=self.device) for key in ("qpos", "qvel", "command")
+        )
+        values = self._name(self._rows(theta))
+        return self._stepper.recall(
+            values, q.movedim(-1, 0), v.movedim(-1, 0), command, motion.get("enable", None), step
+        )
+
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities."""
         return torch.cat((state.get("qpos"), state.get("qvel")), dim=-1)

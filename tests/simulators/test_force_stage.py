@@ -16,6 +16,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Joint, Simulator, TorchSimulator
 from onlinebayes.simulators.effects import (
+    ActuatorLag,
     Cogging,
     DryFriction,
     Effect,
@@ -152,6 +153,82 @@ def test_hidden_state_is_carried_across_a_split_rollout(backend: str) -> None:
     second = _roll(simulator, theta, command[100:], first[:, -1].exclude("valid").clone())
     for key in ("qpos", "qvel", ("effects", effect.key, "heat")):
         assert torch.equal(torch.cat([first[key], second[key]], dim=1), whole[key])
+
+
+@pytest.mark.parametrize("backend", ["mujoco", "torch"])
+def test_heat_recalled_along_a_motion_is_that_of_the_simulation(backend: str) -> None:
+    effect, _, _ = CASES[-1]
+    lag = ActuatorLag("motor", Parameter(0, 0.1, "s"))
+    simulator = _backend(backend, effect).with_effect(lag)
+    theta = torch.tensor([[0.8, 0.4, 0.05], [0.3, 2.0, 0.0]]).double()
+    command = _command(301)
+    command[0] = 0.0  # the lag begins settled
+    state = TensorDict({k: torch.zeros(2, 1).double() for k in ("qpos", "qvel")}, batch_size=[2])
+    inputs = TensorDict({"command": torch.from_numpy(command).reshape(1, -1, 1).expand(2, -1, -1)}, batch_size=[2, 301])
+    inputs["enable"] = torch.ones(2, 301, 1, dtype=torch.float64)
+    inputs["enable"][1, 100:180] = 0.0
+    times = H * torch.arange(1, 302, dtype=torch.float64)
+    path = simulator.rollout(theta, state, inputs, times)
+    before = TensorDict.cat([state[:, None], path.select("qpos", "qvel")[:, :-1]], dim=1)
+    heat = simulator.recall(theta, before.update(inputs), H)[effect.key]["heat"]
+    assert heat.shape == (2, 302)
+    assert float(heat[0].max()) > 0.5
+    torch.testing.assert_close(heat[:, 1:], path["effects", effect.key, "heat"], rtol=0.0, atol=1e-12)
+
+
+def test_the_recalled_drive_of_a_servo_depends_on_the_motion() -> None:
+    model = SLIDE.replace('<motor name="motor" joint="rail"/>', '<position name="motor" joint="rail" kp="50" kv="4"/>')
+    effect, truth, _ = CASES[-1]
+    simulator, theta = MujocoSimulator(model).with_effect(effect), torch.tensor([truth]).double()
+    path = _roll(simulator, theta, _command(300) / 20)
+    zero = torch.zeros(1, 1, 1).double()
+    motion = TensorDict(
+        {key: torch.cat([zero, path[key][:, :-1]], dim=1) for key in ("qpos", "qvel")}, batch_size=[1, 300]
+    )
+    motion["command"] = torch.from_numpy(_command(300) / 20).reshape(1, -1, 1)
+    heat = simulator.recall(theta, motion, H)[effect.key]["heat"]
+    torch.testing.assert_close(heat[:, 1:], path["effects", effect.key, "heat"], rtol=0.0, atol=1e-12)
+    assert float(heat.max()) > 0.1
+
+
+class Fading(Effect):
+    """A drag that remembers the speed, walked row by row."""
+
+    name = "fading"
+    target_kind = "joint"
+    target = "rail"
+    parameters = ParameterSpace({"drag": Parameter(0.0, 1.0)})
+    neutral: ClassVar = {"drag": 0.0}
+    memory = 1.0
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Fading:
+        return cls()
+
+    def rest(self, worlds: int, timestep: float, like: torch.Tensor) -> TensorDict:
+        return TensorDict({"speed": torch.zeros(worlds).double()}, batch_size=[worlds])
+
+    def force(self, parameters, seen):
+        return -parameters["drag"] * seen.hidden["speed"]
+
+    def advance(self, parameters, seen):
+        speed = seen.hidden["speed"] + seen.timestep * (seen.v - seen.hidden["speed"])
+        return TensorDict({"speed": speed}, batch_size=speed.shape)
+
+
+@pytest.mark.parametrize("backend", ["mujoco", "torch"])
+def test_an_effect_without_a_form_of_its_own_is_recalled_row_by_row(backend: str) -> None:
+    effect = Fading()
+    simulator, theta = _backend(backend, effect), torch.tensor([[0.5], [0.9]]).double()
+    path = _roll(simulator, theta, _command(60))
+    zero = torch.zeros(2, 1, 1).double()
+    motion = TensorDict(
+        {key: torch.cat([zero, path[key][:, :-1]], dim=1) for key in ("qpos", "qvel")}, batch_size=[2, 60]
+    )
+    motion["command"] = torch.from_numpy(_command(60)).reshape(1, -1, 1).expand(2, -1, -1)
+    speed = simulator.recall(theta, motion, H)[effect.key]["speed"]
+    assert float(speed.abs().max()) > 1e-3
+    torch.testing.assert_close(speed[:, 1:], path["effects", effect.key, "speed"], rtol=0.0, atol=1e-12)
 
 
 def test_friction_sticks_and_breaks_loose_at_the_static_bound() -> None:

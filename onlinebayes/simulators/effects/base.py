@@ -63,7 +63,7 @@ class Scales:
 
 @dataclass(frozen=True)
 class Seen:
-    """What an effect sees of every world at the start of an integration step, where it acts.
+    """What an effect sees of every world at the start of an integration step, where it acts; (N, K) of K rows at once.
 
     Args:
         q: position of the joint; of an actuator, of the joint that it drives (N,) [m, rad].
@@ -76,10 +76,10 @@ class Seen:
         timestep: length h of the step [s].
     """
 
-    q: Float[Tensor, " N"]
-    v: Float[Tensor, " N"]
-    drive: Float[Tensor, " N"]
-    command: Float[Tensor, " N"]
+    q: Float[Tensor, "*batch"]
+    v: Float[Tensor, "*batch"]
+    drive: Float[Tensor, "*batch"]
+    command: Float[Tensor, "*batch"]
     hidden: TensorDict | None
     timestep: float
 
@@ -206,6 +206,22 @@ class Effect(ABC):
     def advance(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict | None:
         """The hidden state after the step; it stays by default."""
         return seen.hidden
+
+    def along(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict | None:
+        """The hidden state after each of K rows of a known motion, batch size (N, K).
+
+        Args:
+            parameters: short name -> values (N,).
+            seen: what :meth:`advance` would see row by row, (N, K); its hidden state is that before the first row.
+
+        An effect whose states are at hand all together says so; by default the rows are walked through one by one.
+        """
+        states, hidden = [], seen.hidden
+        for k in range(seen.q.shape[1]):
+            row = Seen(seen.q[:, k], seen.v[:, k], seen.drive[:, k], seen.command[:, k], hidden, seen.timestep)
+            hidden = self.advance(parameters, row)
+            states.append(hidden)
+        return None if hidden is None else TensorDict.stack(states, dim=1)
 
     # --- sensors ------------------------------------------------------------------------------------------------
 

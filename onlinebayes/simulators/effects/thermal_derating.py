@@ -95,6 +95,18 @@ class ThermalDerating(Effect):
         heat = self._heat(parameters, seen, 1.0)
         return TensorDict({"heat": heat}, batch_size=heat.shape, device=heat.device)
 
+    def along(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict:
+        """The heat after each of K rows: a geometric sum, doubled in log2 K steps (Hillis and Steele 1986)."""
+        assert seen.hidden is not None
+        kept = torch.exp(-seen.timestep / parameters["time_constant"])[:, None]
+        heat = (1.0 - kept) * (seen.drive / self.reference).square()
+        heat = torch.cat([heat[:, :1] + kept * seen.hidden["heat"][:, None], heat[:, 1:]], dim=1)
+        shift = 1
+        while shift < heat.shape[1]:
+            heat = torch.cat([heat[:, :shift], heat[:, shift:] + kept * heat[:, :-shift]], dim=1)
+            shift, kept = 2 * shift, kept.square()
+        return TensorDict({"heat": heat}, batch_size=heat.shape, device=heat.device)
+
     def _heat(self, parameters: Mapping[str, Tensor], seen: Seen, part: float) -> Float[Tensor, " N"]:
         """h after this part of the step."""
         assert seen.hidden is not None

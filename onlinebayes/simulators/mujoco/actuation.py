@@ -73,13 +73,13 @@ class JointActuator:
                 "use a motor, a servo or a general actuator with affine gain and bias, no activation and no delay",
             )
 
-    def gear(self, fields: Mapping[str, Tensor]) -> Float[Tensor, " N"]:
+    def gear(self, fields: Mapping[str, Tensor]) -> Float[Tensor, "*batch"]:
         """Force on the joint per force of the actuator."""
-        return fields["actuator_gear"][:, self.actuator, 0]
+        return fields["actuator_gear"][..., self.actuator, 0]
 
     def force(
         self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor, on: Tensor
-    ) -> Float[Tensor, " N"]:
+    ) -> Float[Tensor, "*batch"]:
         """f in each world, 0 while the actuator is off.
 
         Args:
@@ -87,23 +87,29 @@ class JointActuator:
             ctrl: what the engine will receive (N, nu).
             q, v: of the joint (N,).
             on: which actuators are on (N, U).
+
+        With K rows of each world at once ctrl, q, v and on are (N, K, ...), the fields (N, 1, ...).
         """
         i = self.actuator
-        gear, gain, bias = self.gear(fields), fields["actuator_gainprm"][:, i], fields["actuator_biasprm"][:, i]
-        u = ctrl[:, self.ctrl]
+        gear, gain, bias = (
+            self.gear(fields),
+            fields["actuator_gainprm"][..., i, :],
+            fields["actuator_biasprm"][..., i, :],
+        )
+        u = ctrl[..., self.ctrl]
         if self.ctrl_limited:
-            u = _clip(u, fields["actuator_ctrlrange"][:, i])
+            u = _clip(u, fields["actuator_ctrlrange"][..., i, :])
         length, speed = gear * q, gear * v
-        slope = gain[:, 0]
+        slope = gain[..., 0]
         if self.affine_gain:
-            slope = slope + gain[:, 1] * length + gain[:, 2] * speed
+            slope = slope + gain[..., 1] * length + gain[..., 2] * speed
         force = slope * u
         if self.affine_bias:
-            force = force + bias[:, 0] + bias[:, 1] * length + bias[:, 2] * speed
+            force = force + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
         if self.force_limited:
-            force = _clip(force, fields["actuator_forcerange"][:, i])
-        return force * on[:, self.column]
+            force = _clip(force, fields["actuator_forcerange"][..., i, :])
+        return force * on[..., self.column]
 
 
 def _clip(x: Tensor, bounds: Tensor) -> Tensor:
-    return torch.minimum(torch.maximum(x, bounds[:, 0]), bounds[:, 1])
+    return torch.minimum(torch.maximum(x, bounds[..., 0]), bounds[..., 1])

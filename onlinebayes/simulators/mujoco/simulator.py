@@ -22,6 +22,7 @@ from onlinebayes.simulators.effects import Effect, TargetKind
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.recall import recall
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
@@ -187,6 +188,10 @@ class MujocoSimulator(Simulator):
     ) -> TensorDict:
         """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without force stages all runs in the engine."""
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
+
+    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
+        return recall(self._system, _finite(theta), motion, step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities, in the model's order, then the sensors that are signals."""

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import mujoco.batch
 import numpy as np
 import torch
+from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -52,6 +53,27 @@ class Place:
             mine = tuple(a for a in actuators if a.joint == joint)
         return cls(effect, int(model.jnt_qposadr[joint]), int(model.jnt_dofadr[joint]), mine)
 
+    def see(
+        self,
+        fields: Mapping[str, Tensor],
+        qpos: Float[Tensor, "*batch nq"],
+        qvel: Float[Tensor, "*batch nv"],
+        ctrl: Float[Tensor, "*batch nu"],
+        on: Tensor,
+        hidden: TensorDict | None,
+        timestep: float,
+    ) -> Seen:
+        """What the effect sees there; fields and ``on`` as for :meth:`.JointActuator.force`."""
+        q, v = qpos[..., self.q], qvel[..., self.v]
+        drive, command = torch.zeros_like(q), torch.zeros_like(q)
+        for actuator in self.actuators:
+            command = command + ctrl[..., actuator.ctrl]
+            if self.effect.needs_drive:
+                force = actuator.force(fields, ctrl, q, v, on)
+                whole = self.effect.target_kind == "joint"
+                drive = drive + (force * actuator.gear(fields) if whole else force)
+        return Seen(q, v, drive, command, hidden, timestep)
+
 
 class ForceStage:
     """The force stage of N worlds on one batch.
@@ -73,10 +95,7 @@ class ForceStage:
         self._q, self._v, self._ctrl, self._applied = (
             torch.from_numpy(batch.bind(name)) for name in ("qpos", "qvel", "ctrl", "qfrc_applied")
         )
-        self._fields = {
-            name: torch.from_numpy(fields[name] if name in fields else model_array(system.model, name)[None].copy())
-            for name in FIELDS
-        }
+        self._fields = actuator_fields(system, fields)
         self._rubbing = sorted({place.v for place in self._places if place.effect.rubs})
         self._loss = torch.from_numpy(fields["dof_frictionloss"]) if self._rubbing else None
         self._base = torch.zeros(worlds, len(self._rubbing), dtype=torch.float64)
@@ -121,15 +140,16 @@ class ForceStage:
                 self._loss[:, dof] = self._base[:, k] + bounds[dof]
 
     def _see(self, place: Place, on: Tensor) -> Seen:
-        q, v = self._q[:, place.q], self._v[:, place.v]
-        drive, command = torch.zeros_like(q), torch.zeros_like(q)
-        for actuator in place.actuators:
-            command = command + self._ctrl[:, actuator.ctrl]
-            if place.effect.needs_drive:
-                force = actuator.force(self._fields, self._ctrl, q, v, on)
-                whole = place.effect.target_kind == "joint"
-                drive = drive + (force * actuator.gear(self._fields) if whole else force)
-        return Seen(q, v, drive, command, self.hidden.get(place.effect.key), self._timestep)
+        hidden = self.hidden.get(place.effect.key)
+        return place.see(self._fields, self._q, self._v, self._ctrl, on, hidden, self._timestep)
+
+
+def actuator_fields(system: MujocoSystem, fields: Mapping[str, np.ndarray]) -> dict[str, Tensor]:
+    """What the actuators' forces depend on, of N worlds where it differs between them, else of one; views of both."""
+    return {
+        name: torch.from_numpy(fields[name] if name in fields else model_array(system.model, name)[None].copy())
+        for name in FIELDS
+    }
 
 
 def _keep(before: TensorDict, after: TensorDict, alive: np.ndarray) -> TensorDict:

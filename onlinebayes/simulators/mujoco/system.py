@@ -168,11 +168,12 @@ class MujocoSystem:
                 sticking.harden(self.model, fields, effect.target, acts)
         return fields
 
-    def rest(self, worlds: int) -> dict[str, TensorDict]:
-        """Hidden states of the command and force stages before anything has happened."""
+    def rest(self, worlds: int, timestep: float | None = None) -> dict[str, TensorDict]:
+        """Hidden states of the command and force stages before anything has happened, for timesteps of this length."""
         like = torch.zeros((), dtype=torch.float64)
         effects = [e for e in self.effects if e in self.stages or e in self.staged]
-        rests = {e.key: e.rest(worlds, self.model.opt.timestep, like) for e in effects}
+        timestep = self.model.opt.timestep if timestep is None else timestep
+        rests = {e.key: e.rest(worlds, timestep, like) for e in effects}
         return {key: rest for key, rest in rests.items() if rest is not None}
 
     def hidden(self, state: TensorDictBase | None, worlds: int) -> dict[str, TensorDict]:
@@ -183,7 +184,7 @@ class MujocoSystem:
         return {key: state.get(("effects", key), default) for key, default in rest.items()}
 
     def drive(
-        self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor
+        self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor, timestep: float | None = None
     ) -> tuple[np.ndarray, dict[str, TensorDict], dict[str, Tensor]]:
         """What the actuators receive over K timesteps.
 
@@ -191,11 +192,13 @@ class MujocoSystem:
             theta: parameters (N, P).
             hidden: hidden states of the command stages before the first timestep.
             command: (N, K, U) [command units].
+            timestep: length of one [s]; the model's when None.
 
         Returns:
             ``ctrl`` (N, K, nu), the hidden states after the last timestep, and what each stage was fed (N, K).
         """
         after, fed = dict(hidden), {}
+        timestep = self.model.opt.timestep if timestep is None else timestep
         ctrl = np.zeros((*command.shape[:2], self.model.nu))
         ctrl[..., [place.ctrl for place in self.commands]] = command.numpy()
         for effect in self.stages:
@@ -203,7 +206,7 @@ class MujocoSystem:
             place = self._places[effect.target]
             u = torch.from_numpy(ctrl[..., place].copy())
             fed[effect.key] = u
-            u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, self.model.opt.timestep)
+            u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, timestep)
             if state is not None:
                 after[effect.key] = state
             ctrl[..., place] = u.numpy()
