@@ -72,20 +72,23 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             near = difflib.get_close_matches(name, EFFECTS, n=3, cutoff=0.4)
             raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or EFFECTS)}")
         kind, axes = EFFECTS[name].target_kind, EFFECTS[name].axes
-        known = simulator.targets(kind)
+        known = _targets(simulator, windows, kind)
         if target and split_axis(target, axes)[0] not in known:
             near = difflib.get_close_matches(target, known, n=3, cutoff=0.4)
             raise BadInput(
                 f"'{item}': the simulator has no {kind} '{target}'", f"nearest: {', '.join(near or known) or 'none'}"
             )
         every = tuple(f"{element}.{axis}" for element in known for axis in axes) if axes else known
+        effects = []
         for place in (target,) if target else every:
             at = kind, split_axis(place, axes)[0]
             if at not in scales:
                 scales[at] = target_scales(simulator, windows, *at)
-            effect = EFFECTS[name].scaled(place, scales[at])
-            if not all_of_them or _carried(simulator, effect):
-                found.setdefault(effect.key, effect)
+            effects.append(EFFECTS[name].scaled(place, scales[at]))
+        carried = [effect for effect in effects if target or _carried(simulator, effect)]
+        # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
+        for effect in carried if carried or all_of_them else effects:
+            found.setdefault(effect.key, effect)
     present = {effect.key for effect in simulator.effects}
     return tuple(effect for key, effect in found.items() if key not in present)
 
@@ -96,8 +99,14 @@ def _all(simulator: Simulator) -> list[str]:
     return [name for name in EFFECTS if not (slides and name == GravityTilt.name)]
 
 
+def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
+    """What effects of one kind can be tried at; of the signals those that were measured."""
+    measured = {simulator.signals[i] for i in windows.columns}
+    return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
+
+
 def _carried(simulator: Simulator, effect: Effect) -> bool:
-    """Whether the simulator can have the effect: of "all" effects those that it cannot are passed over."""
+    """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)
     except BadInput:
@@ -116,6 +125,8 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         speed = max(min(_motion(simulator, windows, j)[1] for j in range(len(joints))), 1e-9)
         output = largest * (simulator.actuator_gains.get(target, 1.0) or 1.0)
         return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
+    if kind == "signal":
+        return _signal_scales(simulator, windows, target, time)
     if kind == "body":
         mass, length = simulator.body_sizes[target]
         return Scales(force=1.0, speed=1.0, travel=1.0, time=time, inertia=mass, length=length)
@@ -135,6 +146,15 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         centre=float(position.max() + position.min()) / 2,
         inertia=inertia,
     )
+
+
+def _signal_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:
+    """Range of what was measured of a signal."""
+    s = windows.columns.index(simulator.signals.index(target))
+    values = windows.value[..., s][windows.measured[..., s]]
+    travel = float(values.max() - values.min()) if len(values) else 0.0
+    kind = simulator.joint_kinds.get(target.partition(".")[2], "hinge")
+    return Scales(force=1.0, speed=1.0, travel=max(travel, 1e-9), time=time, unit=kind)
 
 
 def trials(effects: Sequence[Effect]) -> tuple[Trial, ...]:

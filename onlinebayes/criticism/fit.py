@@ -3,12 +3,14 @@
     min over theta in bounds of |r~(theta)|^2,     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high
 
 with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an
-accepted one costs a single rollout; where it is rejected, all dampings are tried in one rollout of their own. A world
-that diverges rejects its step.
+accepted one costs a single rollout. Once one is rejected, no damping and all dampings are tried in one rollout before
+each step, until none is the best again: where a kink or a curved valley makes one undamped step too long it makes the
+next one, too. A world that diverges rejects its step.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +30,7 @@ from onlinebayes.simulators.base import Simulator
 STEPS = 40
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
+CREEP = 0.05  # of the objective: what a step gains at least where there is hope
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
 
@@ -60,6 +63,7 @@ def fit(
     theta: Float[Tensor, " P"],
     weight: Float[Tensor, " S"] | None = None,
     starts: Float[Tensor, "W J2"] | None = None,
+    hopeless: float = math.inf,
 ) -> Fit:
     """Fit theta from a starting value.
 
@@ -69,6 +73,7 @@ def fit(
         theta: where to begin [SI].
         weight: of each signal relative to its noise.
         starts: where the windows' starts begin; the smoothed ones when None.
+        hopeless: an objective above which a fit that creeps is given up, not converged.
 
     Raises:
         BadInput: the replay diverges at the starting value.
@@ -85,37 +90,50 @@ def fit(
             "the simulation diverges over the measured windows",
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
-    current, centred = project(windows, lin, weight), False
+    current, centred, searching = project(windows, lin, weight), False, False
     for _ in range(STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)
+        damped = False
+        if searching:
+            step, damped = best_damped(simulator, windows, lin, current)
         moved, trial = step_to(simulator, windows, lin, current, step)
-        if not (moved.valid and trial.objective <= total):
-            if centred:
-                step = best_damped(simulator, windows, lin, current)
-            else:
-                # The sensitivities hold at the windows' best starts, and the starts are not there yet.
-                step, centred = torch.zeros_like(step), True
-            moved, trial = step_to(simulator, windows, lin, current, step)
-            if not moved.valid or (trial.objective > total and bool(step.any())):
-                return Fit(simulator, lin, current, True)
+        if moved.valid and trial.objective <= total:
+            gained, centred = total - trial.objective, True
             lin, current = moved, trial
-            continue
-        lin, current, centred = moved, trial, True
-        if promised <= TOLERANCE * total and total - trial.objective <= SLACK * total:
+            if gained <= SLACK * total and (searching or promised <= TOLERANCE * total):
+                return Fit(simulator, lin, current, True)
+            if gained <= CREEP * total and trial.objective > hopeless:
+                return Fit(simulator, lin, current, False)
+            searching = damped
+        elif searching:
             return Fit(simulator, lin, current, True)
+        elif centred:
+            searching = True
+        else:
+            # The sensitivities hold at the windows' best starts, and the starts are not there yet.
+            moved, trial = step_to(simulator, windows, lin, current, torch.zeros_like(step))
+            if not moved.valid:
+                return Fit(simulator, lin, current, True)
+            lin, current, centred = moved, trial, True
     return Fit(simulator, lin, current, False)
 
 
 def best_damped(
     simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
-) -> Float[Tensor, " P"]:
-    """The best of several damped steps, all replayed at once with the starts that go with them."""
-    steps = torch.stack([bounded_step(simulator, projected, lin.theta, damping)[0] for damping in DAMPINGS])
+) -> tuple[Float[Tensor, " P"], bool]:
+    """The best of the undamped and several damped steps, all replayed at once with the starts that go with them.
+
+    Returns:
+        The step, and whether it is damped.
+    """
+    dampings = (0.0, *DAMPINGS)
+    steps = torch.stack([bounded_step(simulator, projected, lin.theta, damping)[0] for damping in dampings])
     theta = simulator.parameters.clamp(lin.theta + steps)
     starts = torch.stack([lin.starts + start_shift(windows, lin, projected, step) for step in steps])
     error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
-    return steps[int(error.argmin())]
+    best = int(error.argmin())
+    return steps[best], best > 0
 
 
 def step_to(

@@ -4,7 +4,8 @@
 
 q is the replay's, v its difference quotient within each window. At rest a dry friction holds whatever acts on it up to
 F; what it holds is not known from the motion, so that its force fades to nothing below v_rest, a fiftieth of the
-largest speed. Effects on actuators, and those that name no force, have none here.
+largest speed. Effects on actuators, and those that name no force, have none here, nor have those that depend on what a
+replay does not hold: the actuators' force, the command after its stages, a hidden state.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.results import FittedModel, ReplayedRun
+from onlinebayes.simulators.effects import Seen
 
 AT_REST = 0.02
 
@@ -47,16 +49,18 @@ def effect_forces(model: FittedModel, run: ReplayedRun, signals: tuple[str, ...]
     found = []
     for effect in model.simulator.effects:
         signal = f"qpos.{effect.target}"
-        if effect.target_kind != "joint" or signal not in signals or len(run.time) < 2:
+        if effect.target_kind != "joint" or signal not in signals or len(run.time) < 2 or effect.memory:
             continue
         q = run.simulated[:, signals.index(signal)]
         v = _velocity(run, q)
         parameters = {name: theta[f"{effect.key}.{name}"].expand(len(q)) for name in effect.parameters}
-        force, bound = effect.force(parameters, q, v), effect.friction_bound(parameters)
+        unknown = torch.full_like(q, torch.nan)  # what depends on it is nan, too
+        seen = Seen(q, v, unknown, unknown, None, model.simulator.timestep)
+        force, bound = effect.force(parameters, seen), effect.friction_bound(parameters, seen)
         if force is None and bound is not None:
             rest = AT_REST * torch.nan_to_num(v).abs().max()
             force = -bound * v / v.abs().maximum(rest).clamp_min(1e-12)
-        if force is not None:
+        if force is not None and not bool(force.isnan().all()):
             found.append(EffectForce(effect.key, effect.target, force))
     return tuple(found)
 

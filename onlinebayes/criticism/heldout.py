@@ -18,7 +18,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.detail import HorizonError, WindowError
 from onlinebayes.criticism.own import held_out_model
-from onlinebayes.criticism.replay import replay, rollout
+from onlinebayes.criticism.replay import replay, rollout, shown
 from onlinebayes.criticism.results import ReplayedRun
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
@@ -31,7 +31,7 @@ def replay_runs(
     model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
     trajectory = rollout(model, parts, values[None], parts.start[None])[0]
     valid = trajectory["valid"][..., None]
-    simulated = simulator.read(trajectory)[..., list(windows.columns)]
+    simulated = shown(model, parts, values[None], parts.start[None], trajectory[None])[0]
     simulated = torch.where(valid & torch.isfinite(simulated), simulated, torch.nan)
     qpos = torch.where(valid, trajectory["qpos"], torch.nan)
     measured = torch.where(windows.measured, windows.value, torch.nan)

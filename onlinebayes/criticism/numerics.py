@@ -15,14 +15,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.candidates import DEAD_TIME
 from onlinebayes.criticism.fit import Fit, fit, starting_theta
 from onlinebayes.criticism.grid import even_step
 from onlinebayes.criticism.ladder import Rung, adjustable, ladder
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics
-from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -70,7 +69,7 @@ def settle(
             if before is not None and rung == before.rung:
                 windows = before.windows
             else:
-                windows, fitted = make_windows(stepped, measurement, horizon, DEAD_TIME * horizon, noise), None
+                windows, fitted = make_windows(stepped, measurement, horizon, MEMORY * horizon, noise), None
             begin = starting_theta(stepped, windows) if begin is None else begin
             if starts is not None and starts.shape != windows.start.shape:
                 starts = None  # a finer clock fits another window into a run
@@ -113,7 +112,7 @@ def check(simulator: Simulator, measurement: Measurement, windows: Windows, fitt
 def step_difference(measurement: Measurement, windows: Windows, fitted: Fit, timestep: float) -> Float[Tensor, "W n S"]:
     """How the binned replay moves when it is integrated with another step."""
     finer = fitted.simulator.with_timestep(timestep)
-    fine = make_windows(finer, measurement, windows.horizon, DEAD_TIME * windows.horizon, like=windows)
+    fine = make_windows(finer, measurement, windows.horizon, MEMORY * windows.horizon, like=windows)
     theta, starts = fitted.theta[None], fitted.lin.starts[None]
     coarse_signals, _ = replay(fitted.simulator, windows, theta, starts)
     fine_signals, valid = replay(finer, fine, theta, starts)

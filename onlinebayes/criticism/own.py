@@ -120,7 +120,8 @@ def held_out_model(
     half = halves(windows, torch.zeros_like(windows.run))
     names = tuple(run + suffix for run in windows.runs for suffix in HALVES)
     begin = tuple(instant for instant in windows.begin for _ in HALVES)
-    parts = replace(windows, run=2 * windows.run + half, runs=names, begin=begin)
+    pasts = tuple(past for past in windows.pasts for _ in HALVES)
+    parts = replace(windows, run=2 * windows.run + half, runs=names, begin=begin, pasts=pasts)
     model, start = _parts_model(simulator, parts, theta)
     try:
         found = fit(model, parts, start).theta

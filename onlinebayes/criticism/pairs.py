@@ -3,6 +3,9 @@
 A and B are accepted together when each may be added to the model that holds the other: all rules of ``acceptance`` for
 B in the model with A, and for A in the model with B. Each of the two tests is one on its own, its p of the maximum over
 all candidates included. Tried among the leading ones of a round in which none was admissible alone.
+
+A screening costs less than a refit: each leading one's model is screened first, and two leading ones are refitted
+together only where either is significant beside the other.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ from onlinebayes.criticism.acceptance import STANDARD_ERRORS, Judged
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.score import score_gain
-from onlinebayes.criticism.stage import Stage, refit, run_stage
+from onlinebayes.criticism.stage import MOST_REFITS, Stage, Survey, judged_stage, refit, survey, worth
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
@@ -33,14 +36,25 @@ def pair(
         effects: all candidates of that round.
         numerics, selection, say: as of that round.
     """
+    beside: dict[str, Survey] = {}
+    for lead in sorted(stage.judged, key=lambda judged: -judged.gain.gain):
+        say(f"screening beside {lead.effect.key}")
+        beside[lead.effect.key] = _beside(lead.fitted, lead.effect, stage, effects, selection)
     found: dict[frozenset[str], tuple[Added, Added]] = {}
     for lead in sorted(stage.judged, key=lambda judged: -judged.gain.gain):
+        wanted = [
+            s
+            for s in worth(beside[lead.effect.key], selection.alpha, selection.alpha)
+            if s.effect.key not in beside or _wants(beside[s.effect.key], lead.effect, selection)
+        ][:MOST_REFITS]
+        if not wanted:
+            continue
         say(f"pairs with {lead.effect.key}")
-        beside = _with(lead.fitted, lead.effect, stage, effects, numerics, selection)
-        for second in (judged for judged in beside.judged if judged.admissible):
-            both = frozenset((lead.effect.key, second.effect.key))
-            if both not in found and _needs(stage, lead, second, effects, numerics, selection):
-                found[both] = ((stage, lead), (beside, second))
+        both = judged_stage(beside[lead.effect.key], wanted, numerics, selection, _silent)
+        for second in (judged for judged in both.judged if judged.admissible):
+            keys = frozenset((lead.effect.key, second.effect.key))
+            if keys not in found and _needs(stage, lead, second, beside, effects, numerics, selection):
+                found[keys] = ((stage, lead), (both, second))
     if not found:
         return None
     step = stage.windows.bin_step
@@ -57,29 +71,36 @@ def _needs(
     stage: Stage,
     lead: Judged,
     second: Judged,
+    beside: dict[str, Survey],
     effects: Sequence[Effect],
     numerics: Numerics,
     selection: Selection,
 ) -> bool:
     """Whether the model that holds ``second`` alone admits ``lead``."""
-    try:
-        alone = refit(stage.current, stage.windows, second.effect, _values(second))
-    except BadInput:  # without the other it diverges
-        return False
-    back = _with(alone, second.effect, stage, effects, numerics, selection)
-    return any(judged.admissible and judged.effect.key == lead.effect.key for judged in back.judged)
+    survey = beside.get(second.effect.key)
+    if survey is None:
+        try:
+            alone = refit(stage.current, stage.windows, second.effect, _values(second))
+        except BadInput:  # without the other it diverges
+            return False
+        survey = _beside(alone, second.effect, stage, effects, selection)
+    wanted = [s for s in worth(survey, selection.alpha, selection.alpha) if s.effect.key == lead.effect.key]
+    back = judged_stage(survey, wanted, numerics, selection, _silent)
+    return any(judged.admissible for judged in back.judged)
+
+
+def _wants(survey: Survey, effect: Effect, selection: Selection) -> bool:
+    return any(s.effect.key == effect.key for s in worth(survey, selection.alpha, selection.alpha))
 
 
 def _size(pair: tuple[Added, Added]) -> int:
     return sum(len(judged.effect.parameters) for _, judged in pair)
 
 
-def _with(
-    fitted: Fit, held: Effect, stage: Stage, effects: Sequence[Effect], numerics: Numerics, selection: Selection
-) -> Stage:
-    """A round on top of the model that holds one effect already."""
+def _beside(fitted: Fit, held: Effect, stage: Stage, effects: Sequence[Effect], selection: Selection) -> Survey:
+    """All other candidates, screened on top of the model that holds one effect already."""
     rest = [effect for effect in effects if effect.key != held.key]
-    return run_stage(fitted, stage.windows, rest, numerics, selection, lambda _line: None, thorough=False)
+    return survey(fitted, stage.windows, rest, selection.folds)
 
 
 def _values(judged: Judged) -> dict[str, float]:
@@ -89,3 +110,7 @@ def _values(judged: Judged) -> dict[str, float]:
         name: float(judged.fitted.theta[space.index(f"{judged.effect.key}.{name}")])
         for name in judged.effect.parameters
     }
+
+
+def _silent(line: str) -> None:
+    del line

@@ -40,7 +40,7 @@ from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
-from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
@@ -251,7 +251,7 @@ def _model(
 def _all_rows(
     simulator: Simulator, measurement: Measurement, selection: Selection, noise: Float[Tensor, " S"]
 ) -> Windows:
-    memory = 0.1 * selection.horizon_s
+    memory = MEMORY * selection.horizon_s
     return make_windows(simulator, measurement, selection.horizon_s, memory, noise, inset=True)
 
 

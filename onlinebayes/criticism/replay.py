@@ -2,20 +2,27 @@
 
     (theta_m, start_mw, commands_w) -> simulated signals (M, W, K, S),   M x W worlds at once
 
-Hidden states of effects (delay buffers) come from a forced replay: each world first runs through the commands of the
-seconds before its window, then its positions and velocities are set to the window's start and the hidden states kept.
+Hidden states of effects are those that the run left before the window. Where they follow from its command and its
+measured motion alone (heat), they are worked out along that; see :mod:`.recall`. Others (delay buffers) come from a
+forced replay: each world first runs through the commands of the seconds before its window, as many as the effects
+remember, then its positions and velocities are set to the window's start and the hidden states kept.
 """
 
 from __future__ import annotations
+
+import math
+from collections.abc import Collection
 
 import torch
 from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.recall import recall
 from onlinebayes.criticism.scoped import unfold
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.sensing import sense, unsense
 
 CHUNK = 6_000_000  # recorded numbers a rollout may hold
 # Parts of a state that a window's start determines.
@@ -37,7 +44,7 @@ def replay(
     signals, valid = [], []
     for k in range(0, theta.shape[0], size):
         trajectory = rollout(simulator, windows, theta[k : k + size], starts[k : k + size])
-        signals.append(simulator.read(trajectory)[..., list(windows.columns)])
+        signals.append(shown(simulator, windows, theta[k : k + size], starts[k : k + size], trajectory))
         needed = windows.observed.any(-1)
         valid.append((trajectory["valid"] | ~needed).all(-1))
     return torch.cat(signals), torch.cat(valid) & torch.isfinite(torch.cat(signals)).all(-1).all(-1)
@@ -49,19 +56,54 @@ def rollout(
     theta: Float[Tensor, "M P"],
     starts: Float[Tensor, "M W J2"],
 ) -> TensorDict:
-    """The trajectories themselves, batch size (M, W, K)."""
+    """The trajectories themselves, batch size (M, W, K). Starts are as the sensors show them; see :mod:`.sensing`."""
     M, W, K = theta.shape[0], windows.count, windows.rows
     simulator, unfolded = unfold(simulator, windows, theta)
     worlds = unfolded.reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
-    state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))
+    state = unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,)))
     hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
-    if windows.history.shape[1] and hidden:
-        past = _drive(simulator, worlds, state, windows.history, windows.history_enable, windows.step, M)
+    recalled = recall(simulator, windows, unfolded) if hidden else {}
+    rows = history_rows(simulator, windows, recalled) if hidden else 0
+    if rows:
+        before, enable = windows.history[:, -rows:], windows.history_enable[:, -rows:]
+        past = _drive(simulator, worlds, state, before, enable, windows.step, M)
         for key in hidden:
             state[key] = past[key][:, -1]
+    for key, value in recalled.items():
+        state["effects", key] = value
     during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
     return during.reshape(M, W, K)
+
+
+def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[str] = ()) -> int:
+    """Rows before each window that hidden states may remember which are not recalled; all there are without effects'.
+
+    Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
+    """
+    if any(key not in VISIBLE and key != "effects" for key in simulator.state.keys()):  # noqa: SIM118
+        return windows.history.shape[1]
+    rows = 0
+    for effect in (effect for effect in simulator.effects if effect.key not in recalled):
+        mine = math.ceil(effect.memory / windows.step)
+        rows = max(rows, min(mine, int(windows.first.max())) if effect.staged else mine)
+    return min(rows, windows.history.shape[1])
+
+
+def shown(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+    trajectory: TensorDict,
+) -> Float[Tensor, "M W K S"]:
+    """What the sensors show of :func:`rollout`'s trajectories, in the windows' order of signals."""
+    simulator, theta = unfold(simulator, windows, theta)
+    qpos, qvel = starts.chunk(2, dim=-1)
+    state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=starts.shape[:2])
+    times = windows.step * torch.arange(1, windows.rows + 1, dtype=theta.dtype, device=theta.device)
+    signals = sense(simulator, theta, unsense(simulator, theta, state), trajectory, times)
+    return signals[..., list(windows.columns)]
 
 
 def _drive(

@@ -166,6 +166,10 @@ class ScopedSimulator(Simulator):
         """Typical worlds; see :meth:`Simulator.rollout`."""
         return self.physics.rollout(self.typical(theta), state, inputs, times)
 
+    def recall(self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Typical worlds; see :meth:`Simulator.recall`."""
+        return self.physics.recall(self.typical(theta), motion, step)
+
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """See :meth:`Simulator.read`."""
         return self.physics.read(state)

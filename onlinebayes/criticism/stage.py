@@ -31,6 +31,8 @@ from onlinebayes.simulators.effects import Effect
 
 REFIT_BELOW = 0.1
 FEWEST_REFITS, MOST_REFITS = 2, 5
+GROSS = 4.0
+"""Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
 PROMISING = 0.4 * LEAST_FALL
 """To first order; what lowers the error by less will not lower it by what acceptance asks for."""
 
@@ -55,6 +57,25 @@ class Screened:
     promise: float
     confounded_with: tuple[str, ...]
     exclusion_limit: float | None
+
+
+@dataclass(frozen=True)
+class Survey:
+    """The current model with all candidates screened, before any is refitted.
+
+    Args:
+        current, windows: the model, and what it was fitted on.
+        blocks, slow: its blocks, and whether they are windows because its residual leaves too few.
+        scores: its cross-validation.
+        screened: the candidates, best first.
+    """
+
+    current: Fit
+    windows: Windows
+    blocks: Blocks
+    slow: bool
+    scores: CrossValidated
+    screened: tuple[Screened, ...]
 
 
 @dataclass(frozen=True)
@@ -98,31 +119,56 @@ def run_stage(
         say: takes one line of progress.
         thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
     """
-    correlation = correlation_of(current, windows)
-    blocks = make_blocks(windows, correlation, selection.folds)
-    if slow := blocks.count < FEWEST:
-        correlation, blocks = 0.0, make_blocks(windows, 0.0, selection.folds)
-    scores = cross_validate(current, windows, blocks)
-    screened = screen(current, windows, effects, flip_groups(windows, correlation))
-    leading = [s for s in screened if s.p_value is not None]
+    found = survey(current, windows, effects, selection.folds)
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
-    # A richer effect waits for the significant simpler one that it contains: it would fit as well by construction.
-    seen = {s.effect.key for s in leading if (s.p_value or 0.0) < selection.alpha}
-    leading = [s for s in leading if not seen & contained(s.effect)]
-    worth = [s for s in leading if (s.p_value or 0.0) < below and s.promise >= PROMISING]
-    refits = [s for k, s in enumerate(leading) if k < fewest or s in worth][:MOST_REFITS]
-    judged = []
+    leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
+    refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
+    return judged_stage(found, refits, numerics, selection, say)
+
+
+def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int | None) -> Survey:
+    """Screen all effects against the current model."""
+    correlation = correlation_of(current, windows)
+    blocks = make_blocks(windows, correlation, folds)
+    if slow := blocks.count < FEWEST:
+        correlation, blocks = 0.0, make_blocks(windows, 0.0, folds)
+    scores = cross_validate(current, windows, blocks)
+    return Survey(
+        current, windows, blocks, slow, scores, screen(current, windows, effects, flip_groups(windows, correlation))
+    )
+
+
+def _leading(found: Survey, alpha: float) -> list[Screened]:
+    """Those that may be refitted, best first.
+
+    A richer effect waits for the significant simpler one that it contains: it would fit as well by construction.
+    """
+    leading = [s for s in found.screened if s.p_value is not None]
+    seen = {s.effect.key for s in leading if (s.p_value or 0.0) < alpha}
+    return [s for s in leading if not seen & contained(s.effect)]
+
+
+def worth(found: Survey, alpha: float, below: float) -> list[Screened]:
+    """Those of p under ``below`` that promise to lower the error."""
+    return [s for s in _leading(found, alpha) if (s.p_value or 0.0) < below and s.promise >= PROMISING]
+
+
+def judged_stage(
+    found: Survey, refits: Sequence[Screened], numerics: Numerics, selection: Selection, say: Callable[[str], None]
+) -> Stage:
+    """The round in which these candidates are refitted and judged."""
+    judged: list[Judged] = []
     for candidate in refits:
         say(f"refitting with {candidate.effect.key}")
+        best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
-            fitted = refit(current, windows, candidate.effect, candidate.start)
+            fitted = refit(found.current, found.windows, candidate.effect, candidate.start, GROSS * best)
         except BadInput:  # it diverges from where screening would start it
             continue
-        found = judge(
-            candidate.effect, candidate.p_value or 0.0, fitted, scores, windows, blocks, numerics, selection.alpha
-        )
-        judged.append(_if_slow(found, windows, selection) if slow else found)
-    return Stage(current, windows, blocks, scores, screened, tuple(judged))
+        p = candidate.p_value or 0.0
+        one = judge(candidate.effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha)
+        judged.append(_if_slow(one, found.windows, selection) if found.slow else one)
+    return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
 
 
 def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
@@ -134,12 +180,12 @@ def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     return replace(judged, failed=(*judged.failed, slow), undecided=not judged.failed)
 
 
-def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float]) -> Fit:
-    """The current model with ``effect`` added, fitted to convergence from ``start``."""
+def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float = math.inf) -> Fit:
+    """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``."""
     simulator = current.simulator.with_effect(effect)
     own = [start[name] for name in effect_entries(current.simulator, effect).values()]
     theta = torch.cat([current.theta, current.theta.new_tensor(own)])
-    return fit(simulator, windows, theta, current.projected.weight, current.lin.starts)
+    return fit(simulator, windows, theta, current.projected.weight, current.lin.starts, hopeless)
 
 
 def screen(
@@ -177,11 +223,7 @@ def screen(
 def _sensitivities(
     current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
-    simulator = grown(current.simulator, effects)
-    neutral = grown_theta(current.simulator, current.theta, effects)
-    moved = torch.stack([grown_theta(current.simulator, current.theta, effects, trial) for trial in tried])
-    raw, valid = columns(simulator, windows, neutral, moved, current.lin.starts)
-    raw = raw * valid[:, None, None, None]
+    raw = _raw(current, windows, effects, tried)
     if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(windows.runs):
         raw, tried = _run_by_run(current.simulator, windows, effects, raw, tried)
     horizons = []
@@ -210,6 +252,28 @@ def _run_by_run(
 
 def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:
     return simulator.scope.owned(f"{effect.key}.{effect.parameters.names[0]}")
+
+
+def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]) -> Float[Tensor, "C W n S"]:
+    """How the binned replay moves under each trial; 0 where a world diverged.
+
+    Candidates are grown together in groups that cost the same: those that MuJoCo carries inside the engine, those that
+    make it walk timestep by timestep, and those whose hidden states remember equally long.
+    """
+    groups: dict[tuple[bool, float], list[int]] = {}
+    for k, effect in enumerate(effects):
+        groups.setdefault((effect.staged, effect.memory), []).append(k)
+    found: dict[int, Tensor] = {}
+    for members in groups.values():
+        group = [effects[k] for k in members]
+        mine = [i for i, trial in enumerate(tried) if trial.candidate in members]
+        simulator = grown(current.simulator, group)
+        neutral = grown_theta(current.simulator, current.theta, group)
+        moved = [replace(tried[i], candidate=members.index(tried[i].candidate)) for i in mine]
+        theta = torch.stack([grown_theta(current.simulator, current.theta, group, trial) for trial in moved])
+        raw, valid = columns(simulator, windows, neutral, theta, current.lin.starts)
+        found.update(zip(mine, raw * valid[:, None, None, None], strict=True))
+    return torch.stack([found[i] for i in range(len(tried))])
 
 
 def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:

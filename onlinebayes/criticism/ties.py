@@ -13,7 +13,7 @@ from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import Found, carried
-from onlinebayes.criticism.stage import blocks_for
+from onlinebayes.criticism.stage import GROSS, blocks_for
 from onlinebayes.criticism.verdict import tied
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -62,7 +62,8 @@ def _swapped(base: Simulator, found: Found, rivals: list[str], folds: int | None
             source = rival.fitted.simulator.parameters.index(address)
             theta[model.parameters.index(address)] = rival.fitted.theta[source]
         try:
-            fitted = fit(model, windows, theta, final.projected.weight)
+            beyond = GROSS * final.projected.objective
+            fitted = fit(model, windows, theta, final.projected.weight, hopeless=beyond)
         except BadInput:
             continue
         if tied(scores, cross_validate(fitted, windows, blocks), windows.bin_step):

@@ -17,12 +17,14 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.past import Past
 from onlinebayes.criticism.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 START_LOOSENESS = 20.0
+MEMORY = 20.0  # horizons before a window whose commands are kept for hidden states
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,8 @@ class Windows:
         bin_rows: rows averaged into one bin.
         run, first: number of the run and the grid row at which each window starts.
         command, enable: during the window.
-        history, history_enable: during the Q rows before it (the command of the run's first row where it began later).
+        history, history_enable: during the Q rows before it (the command of the run's first row, and actuators
+            off, where it began later).
         value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
         measured, inside: what was measured, still or not, and which rows lie within the run and before its next gap.
         start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
@@ -42,6 +45,7 @@ class Windows:
         noise: floor of each signal [SI].
         columns: the S signals' places among the simulator's signals.
         runs, begin: names of the runs, and the instants of their first rows [s].
+        pasts: how each of the runs moved before its windows; none where that is not at hand.
     """
 
     step: float
@@ -63,6 +67,7 @@ class Windows:
     columns: tuple[int, ...]
     runs: tuple[str, ...]
     begin: tuple[float, ...]
+    pasts: tuple[Past, ...] = ()
 
     @property
     def count(self) -> int:
@@ -211,6 +216,7 @@ def _gather(
         columns=tuple(simulator.signals.index(name) for name in names),
         runs=measurement.runs,
         begin=tuple(grid.start for grid in grids),
+        pasts=tuple(Past(measurement, grid, joint_names(simulator)) for grid in grids),
     )
 
 
@@ -248,7 +254,8 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
     begin, end = next(((a, b) for a, b in reversed(grid.pieces) if a <= first), (0, grid.rows))
     during = torch.arange(first, first + rows, device=grid.value.device)
     held = during.clamp_max(end)
-    before = torch.arange(first - history, first, device=grid.value.device).clamp_min(begin)
+    before = torch.arange(first - history, first, device=grid.value.device)
+    began, before = before >= 0, before.clamp_min(begin)
     after = during + 1
     inside = after <= end
     after = after.clamp_max(end)
@@ -256,7 +263,7 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
         grid.command[held],
         grid.enable[held],
         grid.command[before],
-        grid.enable[before],
+        grid.enable[before] * began[:, None].to(grid.enable),
         grid.value[after],
         grid.observed[after] & inside[:, None],
         inside,

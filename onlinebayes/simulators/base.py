@@ -65,9 +65,11 @@ class Simulator(ABC):
         return {}
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """What effects of one kind can act on, by name; joints and actuators unless a backend knows of more."""
+        """What effects of one kind can act on, by name; bodies and the world only where a backend knows of them."""
         if kind == "actuator":
             return self.commands
+        if kind == "signal":
+            return self.signals
         names = (name.removeprefix("qpos.") for name in self.signals if name.startswith("qpos."))
         return tuple(names) if kind == "joint" else ()
 
@@ -145,6 +147,22 @@ class Simulator(ABC):
             TensorDict of batch size (M, T): the keys of a state after each row, and ``"valid"`` (M, T), False from the
             row on in which a world diverged (its state is held there).
         """
+
+    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Hidden states of effects that follow from a known motion alone, no physics simulated.
+
+        Args:
+            theta: parameters of each world [SI].
+            motion: batch size (N, K): ``"qpos"`` and ``"qvel"`` in the middle of each row, ``"command"`` and,
+                optionally, ``"enable"`` that hold during it. Before the first row commands were what they are in it,
+                and the hidden states of force stages at rest.
+            step: length of a row [s].
+
+        Returns:
+            Key of the effect -> its hidden state before the first row and after each, batch size (N, K + 1); none by
+            default, and then criticism replays what came before a window.
+        """
+        return {}
 
     @abstractmethod
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:

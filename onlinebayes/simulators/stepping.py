@@ -1,6 +1,6 @@
 r"""One step of a mechanical system whose acceleration is given: actuators, effects, friction, integration.
 
-    tau = gears u' + effects(q, v),   v' = v + h a(q, v, tau),   v+ = v' with dry friction
+    tau = gears u' + effects(q, v, gears u'),   v' = v + h a(q, v, tau),   v+ = v' with dry friction
 
     semi-implicit   q+ = q + h v+        (MuJoCo's Euler; Gymnasium's Pendulum)
     explicit        q+ = q + h v         (Gymnasium's CartPole)
@@ -8,7 +8,7 @@ r"""One step of a mechanical system whose acceleration is given: actuators, effe
 | term                               | code                              |
 |------------------------------------|-----------------------------------|
 | u' = input stages of effects of u  | :meth:`Stepper._drive`            |
-| forces of effects                  | :meth:`Stepper._load`             |
+| forces of effects, their hidden states | :meth:`Stepper._act`          |
 | dry friction that sticks           | :meth:`Stepper._rub`, ``friction.stick`` |
 """
 
@@ -24,7 +24,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, Seen
 from onlinebayes.simulators.friction import stick
 
 Values = Mapping[str, Float[Tensor, " N"]]
@@ -60,6 +60,21 @@ class Actuator:
 
 
 @dataclass(frozen=True)
+class Drive:
+    """What the actuators do over some timesteps of a held command.
+
+    Args:
+        joints: generalised forces (J, N, steps) [N, N m].
+        forces: actuator -> its force before the gear, 0 while it is off (N, steps).
+        commands: actuator -> its command after the input stages (N, steps) [command units].
+    """
+
+    joints: Float[Tensor, "J N steps"]
+    forces: Mapping[str, Float[Tensor, "N steps"]]
+    commands: Mapping[str, Float[Tensor, "N steps"]]
+
+
+@dataclass(frozen=True)
 class Stepper:
     """Advances states of any number of worlds; holds none itself.
 
@@ -91,59 +106,135 @@ class Stepper:
         """``steps`` timesteps under one held command; gives new tensors and leaves the given ones alone."""
         if not steps:
             return q, v, hidden
-        drive, hidden = self._drive(values, hidden, command, enable, steps)
+        held = command[:, None].expand(-1, steps, -1)
+        drive, hidden = self._drive(values, hidden, held, None if enable is None else enable[:, None], self.timestep)
         h = self.timestep
         for k in range(steps):
-            tau = self._load(values, q, v, drive[..., k])
+            tau, bounds = self._act(values, q, v, hidden, drive, k)
             a = self.acceleration(values, q, v, tau)
-            new = self._rub(values, q, v, tau, a, torch.add(v, a, alpha=h))
+            new = self._rub(values, q, v, tau, a, torch.add(v, a, alpha=h), bounds)
             for i, joint in enumerate(self.joints):
                 if joint.max_speed < math.inf:
                     new[i].clamp_(-joint.max_speed, joint.max_speed)
             q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
         return q, v, hidden
 
+    def recall(
+        self,
+        values: Values,
+        q: Float[Tensor, "J N K"],
+        v: Float[Tensor, "J N K"],
+        command: Float[Tensor, "N K U"],
+        enable: Tensor | None,
+        step: float,
+    ) -> Hidden:
+        """Hidden states of the force stages before and after each row of a motion; see ``Simulator.recall``."""
+        rests = {effect.key: effect.rest(len(command), step, command) for effect in self.effects}
+        settling = math.ceil(max((e.memory for e in self.effects if e.has_command), default=0.0) / step)
+        before = command[:, :1].expand(-1, settling, -1)
+        stages = {key: rest for key, rest in rests.items() if rest is not None}
+        if settling:
+            _, stages = self._drive(values, stages, before, None, step)
+        drive, _ = self._drive(values, stages, command, enable, step)
+        found: Hidden = {}
+        for effect in self.effects:
+            rest = rests[effect.key]
+            if rest is None or not effect.has_force or effect.has_command:
+                continue
+            _, _, seen = self._see(effect, values, q, v, rest, drive, slice(None), step)
+            after = effect.along(_own(effect, values), seen)
+            if after is not None:
+                found[effect.key] = TensorDict.cat([rest[:, None], after], dim=1)
+        return found
+
     def _drive(
-        self, values: Values, hidden: Hidden, command: Tensor, enable: Tensor | None, steps: int
-    ) -> tuple[Tensor, Hidden]:
-        """Generalised forces of the actuators on each of ``steps`` timesteps (J, N, steps)."""
+        self, values: Values, hidden: Hidden, command: Tensor, enable: Tensor | None, timestep: float
+    ) -> tuple[Drive, Hidden]:
+        """What the actuators do on each of the steps of ``command`` (N, steps, U), and the hidden states after them.
+
+        ``enable`` has a row for each step, or one for all.
+        """
         hidden = dict(hidden)
         total: dict[str, Tensor] = {}
+        forces, commands = {}, {}
         for column, actuator in enumerate(self.actuators):
-            u = command[:, column]
+            u = command[..., column]
             if actuator.limit < math.inf:
                 u = u.clamp(-actuator.limit, actuator.limit)
-            u = u[:, None].expand(-1, steps)
             for effect in self.effects:
                 if effect.has_command and effect.target == actuator.name:
-                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, self.timestep)
+                    u, after = effect.command(_own(effect, values), hidden.get(effect.key), u, timestep)
                     if after is not None:
                         hidden[effect.key] = after
-            u = u * (values[actuator.gear][:, None] if isinstance(actuator.gear, str) else actuator.gear)
+            commands[actuator.name] = forces[actuator.name] = u
             if enable is not None:
-                u = u * enable[:, column, None].to(u)
-            total[actuator.joint] = total[actuator.joint] + u if actuator.joint in total else u
-        none = command.new_zeros(()).expand(len(command), steps)
-        return torch.stack([total.get(joint.name, none) for joint in self.joints]), hidden
+                forces[actuator.name] = u * enable[..., column].to(u)
+            gear = self._gear(values, actuator)
+            force = u * (gear[:, None] if isinstance(gear, Tensor) else gear)
+            if enable is not None:
+                force = force * enable[..., column].to(u)
+            total[actuator.joint] = total[actuator.joint] + force if actuator.joint in total else force
+        none = command.new_zeros(()).expand(command.shape[:2])
+        joints = torch.stack([total.get(joint.name, none) for joint in self.joints])
+        return Drive(joints, forces, commands), hidden
 
-    def _load(self, values: Values, q: Tensor, v: Tensor, drive: Tensor) -> Tensor:
-        """The actuators' forces and those of the effects (J, N)."""
-        if not self.effects:
-            return drive
-        tau = list(drive.unbind(0))
-        for effect, i in self._on_joints():
-            force = effect.force(_own(effect, values), q[i], v[i])
-            if force is not None:
-                tau[i] = tau[i] + force
-        return torch.stack(tau)
+    def _act(
+        self, values: Values, q: Tensor, v: Tensor, hidden: Hidden, drive: Drive, k: int
+    ) -> tuple[Tensor, dict[int, Tensor]]:
+        """Forces of actuators and effects (J, N), and the bound of the dry friction at each joint that has some.
 
-    def _rub(self, values: Values, q: Tensor, v: Tensor, tau: Tensor, a: Tensor, free: Tensor) -> Tensor:
-        """Velocities after the step (J, N), from the acceleration and the velocities without dry friction."""
+        Hidden states are moved on to the end of the step, in place of those in ``hidden``.
+        """
+        tau = list(drive.joints[..., k].unbind(0))
         bounds: dict[int, Tensor] = {}
-        for effect, i in self._on_joints():
-            bound = effect.friction_bound(_own(effect, values))
+        acting = [effect for effect in self.effects if effect.has_force]
+        if not acting:
+            return drive.joints[..., k], bounds
+        for effect in acting:
+            own = _own(effect, values)
+            i, gear, seen = self._see(effect, values, q, v, hidden.get(effect.key), drive, k, self.timestep)
+            force, bound, after = effect.force(own, seen), effect.friction_bound(own, seen), effect.advance(own, seen)
+            if force is not None:
+                tau[i] = tau[i] + (force if gear is None else force * gear)
             if bound is not None:
                 bounds[i] = bounds[i] + bound if i in bounds else bound
+            if after is not None:
+                hidden[effect.key] = after
+        return torch.stack(tau), bounds
+
+    def _see(
+        self,
+        effect: Effect,
+        values: Values,
+        q: Tensor,
+        v: Tensor,
+        hidden: TensorDict | None,
+        drive: Drive,
+        k: int | slice,
+        timestep: float,
+    ) -> tuple[int, Tensor | float | None, Seen]:
+        """The joint on which the effect acts, the gear between (None at the joint itself), and what it sees."""
+        rows = {joint.name: i for i, joint in enumerate(self.joints)}
+        if effect.target_kind == "actuator":
+            actuator = next(actuator for actuator in self.actuators if actuator.name == effect.target)
+            i, gear = rows[actuator.joint], self._gear(values, actuator)
+            force, command = drive.forces[actuator.name][:, k], drive.commands[actuator.name][:, k]
+            return i, gear, Seen(q[i], v[i], force, command, hidden, timestep)
+        i = rows[effect.target]
+        command = torch.zeros_like(q[i])
+        for actuator in self.actuators:
+            if actuator.joint == effect.target:
+                command = command + drive.commands[actuator.name][:, k]
+        return i, None, Seen(q[i], v[i], drive.joints[i, :, k], command, hidden, timestep)
+
+    @staticmethod
+    def _gear(values: Values, actuator: Actuator) -> Tensor | float:
+        return values[actuator.gear] if isinstance(actuator.gear, str) else actuator.gear
+
+    def _rub(
+        self, values: Values, q: Tensor, v: Tensor, tau: Tensor, a: Tensor, free: Tensor, bounds: dict[int, Tensor]
+    ) -> Tensor:
+        """Velocities after the step (J, N), from the acceleration and the velocities without dry friction."""
         if not bounds:
             return free
         columns = []
@@ -154,10 +245,6 @@ class Stepper:
             columns.append(self.acceleration(values, q, v, tau + unit) - a)
         impulse = torch.stack([bound * self.timestep for bound in bounds.values()])
         return stick(free, torch.stack(columns, dim=1), impulse, list(bounds))
-
-    def _on_joints(self) -> list[tuple[Effect, int]]:
-        rows = {joint.name: i for i, joint in enumerate(self.joints)}
-        return [(effect, rows[effect.target]) for effect in self.effects if effect.target_kind == "joint"]
 
 
 def diverged(q: Float[Tensor, "J N"], v: Float[Tensor, "J N"]) -> Bool[Tensor, " N"]:

@@ -196,14 +196,26 @@ class TorchSimulator(Simulator):
             rows.append(self._state(q, v, hidden).set("valid", valid))
         return torch.stack(rows, dim=1)
 
+    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
+        q, v, command = (
+            motion.get(key).to(dtype=self.dtype, device=self.device) for key in ("qpos", "qvel", "command")
+        )
+        values = self._name(self._rows(theta))
+        return self._stepper.recall(
+            values, q.movedim(-1, 0), v.movedim(-1, 0), command, motion.get("enable", None), step
+        )
+
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities."""
         return torch.cat((state.get("qpos"), state.get("qvel")), dim=-1)
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        if effect.target_kind not in ("joint", "actuator"):
-            raise BadInput(f"{effect.key} has no form in torch", "a torch system has joints and actuators only")
+        if effect.target_kind not in ("joint", "actuator", "signal"):
+            raise BadInput(
+                f"{effect.key} has no form in torch", "a torch system has joints, actuators and signals only"
+            )
         known = self.targets(effect.target_kind)
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
@@ -212,8 +224,7 @@ class TorchSimulator(Simulator):
             )
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
-        kind = type(effect)
-        if not effect.has_command and kind.force is Effect.force and kind.friction_bound is Effect.friction_bound:
+        if not effect.has_command and not effect.has_force and effect.target_kind != "signal":
             raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")
         grown = copy.copy(self)
         grown.effects = (*self.effects, effect)

@@ -1,5 +1,7 @@
 """Which candidates are offered, and within which bounds."""
 
+from dataclasses import replace
+
 import pytest
 
 from onlinebayes.criticism.acceptance import contained
@@ -7,7 +9,7 @@ from onlinebayes.criticism.candidates import propose, target_scales, trials
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import ActuatorSaturation, AsymmetricFriction
+from onlinebayes.simulators.effects import ActuatorSaturation, AsymmetricFriction, StribeckFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, measure, model
 
@@ -20,7 +22,7 @@ def windows() -> Windows:
 def test_an_axis_is_a_candidate_of_its_own(windows: Windows) -> None:
     keys = [effect.key for effect in propose(model(), windows)]
     assert [key for key in keys if key.startswith("com_offset")] == [f"com_offset@cart.{axis}" for axis in "xyz"]
-    assert len(keys) == len(set(keys)) == 18
+    assert len(keys) == len(set(keys)) == 25
     (whole,) = propose(model(), windows, ["com_offset@cart"])
     assert whole.parameters.names == ("x", "y", "z")
 
@@ -41,6 +43,25 @@ def test_what_makes_no_sense_is_not_offered(windows: Windows) -> None:
         propose(hinged, windows, ["payload@wall"])
 
 
+def test_sensors_are_candidates_at_the_measured_signals(windows: Windows) -> None:
+    keys = {effect.key for effect in propose(model(), windows)}
+    assert {"sensor_bias@qpos.rail", "sensor_scale@qpos.rail", "sensor_delay@qpos.rail"} <= keys
+    assert not any(key.endswith("@qvel.rail") for key in keys)
+    with pytest.raises(BadInput, match=r"no signal 'qvel\.rail'"):
+        propose(model(), windows, ["sensor_bias@qvel.rail"])
+
+
+def test_a_name_alone_is_tried_where_the_simulator_can_have_it(windows: Windows) -> None:
+    slow = '<general name="slow" joint="rail" dyntype="filter" dynprm="0.1"/>'
+    two = MujocoSimulator(SLIDE.replace("</actuator>", f"{slow}</actuator>"), FREE)
+    driven = ("command", "enable", "history", "history_enable")
+    both = replace(windows, **{name: getattr(windows, name).expand(-1, -1, 2) for name in driven})
+    assert [effect.key for effect in propose(two, both, ["thermal_derating"])] == ["thermal_derating@motor"]
+    (asked,) = propose(two, both, ["thermal_derating@slow"])
+    with pytest.raises(BadInput, match="not linear"):
+        two.with_effect(asked)
+
+
 def test_bounds_come_from_the_target(windows: Windows) -> None:
     (payload,) = propose(model(), windows, ["payload"])
     assert payload.parameters["mass"].high == pytest.approx(2 * 2.0)
@@ -57,5 +78,7 @@ def test_a_limit_is_tried_from_no_limit_downwards() -> None:
 
 
 def test_what_a_richer_effect_contains() -> None:
+    force, speed = Parameter(0.0, 1.0), Parameter(0.1, 1.0)
+    assert contained(StribeckFriction("rail", force, force, speed)) == {"dry_friction@rail"}
     friction = AsymmetricFriction("rail", Parameter(0.0, 1.0), Parameter(0.0, 1.0))
     assert contained(friction) == {"dry_friction@rail"}

@@ -14,6 +14,7 @@ from onlinebayes.simulators.effects import (
     DryFriction,
     Effect,
     JointStiffness,
+    LoadDependentFriction,
     QuadraticDrag,
 )
 from tests.criticism.report.synthetic import SIGNAL, Unmoved
@@ -31,6 +32,7 @@ def test_each_law_is_its_own() -> None:
         QuadraticDrag("carriage", Parameter(0, 10, "N s2/m2")),
         JointStiffness("carriage", Parameter(0, 100, "N/m"), Parameter(-1, 1, "m")),
         ActuatorGain("motor", Parameter(-0.5, 0.5)),
+        LoadDependentFriction("carriage", Parameter(0, 1)),  # a replay does not hold the load
     )
     sizes = {"dry_friction@carriage.frictionloss": 20.0, "constant_load@carriage.load": 3.0}
     sizes |= {"quadratic_drag@carriage.drag": 2.0, "joint_stiffness@carriage.stiffness": 5.0}

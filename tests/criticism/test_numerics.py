@@ -21,6 +21,8 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, measure, model
 
 EULER = SLIDE.replace('integrator="RK4"', 'integrator="Euler"')
+SHIFTS = ["dry_friction", "constant_load", "actuator_lag", "actuator_delay", "sensor_delay"]
+"""What an integrator's shift in time could pass for, and what it could not."""
 
 
 class OneIntegrator(MujocoSimulator):
@@ -59,14 +61,14 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
 
 def test_an_integrator_that_stays_too_coarse_names_nothing() -> None:
     # At a noise of 0.1 mm not even a sixteenth of the step brings Euler's error below a tenth of it.
-    result = refine(OneIntegrator(EULER, FREE, threads=1), measure(runs=8))
+    result = refine(OneIntegrator(EULER, FREE, threads=1), measure(runs=8), candidates=SHIFTS)
     assert not result.numerics.sufficient
     assert result.accepted == ()
     assert any("numerics" in note for note in result.notes)
 
 
 def test_a_model_integrated_by_euler_is_judged_by_runge_kutta_and_says_so() -> None:
-    result = refine(MujocoSimulator(EULER, FREE, threads=1), measure(runs=8))
+    result = refine(MujocoSimulator(EULER, FREE, threads=1), measure(runs=8), candidates=SHIFTS)
     assert (result.verdict, result.accepted) == ("adequate", ())
     assert result.numerics.timestep == pytest.approx(0.01)
     assert any("Runge-Kutta" in note for note in result.notes)

@@ -8,6 +8,7 @@ import torch
 from onlinebayes.criticism import Scope, compare, refine
 from onlinebayes.criticism.blocks import leave_one_out, make_blocks
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.own import held_out_model, lent
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.scoped import ScopedSimulator, effect_entries, scoped
@@ -17,7 +18,7 @@ from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import ConstantLoad, DryFriction
+from onlinebayes.simulators.effects import ConstantLoad, DryFriction, SensorBias
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.testing import check_simulator
 from tests.criticism.rigs import FREE, SLIDE, TRUTH, measure, model
@@ -93,6 +94,22 @@ def test_every_window_is_replayed_with_its_own_theta(loaded) -> None:
         theta = phi.new_tensor([[mass, TRUTH[1]]])
         alone, _ = replay(model(), mine, theta, mine.start[None])
         assert torch.equal(together[:, windows.run == r], alone)
+
+
+def test_sensors_of_every_run_show_what_its_own_theta_says(loaded) -> None:
+    bias = SensorBias("qpos.rail", Parameter(-1.0, 1.0, "m"))
+    physics = model().with_effect(bias)
+    simulator = ScopedSimulator(physics, Scope((bias.key,)), loaded.runs)
+    windows = make_windows(physics, loaded, 1.0)
+    own = torch.linspace(-0.5, 0.5, len(loaded.runs), dtype=torch.float64)
+    phi = torch.cat([torch.tensor(TRUTH).double(), own])
+    shown, _ = replay(simulator, windows, phi[None], windows.start[None])
+    for r in range(len(loaded.runs)):
+        mine = windows.select((windows.run == r).nonzero()[:, 0])
+        alone, _ = replay(physics, mine, torch.cat([phi[:2], own[r : r + 1]])[None], mine.start[None])
+        torch.testing.assert_close(shown[:, windows.run == r], alone, rtol=0, atol=1e-12)
+    (first, *_) = replay_runs(simulator, windows, phi, held_out=False)
+    torch.testing.assert_close(first.simulated, shown[0, windows.run == 0].flatten(0, 1)[: len(first.time)])
 
 
 def test_own_sensitivities_are_those_of_the_shared_parameter_in_their_windows(loaded) -> None:

@@ -21,6 +21,7 @@ from onlinebayes.simulators.effects import (
     JointStiffness,
     QuadraticDrag,
     Scales,
+    Seen,
     ViscousFriction,
 )
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -33,7 +34,7 @@ ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4, output=2
 
 def _effects() -> list[Effect]:
     # The arm is planar: the centre of mass moves along one axis that matters.
-    places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world"}
+    places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world", "signal": "qpos.elbow"}
     return [cls.scaled("fore.x" if cls is ComOffset else places[cls.target_kind], ELBOW) for cls in EFFECTS.values()]
 
 
@@ -47,15 +48,23 @@ def _roll(
     return simulator.rollout(torch.tensor([theta], dtype=torch.float64), state, inputs, times)[0]
 
 
+def _seen(q: float, v: float, drive: float = 0.0) -> Seen:
+    q, v, drive = (torch.tensor([x], dtype=torch.float64) for x in (q, v, drive))
+    return Seen(q, v, drive, torch.zeros_like(q), None, H)
+
+
 def test_the_registry_holds_the_contracts_names() -> None:
     assert tuple(EFFECTS) == (
         "viscous_friction",
         "dry_friction",
+        "stribeck_friction",
+        "load_dependent_friction",
         "asymmetric_friction",
         "quadratic_drag",
         "joint_stiffness",
         "cubic_stiffness",
         "constant_load",
+        "cogging",
         "armature",
         "payload",
         "com_offset",
@@ -66,6 +75,10 @@ def test_the_registry_holds_the_contracts_names() -> None:
         "actuator_dead_zone",
         "actuator_saturation",
         "back_emf",
+        "thermal_derating",
+        "sensor_bias",
+        "sensor_scale",
+        "sensor_delay",
     )
     assert all(cls.name == name for name, cls in EFFECTS.items())
 
@@ -109,7 +122,7 @@ def test_laws_of_forces_on_both_backends(effect: Effect, theta: list[float], law
         after = _roll(simulator, theta, torch.zeros(1), q, v)
         acceleration = (float(after["qvel"][0, 0]) - v) / simulator.timestep
         assert acceleration == pytest.approx(law(q, v) / MASS, rel=1e-4, abs=1e-9)
-        force = effect.force(named, torch.tensor([q]).double(), torch.tensor([v]).double())
+        force = effect.force(named, _seen(q, v))
         assert float(force) == pytest.approx(law(q, v))
 
 

@@ -9,7 +9,15 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import EFFECTS, ActuatorDeadZone, ActuatorDelay, ActuatorLag, Scales
+from onlinebayes.simulators.effects import (
+    EFFECTS,
+    ActuatorDeadZone,
+    ActuatorDelay,
+    ActuatorLag,
+    Cogging,
+    Scales,
+    SensorBias,
+)
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.simulators.models import ARM, SLIDE
 from tests.simulators.test_mujoco import ARM_SPACE
@@ -57,7 +65,8 @@ def test_plain_mujoco_replays_the_file_alike(seed: int) -> None:
     elbow = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4)
     places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world"}
     for cls in EFFECTS.values():
-        if cls not in (ActuatorLag, ActuatorDeadZone):  # input stages that MuJoCo has not
+        # Input stages that MuJoCo has not, force stages and sensors have no place in the file.
+        if cls.fields or (cls.has_command and cls not in (ActuatorLag, ActuatorDeadZone)):
             simulator = simulator.with_effect(cls.scaled(places[cls.target_kind], elbow))
     theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
     # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.
@@ -66,6 +75,13 @@ def test_plain_mujoco_replays_the_file_alike(seed: int) -> None:
     model = mujoco.MjModel.from_xml_string(simulator.export_xml(theta))
     assert np.abs(_plain(model, command) - _rolled(simulator, theta, command)).max() < 1e-9
     assert np.abs(_plain(simulator.export(theta).compile(), command) - _plain(model, command)).max() < 1e-9
+
+
+def test_force_stages_and_sensors_are_foreign() -> None:
+    scales = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05)
+    simulator = MujocoSimulator(ARM).with_effect(Cogging.scaled("elbow", scales))
+    simulator = simulator.with_effect(SensorBias.scaled("qpos.elbow", scales))
+    assert simulator.foreign(simulator.nominal) == ("cogging@elbow", "sensor_bias@qpos.elbow")
 
 
 def test_each_parameter_arrives_in_the_file() -> None:

@@ -8,15 +8,22 @@ from onlinebayes.simulators.effects.actuator_saturation import ActuatorSaturatio
 from onlinebayes.simulators.effects.armature import Armature
 from onlinebayes.simulators.effects.asymmetric_friction import AsymmetricFriction
 from onlinebayes.simulators.effects.back_emf import BackEmf
-from onlinebayes.simulators.effects.base import Effect, Scales, TargetKind
+from onlinebayes.simulators.effects.base import Effect, Reading, Scales, Seen, TargetKind
+from onlinebayes.simulators.effects.cogging import Cogging
 from onlinebayes.simulators.effects.com_offset import ComOffset
 from onlinebayes.simulators.effects.constant_load import ConstantLoad
 from onlinebayes.simulators.effects.cubic_stiffness import CubicStiffness
 from onlinebayes.simulators.effects.dry_friction import DryFriction
 from onlinebayes.simulators.effects.gravity_tilt import GravityTilt
 from onlinebayes.simulators.effects.joint_stiffness import JointStiffness
+from onlinebayes.simulators.effects.load_dependent_friction import LoadDependentFriction
 from onlinebayes.simulators.effects.payload import Payload
 from onlinebayes.simulators.effects.quadratic_drag import QuadraticDrag
+from onlinebayes.simulators.effects.sensor_bias import SensorBias
+from onlinebayes.simulators.effects.sensor_delay import SensorDelay
+from onlinebayes.simulators.effects.sensor_scale import SensorScale
+from onlinebayes.simulators.effects.stribeck_friction import StribeckFriction
+from onlinebayes.simulators.effects.thermal_derating import ThermalDerating
 from onlinebayes.simulators.effects.viscous_friction import ViscousFriction
 
 EFFECTS: dict[str, type[Effect]] = {
@@ -24,11 +31,14 @@ EFFECTS: dict[str, type[Effect]] = {
     for effect in (
         ViscousFriction,
         DryFriction,
+        StribeckFriction,
+        LoadDependentFriction,
         AsymmetricFriction,
         QuadraticDrag,
         JointStiffness,
         CubicStiffness,
         ConstantLoad,
+        Cogging,
         Armature,
         Payload,
         ComOffset,
@@ -39,6 +49,10 @@ EFFECTS: dict[str, type[Effect]] = {
         ActuatorDeadZone,
         ActuatorSaturation,
         BackEmf,
+        ThermalDerating,
+        SensorBias,
+        SensorScale,
+        SensorDelay,
     )
 }
 """Every known effect by the contract's name; a module of one's own adds to it."""
@@ -53,6 +67,7 @@ __all__ = [
     "Armature",
     "AsymmetricFriction",
     "BackEmf",
+    "Cogging",
     "ComOffset",
     "ConstantLoad",
     "CubicStiffness",
@@ -60,9 +75,17 @@ __all__ = [
     "Effect",
     "GravityTilt",
     "JointStiffness",
+    "LoadDependentFriction",
     "Payload",
     "QuadraticDrag",
+    "Reading",
     "Scales",
+    "Seen",
+    "SensorBias",
+    "SensorDelay",
+    "SensorScale",
+    "StribeckFriction",
     "TargetKind",
+    "ThermalDerating",
     "ViscousFriction",
 ]

@@ -65,6 +65,11 @@ class ActuatorDelay(Effect):
         low, width = self.delay.low, self.delay.high - self.delay.low
         return tuple({"delay": low + part * width} for part in (0.1, 0.4))
 
+    @property
+    def memory(self) -> float:
+        """The longest delay [s]."""
+        return self.delay.high
+
     def length(self, timestep: float) -> int:
         """L, the number of past commands that the longest delay can reach."""
         return math.ceil(self.delay.high / timestep - 1e-9) + 1

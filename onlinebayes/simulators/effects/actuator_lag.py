@@ -64,6 +64,11 @@ class ActuatorLag(Effect):
         low, width = self.time_constant.low, self.time_constant.high - self.time_constant.low
         return tuple({"time_constant": low + part * width} for part in (0.1, 0.4))
 
+    @property
+    def memory(self) -> float:
+        """Seven of the longest time constants [s], after which a thousandth is left."""
+        return 7 * self.time_constant.high
+
     def rest(self, worlds: int, timestep: float, like: Tensor) -> TensorDict:
         """No command before the run began."""
         lagged = torch.zeros(worlds, dtype=like.dtype, device=like.device)

@@ -21,10 +21,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.constant_load import add_load_actuator
 from onlinebayes.simulators.effects.dry_friction import add_friction
+from onlinebayes.simulators.effects.sticking import FIELDS
 
 
 @dataclass(frozen=True)
@@ -42,7 +43,7 @@ class AsymmetricFriction(Effect):
     frictionloss_negative: Parameter
     name = "asymmetric_friction"
     target_kind = "joint"
-    fields = ("dof_frictionloss", "dof_solimp", "dof_solref", "actuator_biasprm")
+    fields = (*FIELDS, "actuator_biasprm")
     contains = ("dry_friction",)
 
     def __post_init__(self) -> None:
@@ -92,12 +93,10 @@ class AsymmetricFriction(Effect):
         add_friction(model, fields, self.target, (plus + minus) / 2)
         fields["actuator_biasprm"][:, int(model.actuator(self.key).id), 0] = (minus - plus) / 2
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"]:
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """L [N, N m]."""
         return (parameters["frictionloss_negative"] - parameters["frictionloss_positive"]) / 2
 
-    def friction_bound(self, parameters: Mapping[str, Tensor]) -> Float[Tensor, " N"]:
+    def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """F [N, N m]."""
         return (parameters["frictionloss_negative"] + parameters["frictionloss_positive"]) / 2

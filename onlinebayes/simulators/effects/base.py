@@ -8,10 +8,11 @@ An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parame
 | hook                          | backend | what it does                                                          |
 |-------------------------------|---------|-----------------------------------------------------------------------|
 | ``edit`` + ``fields``/``write`` | MuJoCo | structure before compiling; per-world fields of the compiled model     |
-| ``force``, ``friction_bound`` | torch   | generalised force; bound of a dry friction that the solver makes stick |
-| ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state (MuJoCo: where ``fields`` is empty) |
+| ``force``, ``friction_bound``, ``advance`` | both | force stage: a force, a dry friction's bound, hidden state |
+| ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state                              |
+| ``sense``, ``unsense``        | both    | what a sensor shows of the motion, and the state behind what it showed |
 
-On MuJoCo an effect with ``fields`` is carried natively and its ``command`` is not called.
+On MuJoCo an effect with ``fields`` is carried natively: its ``command`` and its force stage are not called there.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 
-TargetKind = Literal["joint", "actuator", "body", "world"]
+TargetKind = Literal["joint", "actuator", "body", "world", "signal"]
 """What an effect acts on; a world has one target, ``"world"``."""
 
 
@@ -60,15 +61,56 @@ class Scales:
     output: float = 1.0
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What an effect sees of every world at the start of an integration step, where it acts; (N, K) of K rows at once.
+
+    Args:
+        q: position of the joint; of an actuator, of the joint that it drives (N,) [m, rad].
+        v: its velocity (N,) [m/s, rad/s].
+        drive: f, generalised force of the joint's actuators (N,) [N, N m]; of an actuator, its own force before the
+            gear [N, N m at its transmission]. Limits and switched-off actuators are in it. On MuJoCo zero unless the
+            effect says that it ``needs_drive``.
+        command: u, the command after the input stages, summed over a joint's actuators (N,) [command units].
+        hidden: the effect's own hidden state, see :meth:`Effect.rest`.
+        timestep: length h of the step [s].
+    """
+
+    q: Float[Tensor, "*batch"]
+    v: Float[Tensor, "*batch"]
+    drive: Float[Tensor, "*batch"]
+    command: Float[Tensor, "*batch"]
+    hidden: TensorDict | None
+    timestep: float
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One signal of a trajectory as a perfect sensor gives it.
+
+    Args:
+        value: at the instants (*batch, T) [SI].
+        start: at the trajectory's start (*batch,) [SI].
+        slope: its rate of change there, where the state tells it (positions: the velocity), else 0 (*batch,).
+        times: instants since the start (T,) [s].
+    """
+
+    value: Float[Tensor, "*batch T"]
+    start: Float[Tensor, "*batch"]
+    slope: Float[Tensor, "*batch"]
+    times: Float[Tensor, " T"]
+
+
 class Effect(ABC):
     """A named physical term at one target; subclasses are frozen dataclasses whose fields are target and Parameters.
 
     Attributes:
         name: the contract's name, e.g. ``"dry_friction"``.
         target_kind: what ``target`` names.
-        target: name of the joint, actuator or body; ``"world"`` for what acts on all.
+        target: name of the joint, actuator, body or signal; ``"world"`` for what acts on all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
+        needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
@@ -78,6 +120,7 @@ class Effect(ABC):
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
+    needs_drive: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 
@@ -111,6 +154,16 @@ class Effect(ABC):
         """Finite values from which screening also starts, for what is not small-signal linear; none by default."""
         return ()
 
+    @property
+    def staged(self) -> bool:
+        """Whether MuJoCo carries it between the engine's timesteps, which are then walked one by one."""
+        return self.has_force and not self.fields
+
+    @property
+    def memory(self) -> float:
+        """How long what has happened acts on through the hidden state [s]; 0 without one."""
+        return 0.0
+
     # --- MuJoCo -------------------------------------------------------------------------------------------------
 
     def edit(self, spec: mujoco.MjSpec) -> None:
@@ -127,19 +180,62 @@ class Effect(ABC):
             parameters: short name -> values (N,) [SI].
         """
 
-    # --- torch --------------------------------------------------------------------------------------------------
+    # --- the force stage ----------------------------------------------------------------------------------------
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"] | None:
-        """Generalised force on the target joint [N, N m], or None where the effect has none."""
+    @property
+    def has_force(self) -> bool:
+        """Whether the effect has a force stage."""
+        return type(self).force is not Effect.force or self.rubs
+
+    @property
+    def rubs(self) -> bool:
+        """Whether its force stage bounds a dry friction."""
+        return type(self).friction_bound is not Effect.friction_bound
+
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
+        """What is added to the generalised force of the target joint, or to the target actuator's own force [N, N m].
+
+        It is evaluated at the start of a step and held over it; None where the effect has none.
+        """
         return None
 
-    def friction_bound(self, parameters: Mapping[str, Tensor]) -> Float[Tensor, " N"] | None:
+    def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
         """Bound F >= 0 of a Coulomb force on the target joint [N, N m], which the solver makes stick, or None."""
         return None
 
-    # --- both ---------------------------------------------------------------------------------------------------
+    def advance(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict | None:
+        """The hidden state after the step; it stays by default."""
+        return seen.hidden
+
+    def along(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict | None:
+        """The hidden state after each of K rows of a known motion, batch size (N, K).
+
+        Args:
+            parameters: short name -> values (N,).
+            seen: what :meth:`advance` would see row by row, (N, K); its hidden state is that before the first row.
+
+        An effect whose states are at hand all together says so; by default the rows are walked through one by one.
+        """
+        states, hidden = [], seen.hidden
+        for k in range(seen.q.shape[1]):
+            row = Seen(seen.q[:, k], seen.v[:, k], seen.drive[:, k], seen.command[:, k], hidden, seen.timestep)
+            hidden = self.advance(parameters, row)
+            states.append(hidden)
+        return None if hidden is None else TensorDict.stack(states, dim=1)
+
+    # --- sensors ------------------------------------------------------------------------------------------------
+
+    def sense(self, parameters: Mapping[str, Tensor], reading: Reading) -> Float[Tensor, "*batch T"]:
+        """What the sensor shows of the target signal; parameters have shape (*batch,) [SI]."""
+        return reading.value
+
+    def unsense(
+        self, parameters: Mapping[str, Tensor], q: Float[Tensor, "*batch"], v: Float[Tensor, "*batch"]
+    ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch"]]:
+        """The joint's position and velocity behind those that the sensor of its position shows."""
+        return q, v
+
+    # --- hidden state and input stage ---------------------------------------------------------------------------
 
     def rest(self, worlds: int, timestep: float, like: Tensor) -> TensorDict | None:
         """The hidden state before anything has happened, batch size (worlds,), or None for an effect without one."""

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit
 
 
@@ -59,9 +59,7 @@ class ConstantLoad(Effect):
         """``actuator_biasprm[0] = L`` of the effect's own actuator."""
         fields["actuator_biasprm"][:, int(model.actuator(self.key).id), 0] = parameters["load"]
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"]:
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """L [N, N m]."""
         return parameters["load"]
 

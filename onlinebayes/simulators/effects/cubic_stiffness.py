@@ -17,7 +17,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
 
@@ -85,9 +85,7 @@ class CubicStiffness(Effect):
         # In MJCF a springlength of exactly -1 means "the length at qpos0".
         fields["tendon_lengthspring"][:, i] = np.where(rest == -1.0, np.nextafter(-1.0, 0.0), rest)[:, None]
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"]:
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-k3 (q - q0)^3 [N, N m]."""
-        x = q - parameters["springref"]
+        x = seen.q - parameters["springref"]
         return -parameters["stiffness3"] * x * x * x

@@ -1,15 +1,7 @@
 """Dry (Coulomb) friction of a joint: -F sign(v) in motion, up to F at rest, carried by MuJoCo as ``dof_frictionloss``.
 
-MuJoCo's friction constraint is soft: it asks for the acceleration -b v, where Coulomb asks for v = 0 at once, so that
-under another torque tau it changes sign while v is still tau / (I b): the friction acts as -F sign(v(t + 1 / b)). With
-the defaults 1 / b is 10 ms, which a fit takes for a spring. A joint that should stick creeps at
-
-    v = (1 - d) / d * (tau / I) / b,                d the constraint's impedance,
-
-with the defaults (d = .9) 1e-3 s times the acceleration that the load would cause, which a fit takes for viscous slip.
-The effect therefore sets ``solimp_friction`` to MuJoCo's largest impedance, .9999, and ``solref_friction`` to the
-largest b that the integrator bears: 1 / timestep for a first-order one (v is zero after one step), 2 / timestep for
-RK4 (its limit is 2.8). It does so only in worlds where it adds friction: at F = 0 nothing changes.
+The solver's friction is made hard (see :mod:`.sticking`) only in worlds where the effect adds some: at F = 0 nothing
+changes.
 """
 
 from __future__ import annotations
@@ -24,13 +16,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
-
-SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-"""``solimp_friction`` under the effect: constant impedance d = .9999, the largest that MuJoCo takes."""
-RATE = {mujoco.mjtIntegrator.mjINT_RK4: 2.0}
-"""b times the timestep, by integrator; 1 for the others."""
+from onlinebayes.simulators.effects.sticking import FIELDS, harden
 
 
 @dataclass(frozen=True)
@@ -46,7 +34,7 @@ class DryFriction(Effect):
     frictionloss: Parameter
     name = "dry_friction"
     target_kind = "joint"
-    fields = ("dof_frictionloss", "dof_solimp", "dof_solref")
+    fields = FIELDS
 
     def __post_init__(self) -> None:
         non_negative(self.key, "frictionloss", self.frictionloss)
@@ -72,7 +60,7 @@ class DryFriction(Effect):
         """See :func:`add_friction`."""
         add_friction(model, fields, self.target, parameters["frictionloss"])
 
-    def friction_bound(self, parameters: Mapping[str, Tensor]) -> Float[Tensor, " N"]:
+    def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """F [N, N m]."""
         return parameters["frictionloss"]
 
@@ -80,10 +68,6 @@ class DryFriction(Effect):
 def add_friction(
     model: mujoco.MjModel, fields: Mapping[str, np.ndarray], joint: str, bound: Float[np.ndarray, " N"]
 ) -> None:
-    """``dof_frictionloss += F`` [N, N m], and a hard ``dof_solimp`` and ``dof_solref`` where F > 0."""
-    dof = int(model.joint(joint).dofadr[0])
-    fields["dof_frictionloss"][:, dof] += bound
-    fields["dof_solimp"][bound > 0, dof] = SOLIMP
-    # Negative values are stiffness (without meaning for friction) and b, which mjModel divides by the impedance.
-    rate = RATE.get(mujoco.mjtIntegrator(model.opt.integrator), 1.0) / model.opt.timestep
-    fields["dof_solref"][bound > 0, dof] = (-1.0, -rate * SOLIMP[0])
+    """``dof_frictionloss += F`` [N, N m], made hard where F > 0."""
+    fields["dof_frictionloss"][:, int(model.joint(joint).dofadr[0])] += bound
+    harden(model, fields, joint, bound > 0)

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
 
@@ -84,8 +84,6 @@ class JointStiffness(Effect):
         fields["jnt_stiffness"][:, j] += k
         rest[on] = (present[on] * rest[on] + k[on] * parameters["springref"][on]) / (present[on] + k[on])
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"]:
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-k (q - q0) [N, N m]."""
-        return -parameters["stiffness"] * (q - parameters["springref"])
+        return -parameters["stiffness"] * (seen.q - parameters["springref"])

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
 
@@ -56,8 +56,6 @@ class QuadraticDrag(Effect):
         """``dof_dampingpoly[0] += k``: MuJoCo's law is -(d + p0 abs(v) + p1 v^2) v."""
         fields["dof_dampingpoly"][:, int(model.joint(self.target).dofadr[0]), 0] += parameters["drag"]
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"]:
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-k v abs(v) [N, N m]."""
-        return -parameters["drag"] * v * v.abs()
+        return -parameters["drag"] * seen.v * seen.v.abs()

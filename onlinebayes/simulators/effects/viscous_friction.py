@@ -12,7 +12,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
 
@@ -56,8 +56,6 @@ class ViscousFriction(Effect):
         """``dof_damping += d``."""
         fields["dof_damping"][:, int(model.joint(self.target).dofadr[0])] += parameters["damping"]
 
-    def force(
-        self, parameters: Mapping[str, Tensor], q: Float[Tensor, " N"], v: Float[Tensor, " N"]
-    ) -> Float[Tensor, " N"]:
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """-d v [N, N m]."""
-        return -parameters["damping"] * v
+        return -parameters["damping"] * seen.v

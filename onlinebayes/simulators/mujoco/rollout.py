@@ -1,7 +1,8 @@
 """Trajectories of M worlds from given states under given commands, all timesteps inside the engine.
 
 Row k of the inputs is spread over the whole timesteps from ``times[k-1]`` to ``times[k]``, command stages run over the
-whole sequence at once, and the states at ``times`` are picked from the recorded timesteps.
+whole sequence at once, and the states at ``times`` are picked from the recorded timesteps. With a force stage the
+timesteps are walked one by one.
 """
 
 from __future__ import annotations
@@ -75,6 +76,8 @@ def _rollout(
         start = np.concatenate([start, before["sensor"].numpy()], axis=1)
     row = np.repeat(np.arange(len(marks)), np.diff(marks, prepend=0))
     hidden = system.hidden(state, len(theta))
+    if worlds.stage is not None:
+        worlds.stage.hidden = {e.key: hidden[e.key] for e in system.staged if e.key in hidden}
     ctrl, _, fed = system.drive(theta, hidden, inputs.get("command")[:, row])
     enable = inputs.get("enable", None)
     recorded, good = _record(worlds, ctrl, None if enable is None else enable.numpy() > 0, row)
@@ -91,6 +94,9 @@ def _rollout(
     trajectory["valid"] = torch.from_numpy(marks[None] <= good[:, None])
     for key, trace in system.trace(theta, hidden, fed).items():
         trajectory["effects", key] = _pick(hidden[key], trace, marks)
+    for effect in system.staged:
+        if effect.key in hidden:
+            trajectory["effects", effect.key] = _pick_stage(hidden[effect.key], worlds.trace, effect.key, marks)
     return trajectory
 
 
@@ -121,6 +127,12 @@ def _record(
         pieces.append(piece)
         good += np.where(good == begin, count, 0)
     return np.concatenate(pieces, axis=1), good
+
+
+def _pick_stage(start: TensorDict, trace: list[dict[str, TensorDict]], key: str, marks: np.ndarray) -> TensorDict:
+    """The hidden state of a staged effect after each row."""
+    line = [start, *(states[key] for states in trace)]
+    return TensorDict.stack([line[mark] for mark in marks.tolist()], dim=1)
 
 
 def _pick(start: TensorDict, trace: TensorDict, marks: np.ndarray) -> TensorDict:

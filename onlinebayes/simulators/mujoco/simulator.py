@@ -22,6 +22,7 @@ from onlinebayes.simulators.effects import Effect, TargetKind
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.recall import recall
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
@@ -162,12 +163,17 @@ class MujocoSimulator(Simulator):
         """Advance every world that has not failed by ``dt``."""
         command, enable = inputs.get("command").to(torch.float64), inputs.get("enable", None)
         self._worlds.write_enable(None if enable is None else enable.numpy())
-        steps = self._steps if self._system.stages else 1
+        steps = self._steps if self._system.stages or self._system.staged else 1
         ctrl, after, _ = self._system.drive(self._theta, self._hidden, command[:, None].expand(-1, steps, -1))
-        if self._system.stages:
+        stage = self._worlds.stage
+        if stage is not None:
+            stage.hidden = {e.key: self._hidden[e.key] for e in self._system.staged if e.key in self._hidden}
+        if self._system.stages or stage is not None:
             self._worlds.follow(ctrl)
         else:
             self._worlds.hold(ctrl[:, 0], self._steps)
+        if stage is not None:
+            after.update(stage.hidden)
         going = torch.from_numpy(~self._worlds.failed)
         for key, hidden in after.items():
             self._hidden[key][going] = hidden[going]
@@ -180,8 +186,12 @@ class MujocoSimulator(Simulator):
         inputs: TensorDictBase,
         times: Float[Tensor, " T"],
     ) -> TensorDict:
-        """Trajectories of M worlds; see :meth:`Simulator.rollout`. Every timestep runs inside the engine."""
+        """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without force stages all runs in the engine."""
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
+
+    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
+        return recall(self._system, _finite(theta), motion, step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities, in the model's order, then the sensors that are signals."""

@@ -14,6 +14,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,8 +27,11 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, sticking
+from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
+    HINGE,
+    SLIDE,
     Address,
     element_id,
     model_array,
@@ -109,7 +113,7 @@ class MujocoSystem:
         self.spec = source.copy()
         self.parameters = parameters
         for effect in self.effects:
-            _check_target(base, effect)
+            _check_target(base, effect, sensors)
             effect.edit(self.spec)
             self.parameters = self.parameters | _grown(effect)
         add_torque_sensors(self.spec, base, sensors)
@@ -118,13 +122,21 @@ class MujocoSystem:
         self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
         self.commands = _commands(self.model, names(base, "actuator"))
         self.signals = (*_signals(self.model), *self.sensors)
+        self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
+        self.staged = tuple(e for e in self.effects if e.staged)
+        self.joint_actuators = _joint_actuators(self.model, self.commands)
+        for effect in self.staged:
+            _check_staged(self.model, self.joint_actuators, effect)
         self.fields = tuple(
-            sorted({c.array for a in self.addresses for c in a.cells} | {f for e in self.effects for f in e.fields})
+            sorted(
+                {c.array for a in self.addresses for c in a.cells}
+                | {f for e in self.effects for f in e.fields}
+                | {f for e in self.staged if e.rubs for f in sticking.FIELDS}
+            )
         )
         self._base = {name: model_array(self.model, name).copy() for name in self.fields}
         self._scatter = _scatter(self.addresses, self._base)
         self.needs_const = any(is_const_input(f) for f in self.fields)
-        self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
         self._places = {command.name: command.ctrl for command in self.commands}
         self.record = _record(self.model, bool(sensors))
         self.parts = tuple(self.record.columns)
@@ -148,12 +160,20 @@ class MujocoSystem:
         for effect in self.effects:
             if effect.fields:
                 effect.write(self.model, fields, self.own(effect, theta))
+        for effect in self.staged:
+            if effect.rubs:
+                # Its bound is written between timesteps; here the solver is made ready where there may be one.
+                own, neutral = self.own(effect, theta), effect.neutral
+                acts = np.any([own[name] != neutral[name] for name in effect.parameters], axis=0)
+                sticking.harden(self.model, fields, effect.target, acts)
         return fields
 
-    def rest(self, worlds: int) -> dict[str, TensorDict]:
-        """Hidden states of the command stages before anything has happened."""
+    def rest(self, worlds: int, timestep: float | None = None) -> dict[str, TensorDict]:
+        """Hidden states of the command and force stages before anything has happened, for timesteps of this length."""
         like = torch.zeros((), dtype=torch.float64)
-        rests = {e.key: e.rest(worlds, self.model.opt.timestep, like) for e in self.stages}
+        effects = [e for e in self.effects if e in self.stages or e in self.staged]
+        timestep = self.model.opt.timestep if timestep is None else timestep
+        rests = {e.key: e.rest(worlds, timestep, like) for e in effects}
         return {key: rest for key, rest in rests.items() if rest is not None}
 
     def hidden(self, state: TensorDictBase | None, worlds: int) -> dict[str, TensorDict]:
@@ -164,7 +184,7 @@ class MujocoSystem:
         return {key: state.get(("effects", key), default) for key, default in rest.items()}
 
     def drive(
-        self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor
+        self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor, timestep: float | None = None
     ) -> tuple[np.ndarray, dict[str, TensorDict], dict[str, Tensor]]:
         """What the actuators receive over K timesteps.
 
@@ -172,11 +192,13 @@ class MujocoSystem:
             theta: parameters (N, P).
             hidden: hidden states of the command stages before the first timestep.
             command: (N, K, U) [command units].
+            timestep: length of one [s]; the model's when None.
 
         Returns:
             ``ctrl`` (N, K, nu), the hidden states after the last timestep, and what each stage was fed (N, K).
         """
         after, fed = dict(hidden), {}
+        timestep = self.model.opt.timestep if timestep is None else timestep
         ctrl = np.zeros((*command.shape[:2], self.model.nu))
         ctrl[..., [place.ctrl for place in self.commands]] = command.numpy()
         for effect in self.stages:
@@ -184,7 +206,7 @@ class MujocoSystem:
             place = self._places[effect.target]
             u = torch.from_numpy(ctrl[..., place].copy())
             fed[effect.key] = u
-            u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, self.model.opt.timestep)
+            u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, timestep)
             if state is not None:
                 after[effect.key] = state
             ctrl[..., place] = u.numpy()
@@ -247,9 +269,15 @@ def _grown(effect: Effect) -> ParameterSpace:
     return ParameterSpace({f"{effect.key}.{name}": parameter for name, parameter in effect.parameters.items()})
 
 
-def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
+def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str]) -> None:
     if effect.target_kind == "joint":
         scalar_joint(model, effect.target)
+    elif effect.target_kind == "signal":
+        known = (*_signals(model), *sensors)
+        if effect.target not in known:
+            near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
+            raise BadInput(f"signal '{effect.target}' of {effect.key} is unknown", f"nearest: {', '.join(near)}")
+        return
     elif effect.target_kind == "body":
         movable_body(model, effect.element)
     elif effect.target_kind == "world":
@@ -259,8 +287,34 @@ def _check_target(model: mujoco.MjModel, effect: Effect) -> None:
         actuator = element_id(model, "actuator", effect.target)
         if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:
             raise BadInput(f"{effect.key}: the actuator has several commands", "an input stage acts on a single one")
-    if not effect.fields and not effect.has_command:
-        raise BadInput(f"{effect.key} has no form in MuJoCo", "write its fields and write(), or its command()")
+    if not (effect.fields or effect.has_command or effect.has_force):
+        raise BadInput(
+            f"{effect.key} has no form in MuJoCo", "write its fields and write(), its command(), or its force()"
+        )
+
+
+def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], effect: Effect) -> None:
+    if effect.target_kind == "actuator":
+        mine = [a for a in actuators if a.actuator == model.actuator(effect.target).id]
+        if not mine or int(model.jnt_type[mine[0].joint]) not in (int(SLIDE), int(HINGE)):
+            raise BadInput(f"{effect.key}: the actuator drives no slide or hinge joint", "use an actuator of a joint")
+        if effect.rubs:
+            raise BadInput(f"{effect.key}: dry friction acts on a joint", "give it a joint as target")
+    else:
+        mine = [a for a in actuators if a.joint == model.joint(effect.target).id]
+    if effect.needs_drive:
+        for actuator in mine:
+            actuator.check(model, effect.key)
+
+
+def _joint_actuators(model: mujoco.MjModel, commands: Sequence[Command]) -> tuple[JointActuator, ...]:
+    """The model's own actuators that act on joints and take a single command."""
+    found = [
+        JointActuator.of(model, c.actuator, column, c.ctrl)
+        for column, c in enumerate(commands)
+        if model.actuator_ctrlnum[c.actuator] == 1
+    ]
+    return tuple(actuator for actuator in found if actuator is not None)
 
 
 def _commands(model: mujoco.MjModel, visible: Sequence[str]) -> tuple[Command, ...]:

@@ -12,6 +12,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
+from onlinebayes.simulators.mujoco.stage import ForceStage
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
 
@@ -28,6 +29,8 @@ class Worlds:
 
     Attributes:
         failed: (N,) bool.
+        stage: the force stage, or None without staged effects.
+        trace: its hidden states after each timestep that :meth:`record` has recorded.
     """
 
     def __init__(self, system: MujocoSystem, worlds: int, threads: int = 0) -> None:
@@ -42,6 +45,8 @@ class Worlds:
         # Limits of the actuators' forces while they are on.
         self._range = np.repeat(system.model.actuator_forcerange[None], worlds, axis=0)
         self._on, self._all_on = np.ones((worlds, len(system.commands)), dtype=bool), True
+        self.trace: list[dict[str, TensorDict]] = []
+        self.stage = ForceStage(system, self.batch, self._fields, worlds) if system.staged else None
 
     # --- writing ------------------------------------------------------------------------------------------------
 
@@ -52,6 +57,8 @@ class Worlds:
             self._fields[name][rows] = values.reshape(len(theta), *self._fields[name].shape[1:])
             if name == "actuator_forcerange":
                 self._range[rows] = values
+        if self.stage is not None:
+            self.stage.write_theta(theta, ids)
         if self.system.needs_const:
             self._run(self.batch.set_const, ids)
         if not self._all_on:
@@ -121,8 +128,15 @@ class Worlds:
         before = self._record.copy()
         for k in range(ctrl.shape[1]):
             self._ctrl[...] = ctrl[:, k]
-            self._run(self.batch.step, self._alive())
+            self._step_once()
         self._settle(before)
+
+    def _step_once(self) -> None:
+        """One timestep, after the force stage where there is one."""
+        alive = self._alive()
+        if self.stage is not None:
+            self.stage.apply(self._on, alive)
+        self._run(self.batch.step, alive)
 
     def record(self, ctrl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One timestep for each row of ctrl (N, K, nu), all recorded.
@@ -130,6 +144,8 @@ class Worlds:
         Returns:
             The recorded rows (N, K, S), laid out by :attr:`MujocoSystem.record`, and how many of them are good (N,).
         """
+        if self.stage is not None:
+            return self._record_staged(ctrl)
         spec, size = self.system.record.bits, self.system.record.size
         steps, alive = ctrl.shape[1], self._alive()
         count = self.worlds if alive is None else len(alive)
@@ -150,6 +166,27 @@ class Worlds:
         good[stopped] = (clock == clock[:, -1:]).argmax(1)
         good[raised] = 0
         wild = ~np.isfinite(recorded[:, -1]).all(1) & ~stopped
+        good[wild] = np.minimum(good[wild], (~np.isfinite(recorded[wild]).all(2)).argmax(1))
+        self.failed |= good < steps
+        return recorded, good
+
+    def _record_staged(self, ctrl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """:meth:`record` with a force stage: step by step, and the hidden states after each into ``trace``."""
+        assert self.stage is not None
+        steps = ctrl.shape[1]
+        recorded, good = np.empty((self.worlds, steps, self._record.shape[1])), np.full(self.worlds, steps)
+        good[self.failed] = 0
+        before = self._record.copy()
+        for k in range(steps):
+            self._ctrl[...] = ctrl[:, k]
+            self._step_once()
+            self._settle(before)
+            if self.failed.any():
+                good[self.failed & (good == steps)] = k
+            before = recorded[:, k]
+            before[...] = self._record
+            self.trace.append(dict(self.stage.hidden))
+        wild = ~np.isfinite(recorded[:, -1]).all(1) & ~self.failed
         good[wild] = np.minimum(good[wild], (~np.isfinite(recorded[wild]).all(2)).argmax(1))
         self.failed |= good < steps
         return recorded, good

@@ -9,6 +9,7 @@ import torch
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, Scales
+from onlinebayes.simulators.sensing import sense, unsense
 from onlinebayes.simulators.testing.simulator import check_simulator
 from onlinebayes.simulators.testing.trials import Trial, require, require_same
 
@@ -54,6 +55,8 @@ def _check_declared(effect: Effect) -> None:
         require(
             bool(each.parameters.contains(each.parameters.vector(each.neutral))), f"neutral is out of bounds: {each}"
         )
+        hidden = each.rest(1, 1e-3, torch.zeros(()))
+        require((hidden is not None) == (each.memory > 0), f"memory is {each.memory:g} s, the hidden state {hidden}")
         for start in each.starts:
             require(bool(each.parameters.contains(each.parameters.vector(start))), f"start {start} is out of bounds")
             require(start != dict(each.neutral), "a start is the neutral value")
@@ -67,6 +70,11 @@ def _check_neutral(simulator: Simulator, grown: Simulator, steps: int, scale: fl
     with_effect = grown.rollout(theta, trial.start, trial.inputs, trial.times)
     hidden = set(plain.keys(True, True)) ^ set(with_effect.keys(True, True))
     require_same(with_effect.exclude(*hidden), plain, 0.0, "the effect at its neutral value against none")
+    shown = sense(grown, theta, trial.start, with_effect, trial.times)
+    bare = sense(base, trial.theta, trial.start, plain, trial.times)
+    require(torch.equal(shown, bare), "the effect at its neutral value changes what sensors show")
+    behind, bare_behind = unsense(grown, theta, trial.start), unsense(base, trial.theta, trial.start)
+    require_same(behind, bare_behind, 0.0, "the effect at its neutral value changes the state behind a reading")
 
 
 def _check_refusals(grown: Simulator, simulator: Simulator, effect: Effect) -> None:

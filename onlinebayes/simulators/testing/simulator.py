@@ -10,6 +10,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.sensing import sense
 from onlinebayes.simulators.testing.trials import Trial, require, require_same, step_inputs, walk
 
 _PATIENCE = 8  # times the trial's steps within which a NaN in a command must have made its world fail
@@ -183,7 +184,8 @@ def _check_parameters(worlds: Simulator, trial: Trial, path: TensorDict, inert: 
         middle = (worlds.parameters.low[i] + worlds.parameters.high[i]) / 2
         theta[:, i] = torch.where(theta[:, i] < middle, worlds.parameters.high[i], worlds.parameters.low[i])
         moved = worlds.rollout(theta, trial.start, trial.inputs, trial.times)
-        require(not torch.equal(moved["qpos"], path["qpos"]), f"parameter {name} changes nothing")
+        shown, base = (sense(worlds, t, trial.start, p, trial.times) for t, p in ((theta, moved), (trial.theta, path)))
+        require(not torch.equal(shown, base), f"parameter {name} changes nothing")
 
 
 def _check_integration(worlds: Simulator) -> None:

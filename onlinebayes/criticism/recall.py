@@ -1,0 +1,65 @@
+"""Hidden states at the windows' starts, worked out along what was measured of the run before: no physics simulated.
+
+    run r, theta_m:   motion of the run -> h at all its rows (M, R, G)  -> picked at each window's first row (M, W)
+
+One pass a run, however many windows it has and however long its effects remember; see ``Simulator.recall``.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.criticism.windows import Windows
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.sensing import unsense
+
+
+def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]) -> dict[str, TensorDict]:
+    """Key of effect -> its hidden state at each window's start, batch size (M * W,).
+
+    Empty where no force stage remembers anything, or a run's motion is not known.
+    """
+    if not windows.pasts or not any(effect.has_force and effect.memory for effect in simulator.effects):
+        return {}
+    runs, mine = torch.unique(windows.run, return_inverse=True)
+    motion = _motion(simulator, windows, runs.tolist())
+    if motion is None:
+        return {}
+    M, R = theta.shape[0], len(runs)
+    # Windows of one run share their theta.
+    window = torch.stack([(mine == r).nonzero()[0, 0] for r in range(R)])
+    worlds = theta[:, window].flatten(0, 1)
+    moved = unsense(simulator, worlds[:, None], motion.expand(M, *motion.batch_size).flatten(0, 1))
+    found = simulator.recall(worlds, moved, windows.step)
+    rows = windows.first.clamp_max(motion.batch_size[1])
+    return {key: line.unflatten(0, (M, R))[:, mine, rows].flatten(0, 1) for key, line in found.items()}
+
+
+def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDict | None:
+    """What ``Simulator.recall`` asks for, of these runs up to their last windows (R, K); None where one is unknown."""
+    longest = max(1, int(windows.first.max()))
+    lines = []
+    for r in runs:
+        past = windows.pasts[r]
+        if past.motion is None:
+            return None
+        # Rows after a run's end are never picked.
+        line = past.motion[torch.arange(longest).clamp_max(past.motion.batch_size[0] - 1)]
+        state = {
+            key: _placed(simulator, f"{key}.", past.joints, line[name]) for key, name in (("qpos", "q"), ("qvel", "v"))
+        }
+        lines.append(TensorDict({**state, "command": line["command"], "enable": line["enable"]}, batch_size=[longest]))
+    return TensorDict.stack(lines)
+
+
+def _placed(
+    simulator: Simulator, prefix: str, joints: tuple[str, ...], values: Float[Tensor, "K J"]
+) -> Float[Tensor, "K n"]:
+    """The joints' columns among all of the state's that begin with ``prefix``; those of other joints are 0."""
+    names = [name for name in simulator.signals if name.startswith(prefix)]
+    state = values.new_zeros(len(values), len(names))
+    state[:, [names.index(f"{prefix}{joint}") for joint in joints]] = values
+    return state

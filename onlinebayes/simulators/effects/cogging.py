@@ -1,0 +1,90 @@
+"""Cogging of a motor: A sin(n q + phase), the pull of the magnets on the iron as the rotor turns.
+
+On a linear motor n is in periods of 2 pi a metre. Fewer than two periods over the travel cannot be told from a spring
+or a load (see criticism), so that the bounds of n start there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects.base import Effect, Scales, Seen
+from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+
+PERIODS = (2.0, 8.0)
+"""Periods over the travel that ``scaled`` allows."""
+SPACING = 0.4
+"""Of a period over the travel: the widest spacing of starting values that misses none (three values missed 2.6)."""
+
+
+@dataclass(frozen=True)
+class Cogging(Effect):
+    """A sin(n q + phase) on a slide or hinge joint.
+
+    Args:
+        target: joint.
+        amplitude: bounds of A >= 0 [N, N m].
+        poles: bounds of n > 0, periods a turn of a hinge; need not be whole [rad/m, 1].
+        phase: bounds of the phase [rad].
+    """
+
+    target: str
+    amplitude: Parameter
+    poles: Parameter
+    phase: Parameter
+    name = "cogging"
+    target_kind = "joint"
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "amplitude", self.amplitude)
+        non_negative(self.key, "poles", self.poles)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """A up to the largest force in play, n from two to eight periods over the travel, any phase."""
+        low, high = (2 * math.pi * periods / scales.travel for periods in PERIODS)
+        return cls(
+            target,
+            Parameter(0.0, scales.force, joint_unit(scales.unit, "N", "N m")),
+            Parameter(low, high, joint_unit(scales.unit, "rad/m", "")),
+            Parameter(-math.pi, 2 * math.pi, "rad"),  # a turn and a half: a fit does not run into the seam
+        )
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``amplitude``, ``poles`` and ``phase``."""
+        return ParameterSpace({"amplitude": self.amplitude, "poles": self.poles, "phase": self.phase})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """A = 0; n and the phase, without meaning then, are the middle of their bounds."""
+        return {
+            "amplitude": 0.0,
+            "poles": (self.poles.low + self.poles.high) / 2,
+            "phase": (self.phase.low + self.phase.high) / 2,
+        }
+
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """A grid of n, spaced by 0.4 periods over the travel of ``scaled``, and of three phases."""
+        steps = math.ceil((PERIODS[1] - PERIODS[0]) / SPACING - 1e-9)
+        width = self.poles.high - self.poles.low
+        size = 0.02 * self.amplitude.high
+        phases = [self.phase.low + part * (self.phase.high - self.phase.low) for part in (1 / 6, 7 / 18, 11 / 18)]
+        return tuple(
+            {"amplitude": size, "poles": self.poles.low + width * k / steps, "phase": phase}
+            for k in range(steps + 1)
+            for phase in phases
+        )
+
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
+        """A sin(n q + phase) [N, N m]."""
+        return parameters["amplitude"] * torch.sin(parameters["poles"] * seen.q + parameters["phase"])

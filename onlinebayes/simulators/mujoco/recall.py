@@ -1,0 +1,57 @@
+"""Hidden states of force stages along a known motion: what would stand in a state at each row, without the engine.
+
+    h_{k+1} = advance(q_k, v_k, f_k, u_k, h_k),   f_k = the actuators' force at (u_k, q_k, v_k),   u = stages(command)
+
+A force stage's hidden state depends on the motion only through what the effect sees, and forces of actuators follow
+from command and motion (see :mod:`.actuation`): where both were measured, nothing needs to be simulated.
+"""
+
+from __future__ import annotations
+
+import math
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from onlinebayes.simulators.mujoco.stage import Place, actuator_fields
+from onlinebayes.simulators.mujoco.system import MujocoSystem
+
+
+def recall(
+    system: MujocoSystem, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+) -> dict[str, TensorDict]:
+    """See :meth:`onlinebayes.simulators.base.Simulator.recall`."""
+    rests = system.rest(len(theta), step)
+    # One that is an input stage as well needs its own rows of both; none of the vocabulary is.
+    remembering = [effect for effect in system.staged if effect.key in rests and not effect.has_command]
+    if not remembering:
+        return {}
+    ctrl = _ctrl(system, theta, rests, motion.get("command").double(), step)
+    enable = motion.get("enable", None)
+    on = torch.ones(*motion.batch_size, len(system.commands)) if enable is None else enable > 0
+    fields = {name: rows[:, None] for name, rows in actuator_fields(system, system.write(theta.numpy())).items()}
+    qpos, qvel = motion.get("qpos").double(), motion.get("qvel").double()
+    found = {}
+    for effect in remembering:
+        rest = rests[effect.key]
+        seen = Place.of(system, effect).see(fields, qpos, qvel, ctrl, on, rest, step)
+        after = effect.along(system.own(effect, theta), seen)
+        if after is not None:
+            found[effect.key] = TensorDict.cat([rest[:, None], after], dim=1)
+    return found
+
+
+def _ctrl(
+    system: MujocoSystem,
+    theta: Float[Tensor, "N P"],
+    rests: dict[str, TensorDict],
+    command: Float[Tensor, "N K U"],
+    step: float,
+) -> Float[Tensor, "N K nu"]:
+    """What the actuators receive on each row; the input stages have settled at the first command."""
+    settling = math.ceil(max((effect.memory for effect in system.stages), default=0.0) / step)
+    before = command[:, :1].expand(-1, settling, -1)
+    ctrl, _, _ = system.drive(theta, rests, torch.cat([before, command], dim=1), step)
+    return torch.from_numpy(ctrl[:, settling:])
