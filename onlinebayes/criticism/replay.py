@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.charted import chart_of
 from onlinebayes.criticism.scoped import unfold
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
@@ -58,7 +59,9 @@ def rollout(
     simulator, unfolded = unfold(simulator, windows, theta)
     worlds = unfolded.reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
-    state = unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,)))
+    chart = chart_of(simulator, windows)
+    state = chart.enter(unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
+    simulator = chart.physics
     hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
     rows = history_rows(simulator, windows) if hidden else 0
     if rows:
@@ -67,7 +70,7 @@ def rollout(
         for key in hidden:
             state[key] = past[key][:, -1]
     during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
-    return during.reshape(M, W, K)
+    return chart.leave(during.reshape(M, W, K))
 
 
 def history_rows(simulator: Simulator, windows: Windows) -> int:
