@@ -8,6 +8,7 @@ The thruster pushes at the block's origin along its z axis, c is the centre of m
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -26,7 +27,7 @@ FREE = ParameterSpace(
 )
 TRUTH = (2.3, 0.024)
 NOISE = 1e-3  # [m]; of each part of the quaternion [1]
-STEP, ROW = 0.001, 0.01  # [s]
+STEP, ROW = 0.0025, 0.01  # [s]
 POSE = tuple(f"qpos.pose.{k}" for k in range(7))
 
 
@@ -62,6 +63,7 @@ def slope(state: np.ndarray, u: np.ndarray, block: Block) -> np.ndarray:
     return np.concatenate([v, a, turning, torque / inertia], axis=1)
 
 
+@cache
 def fly(block: Block, runs: int, seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Commands (runs, rows) [N] and exact poses (runs, rows, 7)."""
     draw = np.random.default_rng(seed)

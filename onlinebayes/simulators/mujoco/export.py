@@ -19,6 +19,7 @@ import numpy as np
 from onlinebayes.simulators.effects import ActuatorDelay, Effect
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array, names
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
+from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
