@@ -1,4 +1,4 @@
-"""What every simulator around another one hands on: criticism sees its parameters, or its positions, in another form."""
+"""What a simulator around another one hands on: criticism sees its parameters or positions in another form."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Self
 
-from jaxtyping import Bool, Float
+from jaxtyping import Bool
 from torch import Tensor
 
-from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 

@@ -1,4 +1,4 @@
-"""Free and ball joints for criticism: their orientations as three turns about the body's axes, beside the measured ones.
+"""Free and ball joints for criticism: an orientation as three turns about the body's axes, beside the measured one.
 
     turn of an orientation p at the instant t = turn(t) + log(q(t)^-1 p),   q(t) the measured orientation (see .courses)
 

@@ -2,8 +2,9 @@
 
     turn_0 = 0,   turn_i = turn_{i-1} + log(q_{i-1}^-1 q_i),   between rows at the fraction s:  q_{i-1} exp(s log(...))
 
-For small steps the turn's slope is the angular velocity in the body's axes, so that what smooths a hinge's angle smooths
-it too. It grows without bound while a body tumbles and is no coordinate of orientations; beside the course,
+For small steps the turn's slope is the angular velocity in the body's axes, so that what smooths a hinge's angle
+smooths it too; sensor noise e_i enters it once, and again times a step's angle. It grows without bound while a body
+tumbles and is no coordinate of orientations; beside the course,
 
     turn(t) + log(q(t)^-1 p)
 

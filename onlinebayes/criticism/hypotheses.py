@@ -1,8 +1,8 @@
 """Which wiring faults are worth a look for these signals and commands.
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
-of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller
-that carries the weight.
+of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity. Per actuator: the
+command's sign and unit; per pair: swapped. And once: a controller that carries the weight.
 """
 
 from __future__ import annotations

@@ -61,15 +61,14 @@ def rollout(
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     chart = chart_of(simulator, windows)
     state = chart.enter(unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
-    simulator = chart.physics
-    hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
-    rows = history_rows(simulator, windows) if hidden else 0
+    hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
+    rows = history_rows(chart.physics, windows) if hidden else 0
     if rows:
         before, enable = windows.history[:, -rows:], windows.history_enable[:, -rows:]
-        past = _drive(simulator, worlds, state, before, enable, windows.step, M)
+        past = _drive(chart.physics, worlds, state, before, enable, windows.step, M)
         for key in hidden:
             state[key] = past[key][:, -1]
-    during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
+    during = _drive(chart.physics, worlds, state, windows.command, windows.enable, windows.step, M)
     return chart.leave(during.reshape(M, W, K))
 
 

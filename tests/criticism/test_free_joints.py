@@ -1,6 +1,7 @@
 """The whole road with free and ball joints: hidden truths are found, and nothing where there is nothing."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import mujoco
@@ -88,7 +89,9 @@ def test_fitted_starts_are_the_true_ones() -> None:
 
 def test_the_damping_of_a_ball_joint_is_found() -> None:
     damping, draw = 0.03, np.random.default_rng(2)
-    truth = mujoco.MjModel.from_xml_string(PENDULUM.replace("0.01", "0.001", 1).replace('damping="0.01"', 'damping="0.03"'))
+    truth = mujoco.MjModel.from_xml_string(
+        PENDULUM.replace("0.01", "0.001", 1).replace('damping="0.01"', 'damping="0.03"')
+    )
     runs = {}
     for r in range(4):
         data = mujoco.MjData(truth)
@@ -110,22 +113,40 @@ def test_the_damping_of_a_ball_joint_is_found() -> None:
     assert max(found.remainder.rms_over_floor.values()) < 1.1
 
 
-@pytest.mark.slow
-def test_a_table_with_quaternions_goes_through_refine(tmp_path: Path) -> None:
-    flown = table(Block(centre=(OFFSET, 0.0, 0.0)), runs=9)
-    header = list(next(iter(flown.values())))
-    lines = [",".join(["run", *header])]
-    for run, columns in flown.items():
+def problem(folder: Path, runs: dict[str, dict[str, np.ndarray]]) -> Path:
+    """Model, table and problem file of the block in a folder."""
+    lines = [",".join(["run", *next(iter(runs.values()))])]
+    for run, columns in runs.items():
         lines += [",".join([run, *(f"{x:.9g}" for x in row)]) for row in zip(*columns.values(), strict=True)]
-    (tmp_path / "block.csv").write_text("\n".join(lines) + "\n")
-    (tmp_path / "block.xml").write_text(BLOCK)
-    (tmp_path / "block.toml").write_text(
-        'schema = 1\nmodel = "block.xml"\nmeasurements = ["block.csv"]\nholdout = ["run7", "run8"]\n'
+    (folder / "block.csv").write_text("\n".join(lines) + "\n")
+    (folder / "block.xml").write_text(BLOCK)
+    (folder / "block.toml").write_text(
+        'schema = 1\nmodel = "block.xml"\nmeasurements = ["block.csv"]\n'
         '[parameters]\n"body.block.mass" = [1.0, 4.0]\n"body.block.inertia[0]" = [0.012, 0.029]\n'
         '[signals."qpos.pose.3"]\nsd = 1e-3\n'
     )
-    out = tmp_path / "out"
-    assert main(["refine", str(tmp_path / "block.toml"), "--out", str(out)]) == 0
+    return folder / "block.toml"
+
+
+def test_next_refuses_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    toml = problem(tmp_path, table(Block(), runs=3, seconds=1.0))
+    assert main(["next", str(toml), "--out", str(tmp_path / "out")]) == 2
+    assert "joint 'pose' is a free or ball joint; only compare, diagnose and refine" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_first_problem_file_frees_the_mass_that_the_thruster_shows(tmp_path: Path) -> None:
+    problem(tmp_path, table(Block(), runs=3, seconds=1.0))
+    drafted = tmp_path / "drafted.toml"
+    assert main(["init", str(tmp_path / "block.xml"), str(tmp_path / "block.csv"), "--out", str(drafted)]) == 0
+    assert "body.block.mass" in tomllib.loads(drafted.read_text())["parameters"]
+    assert "MISSING" not in drafted.read_text()
+
+
+@pytest.mark.slow
+def test_a_table_with_quaternions_goes_through_refine(tmp_path: Path) -> None:
+    toml, out = problem(tmp_path, table(Block(centre=(OFFSET, 0.0, 0.0)), runs=9)), tmp_path / "out"
+    assert main(["refine", str(toml), "--out", str(out)]) == 0
     report = json.loads((out / "report.json").read_text())
     assert report["accepted"] == ["com_offset@block.x"]
     assert set(report["heldout_error"]["after"]) == set(SIGNALS)

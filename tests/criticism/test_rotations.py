@@ -35,4 +35,3 @@ def test_the_logarithm_undoes_the_exponential_up_to_half_a_turn() -> None:
     assert torch.equal(logarithm(-exponential(r)), logarithm(exponential(r)))
     more = (2 * math.pi - 0.5) * axis
     assert torch.allclose(logarithm(exponential(more)), -0.5 * axis, atol=1e-12)  # the shorter way round
-
