@@ -10,6 +10,7 @@ from typing import Literal
 from onlinebayes.cli.factory import import_module
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism.candidates import propose
+from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.windows import make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
@@ -108,8 +109,9 @@ def _built(
         if "@" not in key:
             raise BadInput(f"'{key}' names no target", "write effect@target, e.g. dry_friction@carriage")
         check_effect(key, simulator)
-        windows = make_windows(simulator, measurement, horizon, 0.0, None)
-        (effect,) = propose(simulator, windows, [key])
+        charted_model, turned = charted(simulator, measurement)
+        windows = make_windows(charted_model, turned, horizon, 0.0, None)
+        (effect,) = propose(charted_model, windows, [key])
         given = {
             name: dataclasses.replace(bounds[address], unit=parameter.unit)
             for name, parameter in effect.parameters.items()

@@ -18,6 +18,7 @@ import mujoco
 import torch
 
 from onlinebayes.criticism.candidates import target_scales
+from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.sensitivities import linearise
 from onlinebayes.criticism.windows import make_windows
@@ -42,9 +43,9 @@ def free_parameters(model: MujocoSimulator, measurement: Measurement | None = No
     """
     if measurement is not None:
         try:
-            windows = make_windows(model, measurement, 1.0)
-            joints = [name.removeprefix("qpos.") for name in model.signals if name.startswith("qpos.")]
-            scales = {joint: target_scales(model, windows, "joint", joint) for joint in joints}
+            simulator, turned = charted(model, measurement)
+            windows = make_windows(simulator, turned, 1.0)
+            scales = {joint: target_scales(simulator, windows, "joint", joint) for joint in simulator.targets("joint")}
             proposed = _proposed(model.model, {joint: scale.force / scale.speed for joint, scale in scales.items()})
             return proposed.subspace(_distinct(model, proposed, measurement))
         except BadInput:  # the log does not suit the model yet; its owner learns of it from the first run
@@ -87,7 +88,7 @@ def _round(value: float) -> float:
 
 def _distinct(model: MujocoSimulator, proposed: ParameterSpace, measurement: Measurement) -> list[str]:
     """Those whose sensitivity no combination of earlier ones gives."""
-    free = MujocoSimulator(model.spec, proposed, threads=1)
+    free, measurement = charted(MujocoSimulator(model.spec, proposed, threads=1), measurement)
     windows = make_windows(free, measurement, 1.0)
     windows = windows.select(torch.arange(windows.count)[:: -(-windows.count // MOST_WINDOWS)])
     lin = linearise(free, windows, proposed.clamp(free.nominal), windows.start)

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.scoped import effect_entries, physics
+from onlinebayes.criticism.scoped import effect_entries, unscoped
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -122,7 +122,8 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         column = simulator.commands.index(target)
         largest = max(float(windows.command[..., column].abs().max()), 1e-9)
         # Which joint it drives is not known here; the slowest one gives the widest bounds.
-        speed = max(min(_motion(simulator, windows, j)[1] for j in range(len(joints))), 1e-9)
+        driven = [joints.index(joint) for joint in simulator.targets("joint")] or range(len(joints))
+        speed = max(min(_motion(simulator, windows, j)[1] for j in driven), 1e-9)
         output = largest * (simulator.actuator_gains.get(target, 1.0) or 1.0)
         return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
     if kind == "signal":
@@ -209,7 +210,7 @@ def _motion(simulator: Simulator, windows: Windows, j: int) -> tuple[Tensor, flo
 
 def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, float]:
     """Effective inertia of joint j at a window's start, and the acceleration that the largest commands give it."""
-    simulator = physics(simulator)
+    simulator = unscoped(simulator)
     joint, J = joint_names(simulator)[j], windows.free.shape[1]
     key = f"constant_load@{joint}"
     loaded = simulator

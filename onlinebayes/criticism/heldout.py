@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.chart import POSE
 from onlinebayes.criticism.detail import HorizonError, WindowError
 from onlinebayes.criticism.own import held_out_model
 from onlinebayes.criticism.replay import replay, rollout, shown
@@ -33,7 +34,7 @@ def replay_runs(
     valid = trajectory["valid"][..., None]
     simulated = shown(model, parts, values[None], parts.start[None], trajectory[None])[0]
     simulated = torch.where(valid & torch.isfinite(simulated), simulated, torch.nan)
-    qpos = torch.where(valid, trajectory["qpos"], torch.nan)
+    qpos = torch.where(valid, trajectory.get(POSE, trajectory["qpos"]), torch.nan)
     measured = torch.where(windows.measured, windows.value, torch.nan)
     found = []
     for r, name in enumerate(windows.runs):

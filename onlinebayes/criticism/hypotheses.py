@@ -1,8 +1,8 @@
 """Which wiring faults are worth a look for these signals and commands.
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
-of joints: their columns swapped. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller
-that carries the weight.
+of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity. Per actuator: the
+command's sign and unit; per pair: swapped. And once: a controller that carries the weight.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import math
 from collections.abc import Iterator
 from itertools import combinations
 
+from onlinebayes.criticism.coordinates import velocity
 from onlinebayes.criticism.faults import (
     COMMAND,
     HINGE,
@@ -44,7 +45,11 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
 
 
 def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
-    joints = joint_names(simulator)
+    # A turn is no column of the table: of an orientation only the velocities are looked at, its three axes together.
+    joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
+    for rates in _angular(simulator, measured):
+        for factor, instead in {-1.0: "the reversed sign", **HINGE}.items():
+            yield Rescaled("signal", rates, factor, instead)
     for joint in joints:
         hinge = simulator.joint_kinds.get(joint, "hinge") == "hinge"
         sets = _columns(joint, measured)
@@ -60,6 +65,16 @@ def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
         both = [kind for kind in ("qpos", "qvel") if {f"{kind}.{a}", f"{kind}.{b}"} <= measured]
         if "qpos" in both:
             yield Swapped("signal", tuple(f"{kind}.{a}" for kind in both), tuple(f"{kind}.{b}" for kind in both))
+
+
+def _angular(simulator: Simulator, measured: set[str]) -> list[tuple[str, ...]]:
+    """The measured angular velocities of each free and ball joint."""
+    found: dict[str, list[str]] = {}
+    for joint in joint_names(simulator):
+        rate = velocity(joint, simulator.signals)
+        if rate is not None and rate != f"qvel.{joint}" and rate in measured:
+            found.setdefault(joint.rpartition(".")[0], []).append(rate)
+    return [tuple(rates) for rates in found.values()]
 
 
 def _columns(joint: str, measured: set[str]) -> list[tuple[str, ...]]:

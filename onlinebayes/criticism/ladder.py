@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from onlinebayes.criticism.scoped import physics
+from onlinebayes.criticism.around import innermost
 from onlinebayes.criticism.tiling import BINS
 from onlinebayes.simulators.base import Simulator
 
@@ -53,8 +53,8 @@ def ladder(simulator: Simulator, horizon: float) -> list[Rung]:
 
 def adjustable(simulator: Simulator) -> bool:
     """Whether the simulator can integrate with another step."""
-    return type(physics(simulator)).with_timestep is not Simulator.with_timestep
+    return type(innermost(simulator)).with_timestep is not Simulator.with_timestep
 
 
 def _has_runge_kutta(simulator: Simulator) -> bool:
-    return type(physics(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
+    return type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.blocks import Blocks
+from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.criticism.inquiry import inquire, suspect
@@ -75,6 +76,7 @@ def compare(
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
     """
     selection, say = selection or Selection(), Stopwatch(progress or _silent)
+    simulator, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
     say("fitting the base model")
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
@@ -135,6 +137,7 @@ def _searched(
     interrupt: Interrupt | None,
 ) -> Criticism:
     selection, say = selection or Selection(), Stopwatch(progress or _silent)
+    simulator, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)

@@ -18,6 +18,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.charted import chart_of
 from onlinebayes.criticism.recall import recall
 from onlinebayes.criticism.scoped import unfold
 from onlinebayes.criticism.windows import Windows
@@ -61,19 +62,20 @@ def rollout(
     simulator, unfolded = unfold(simulator, windows, theta)
     worlds = unfolded.reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
-    state = unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,)))
-    hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
+    chart = chart_of(simulator, windows)
+    state = chart.enter(unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
+    hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
     recalled = recall(simulator, windows, unfolded) if hidden else {}
-    rows = history_rows(simulator, windows, recalled) if hidden else 0
+    rows = history_rows(chart.physics, windows, recalled) if hidden else 0
     if rows:
         before, enable = windows.history[:, -rows:], windows.history_enable[:, -rows:]
-        past = _drive(simulator, worlds, state, before, enable, windows.step, M)
+        past = _drive(chart.physics, worlds, state, before, enable, windows.step, M)
         for key in hidden:
             state[key] = past[key][:, -1]
     for key, value in recalled.items():
         state["effects", key] = value
-    during = _drive(simulator, worlds, state, windows.command, windows.enable, windows.step, M)
-    return during.reshape(M, W, K)
+    during = _drive(chart.physics, worlds, state, windows.command, windows.enable, windows.step, M)
+    return chart.leave(during.reshape(M, W, K))
 
 
 def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[str] = ()) -> int:

@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.criticism.around import Around
 from onlinebayes.criticism.scope import Scope, address_of, own_name
 from onlinebayes.criticism.split import origin
 from onlinebayes.criticism.windows import Windows
@@ -25,7 +26,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, TargetKind
 
 
-class ScopedSimulator(Simulator):
+class ScopedSimulator(Around):
     """The worlds of ``physics``, some of whose parameters depend on the run.
 
     Args:
@@ -38,7 +39,8 @@ class ScopedSimulator(Simulator):
     """
 
     def __init__(self, physics: Simulator, scope: Scope, runs: Sequence[str]) -> None:
-        self.physics, self.scope, self.runs = physics, scope, tuple(runs)
+        super().__init__(physics)
+        self.scope, self.runs = scope, tuple(runs)
         entries: dict[str, tuple[int, int, Parameter]] = {}  # name -> (place in theta, run or -1, bounds)
         constants = {run: scope.constants(run) for run in self.runs}
         for i, (address, bounds) in enumerate(physics.parameters.items()):
@@ -52,9 +54,7 @@ class ScopedSimulator(Simulator):
         self.parameters = ParameterSpace({name: bounds for name, (_, _, bounds) in entries.items()})
         self.place: Int[Tensor, " F"] = torch.tensor([i for i, _, _ in entries.values()], dtype=torch.long)
         self.own: Int[Tensor, " F"] = torch.tensor([r for _, r, _ in entries.values()], dtype=torch.long)
-        self.worlds, self.dt, self.timestep = physics.worlds, physics.dt, physics.timestep
-        self.commands, self.signals, self.effects = physics.commands, physics.signals, physics.effects
-        self.device, self.dtype = physics.device, physics.dtype
+        self.signals = physics.signals
         self._phi = self.nominal.expand(self.worlds, -1).clone()
 
     # --- the map ------------------------------------------------------------------------------------------------
@@ -115,16 +115,6 @@ class ScopedSimulator(Simulator):
         return self.physics.targets(kind)
 
     @property
-    def body_sizes(self) -> Mapping[str, tuple[float, float]]:
-        """Those of the physics."""
-        return self.physics.body_sizes
-
-    @property
-    def actuator_gains(self) -> Mapping[str, float]:
-        """Those of the physics."""
-        return self.physics.actuator_gains
-
-    @property
     def nominal(self) -> Float[Tensor, " F"]:
         """The physics' own value for every entry of phi."""
         return self.physics.nominal[self.place]
@@ -138,11 +128,6 @@ class ScopedSimulator(Simulator):
     def theta(self) -> Float[Tensor, "N F"]:
         """A copy of every typical world's phi."""
         return self._phi.clone()
-
-    @property
-    def failed(self) -> Bool[Tensor, " N"]:
-        """Worlds that diverged since their last reset."""
-        return self.physics.failed
 
     def reset(
         self, theta: Float[Tensor, "N F"], state: TensorDictBase | None = None, mask: Bool[Tensor, " N"] | None = None
@@ -174,38 +159,13 @@ class ScopedSimulator(Simulator):
         """See :meth:`Simulator.read`."""
         return self.physics.read(state)
 
-    def with_effect(self, effect: Effect) -> Self:
-        """The effect's parameters follow the present entries of phi, one a run where the scope says so."""
-        return self._around(self.physics.with_effect(effect))
-
-    def with_worlds(self, worlds: int) -> Self:
-        """See :meth:`Simulator.with_worlds`."""
-        return self._around(self.physics.with_worlds(worlds))
-
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
         """Other bounds for one address, in every run that has a value of its own; see :meth:`Simulator.with_bounds`."""
-        return self._around(self.physics.with_bounds(address_of(name), parameter))
+        return self.around(self.physics.with_bounds(address_of(name), parameter))
 
-    def with_timestep(self, timestep: float) -> Self:
-        """See :meth:`Simulator.with_timestep`."""
-        return self._around(self.physics.with_timestep(timestep))
-
-    def with_runge_kutta(self) -> Self:
-        """See :meth:`Simulator.with_runge_kutta`."""
-        other = self.physics.with_runge_kutta()
-        return self if other is self.physics else self._around(other)
-
-    def with_gravity_compensation(self) -> Simulator | None:
-        """See :meth:`Simulator.with_gravity_compensation`."""
-        other = self.physics.with_gravity_compensation()
-        return None if other is None else self._around(other)
-
-    def with_payload(self, body: str, mass: float) -> Self:
-        """See :meth:`Simulator.with_payload`."""
-        return self._around(self.physics.with_payload(body, mass))
-
-    def _around(self, physics: Simulator) -> Self:
-        return type(self)(physics, self.scope, self.runs)
+    def around(self, inner: Simulator) -> Self:
+        """The same scope; an effect's parameters follow the present entries of phi, one a run where it says so."""
+        return type(self)(inner, self.scope, self.runs)
 
 
 def scoped(simulator: Simulator, scope: Scope | None, measurement: Measurement, runs: Sequence[str]) -> Simulator:
@@ -226,13 +186,13 @@ def scoped(simulator: Simulator, scope: Scope | None, measurement: Measurement, 
     return ScopedSimulator(simulator, scope, runs)
 
 
-def physics(simulator: Simulator) -> Simulator:
+def unscoped(simulator: Simulator) -> Simulator:
     """The simulator without its scope."""
     return simulator.physics if isinstance(simulator, ScopedSimulator) else simulator
 
 
 def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
-    """What :func:`physics` of this simulator gets in the typical world."""
+    """What :func:`.around.innermost` of this simulator gets in the typical world."""
     return simulator.typical(theta) if isinstance(simulator, ScopedSimulator) else theta
 
 

@@ -16,6 +16,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
+from onlinebayes.criticism.coordinates import rotations, velocity
 from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
 from onlinebayes.criticism.past import Past
 from onlinebayes.criticism.tiling import Tiling, tile
@@ -121,17 +122,19 @@ class Windows:
 
 
 def joint_names(simulator: Simulator) -> tuple[str, ...]:
-    """The simulator's joints, each of which must have one position and one velocity.
+    """The simulator's joint coordinates, each of which must have one position and one velocity.
 
     Raises:
-        BadInput: a free or ball joint, which criticism cannot start yet.
+        BadInput: a free or ball joint whose orientation is a quaternion still (see :mod:`.charted`).
     """
     positions = [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]
+    if quaternions := rotations(simulator.signals):
+        raise BadInput(
+            f"joint '{quaternions[0].joint}' is a free or ball joint", "only compare, diagnose and refine take it"
+        )
     for name in positions:
-        if f"qvel.{name}" not in simulator.signals:
-            raise BadInput(
-                f"joint '{name}' is a free or ball joint", "criticism replays slide and hinge joints; weld it"
-            )
+        if velocity(name, simulator.signals) is None:
+            raise BadInput(f"joint '{name}' has no single velocity", f"give the simulator a signal qvel.{name}")
     return tuple(positions)
 
 
@@ -193,7 +196,7 @@ def _gather(
     observed = measured.clone()
     for j, joint in enumerate(joint_names(simulator)):
         for s, name in enumerate(names):
-            if name in (f"qpos.{joint}", f"qvel.{joint}"):
+            if name in (f"qpos.{joint}", velocity(joint, simulator.signals)):
                 observed[:, :, s] &= tiling.free[:, j : j + 1]
     index = torch.tensor(tiling.places, device=value.device)
     return Windows(

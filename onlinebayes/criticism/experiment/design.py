@@ -71,8 +71,9 @@ def next_experiment(
         progress: takes one line of text between stages.
 
     Raises:
-        BadInput: no actuators, no rivals, or limits that admit no input at all.
+        BadInput: no actuators, a free or ball joint, no rivals, or limits that admit no input at all.
     """
+    joint_names(simulator)  # refuses free and ball joints: postures are not drawn for them
     say = progress or (lambda _line: None)
     allowed = allowed or Allowed()
     say("fitting the rivals")

@@ -10,13 +10,19 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
+import torch
 from numpy.typing import NDArray
+
+from onlinebayes.criticism.coordinates import AXES
+from onlinebayes.criticism.rotations import exponential, product
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
 Array = NDArray[np.float64]
 Colour = tuple[int, int, int, int]
+# Kind of a joint with an orientation -> where its quaternion begins among its positions.
+QUATERNION = {int(mujoco.mjtJoint.mjJNT_FREE): 3, int(mujoco.mjtJoint.mjJNT_BALL): 0}
 _VISIBLE_GROUPS = 3  # as in MuJoCo's own viewer: groups 0, 1, 2
 
 
@@ -124,6 +130,31 @@ def measured_qpos(model: mujoco.MjModel, signals: tuple[str, ...], measured: Arr
         if joint >= 0 and known.any():
             rows = np.arange(len(qpos))
             qpos[:, model.jnt_qposadr[joint] + part] = np.interp(rows, rows[known], measured[known, column])
+    return qpos
+
+
+def measured_turns(model: mujoco.MjModel, signals: tuple[str, ...], away: Array, qpos: Array) -> Array:
+    """(T, nq): the orientations of free and ball joints turned to where they were measured.
+
+    Args:
+        model: the compiled model.
+        signals: names of the columns of ``away``.
+        away: (T, S), measured less simulated; nan where not measured.
+        qpos: (T, nq), with simulated quaternions.
+    """
+    qpos, rows = qpos.copy(), np.arange(len(qpos))
+    for joint in range(model.njnt):
+        names = [f"qpos.{model.joint(joint).name}.{axis}" for axis in AXES]
+        kind = int(model.jnt_type[joint])
+        if kind not in QUATERNION or not set(names) <= set(signals):
+            continue
+        turn = away[:, [signals.index(name) for name in names]]
+        known = np.isfinite(turn).all(1)
+        if known.any():
+            first = model.jnt_qposadr[joint] + QUATERNION[kind]
+            turn = np.stack([np.interp(rows, rows[known], part[known]) for part in turn.T], -1)
+            turned = product(torch.from_numpy(qpos[:, first : first + 4]), exponential(torch.from_numpy(turn)))
+            qpos[:, first : first + 4] = turned.numpy()
     return qpos
 
 

@@ -23,12 +23,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from onlinebayes.criticism.around import innermost
 from onlinebayes.criticism.forces import EffectForce, effect_forces
 from onlinebayes.criticism.report import arrows, documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS, EFFECTS
 from onlinebayes.criticism.report.geometry import Colour
 from onlinebayes.criticism.results import Criticism, ReplayedRun
-from onlinebayes.criticism.scoped import physics
 from onlinebayes.runs import atomic_path
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -50,7 +50,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         stream = rr.RecordingStream("onlinebayes", send_properties=False)
         stream.save(temporary)
         runs = layout.shown_runs(result)
-        simulator = physics(result.final.simulator)
+        simulator = innermost(result.final.simulator)
         model = simulator.model if isinstance(simulator, MujocoSimulator) else None
         stream.send_blueprint(layout.blueprint(result, runs, model))
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):
@@ -138,6 +138,8 @@ def _send_scene(
     measured = before.measured.cpu().numpy()[keep]
     root = geometry.entity("runs", before.run, "scene")
     real = geometry.measured_qpos(model, result.signals, measured, simulated["after"])
+    away = measured - after.simulated.cpu().numpy()[keep]
+    real = geometry.measured_turns(model, result.signals, away, real)
     geometry.log_shapes(stream, f"{root}/measured", model)
     geometry.send_motion(stream, f"{root}/measured", model, time[keep], real)
     arrows.send_arrows(stream, f"{root}/forces", model, time[keep], simulated["after"], forces, keep)

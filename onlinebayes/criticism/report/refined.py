@@ -13,11 +13,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from onlinebayes.criticism.around import innermost
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.criticism.scope import address_of
-from onlinebayes.criticism.scoped import physical, physics
+from onlinebayes.criticism.scoped import physical
 from onlinebayes.runs import write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.export import to_xml
@@ -25,7 +26,7 @@ from onlinebayes.simulators.mujoco.export import to_xml
 
 def left_out(result: Criticism) -> tuple[str, ...]:
     """Keys of the effects that refined.xml cannot hold, because plain MuJoCo has no term for them."""
-    simulator, theta = physics(result.final.simulator), physical(result.final.simulator, result.final.theta)
+    simulator, theta = innermost(result.final.simulator), physical(result.final.simulator, result.final.theta)
     return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else ()
 
 
@@ -43,7 +44,7 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
     Raises:
         BadInput: the folder cannot be written.
     """
-    folder, simulator, written = Path(out_dir), physics(result.final.simulator), []
+    folder, simulator, written = Path(out_dir), innermost(result.final.simulator), []
     if problem is not None:
         content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
         write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
@@ -103,7 +104,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
 
 def _bounds(result: Criticism) -> dict[str, Any]:
     """Bounds of the effects' parameters, as the problem file writes them."""
-    space = physics(result.final.simulator).parameters
+    space = innermost(result.final.simulator).parameters
     found: dict[str, Any] = {}
     for effect in result.final.simulator.effects:
         for name in effect.parameters:

@@ -19,6 +19,7 @@ import numpy as np
 from onlinebayes.simulators.effects import ActuatorDelay, Effect
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array, names
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
+from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
@@ -81,7 +82,7 @@ def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, values: np.nd
             continue
         element = getattr(spec, place.kind)(name)
         if place.kind == "body" and place.attribute in ("mass", "inertia", "ipos"):
-            _own_inertial(spec, element, model, name)
+            own_inertial(spec, element, model)
         _assign(element, place, _in_file_units(spec, model, place, name, np.atleast_1d(values[rows])))
 
 
@@ -112,18 +113,6 @@ def _in_file_units(
     if angle and spec.compiler.degree and model.joint(name).type[0] == HINGE:
         return np.rad2deg(value)
     return value
-
-
-def _own_inertial(spec: mujoco.MjSpec, body: mujoco.MjsBody, model: mujoco.MjModel, name: str) -> None:
-    """Give the body the inertial that it was compiled to, in place of one inferred from its geoms."""
-    if body.explicitinertial and np.isnan(body.fullinertia[0]):
-        return
-    compiled = model.body(name)
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
-    body.explicitinertial = True
-    body.fullinertia = np.full(6, math.nan)
-    body.mass, body.inertia = float(compiled.mass[0]), compiled.inertia.copy()
-    body.ipos, body.iquat = compiled.ipos.copy(), compiled.iquat.copy()
 
 
 def _keep_rest_lengths(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:

@@ -108,7 +108,9 @@ class MujocoSimulator(Simulator):
         return kinds
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """See :meth:`Simulator.targets`; bodies that move, by name, and the world."""
+        """See :meth:`Simulator.targets`; slide and hinge joints, bodies that move, by name, and the world."""
+        if kind == "joint":
+            return tuple(self.joint_kinds)
         if kind == "body":
             return tuple(self.body_sizes)
         return ("world",) if kind == "world" else super().targets(kind)

@@ -40,6 +40,7 @@ from onlinebayes.simulators.mujoco.addresses import (
     resolve,
     scalar_joint,
 )
+from onlinebayes.simulators.mujoco.inertials import with_movable_centres
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.sensors import add_torque_sensors, sensor_places
 
@@ -120,6 +121,7 @@ class MujocoSystem:
         self.model = compile_spec(self.spec) if self.effects or sensors else base
         self.sensors, self.sensor_places = tuple(sensors), sensor_places(self.model, sensors)
         self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
+        self.model = with_movable_centres(self.spec, self.model, self._moved_centres())
         self.commands = _commands(self.model, names(base, "actuator"))
         self.signals = (*_signals(self.model), *self.sensors)
         self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
@@ -140,6 +142,14 @@ class MujocoSystem:
         self._places = {command.name: command.ctrl for command in self.commands}
         self.record = _record(self.model, bool(sensors))
         self.parts = tuple(self.record.columns)
+
+    def _moved_centres(self) -> list[int]:
+        """Ids of the bodies whose centre of mass a parameter or an effect moves."""
+        cells = [cell for address in self.addresses for cell in address.cells if cell.array == "body_ipos"]
+        effects = [effect for effect in self.effects if "body_ipos" in effect.fields]
+        rows = np.arange(self.model.nbody)
+        own = [int(i) for cell in cells for i in np.atleast_1d(rows[cell.index[0]])]
+        return [*own, *(int(self.model.body(effect.element).id) for effect in effects)]
 
     @property
     def nominal(self) -> Tensor:

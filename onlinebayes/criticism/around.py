@@ -1,0 +1,82 @@
+"""What a simulator around another one hands on: criticism sees its parameters or positions in another form."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping
+from typing import Self
+
+from jaxtyping import Bool
+from torch import Tensor
+
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
+
+
+class Around(Simulator):
+    """A simulator whose worlds are those of another one.
+
+    Args:
+        inner: the other one.
+
+    Attributes:
+        physics: the other one.
+    """
+
+    def __init__(self, inner: Simulator) -> None:
+        self.physics = inner
+        self.worlds, self.dt, self.timestep = inner.worlds, inner.dt, inner.timestep
+        self.commands, self.effects = inner.commands, inner.effects
+        self.device, self.dtype = inner.device, inner.dtype
+
+    @abstractmethod
+    def around(self, inner: Simulator) -> Self:
+        """The same around another simulator."""
+
+    @property
+    def body_sizes(self) -> Mapping[str, tuple[float, float]]:
+        """Those of the physics."""
+        return self.physics.body_sizes
+
+    @property
+    def actuator_gains(self) -> Mapping[str, float]:
+        """Those of the physics."""
+        return self.physics.actuator_gains
+
+    @property
+    def failed(self) -> Bool[Tensor, " N"]:
+        """Worlds that diverged since their last reset."""
+        return self.physics.failed
+
+    def with_effect(self, effect: Effect) -> Self:
+        """See :meth:`Simulator.with_effect`."""
+        return self.around(self.physics.with_effect(effect))
+
+    def with_worlds(self, worlds: int) -> Self:
+        """See :meth:`Simulator.with_worlds`."""
+        return self.around(self.physics.with_worlds(worlds))
+
+    def with_timestep(self, timestep: float) -> Self:
+        """See :meth:`Simulator.with_timestep`."""
+        return self.around(self.physics.with_timestep(timestep))
+
+    def with_runge_kutta(self) -> Self:
+        """See :meth:`Simulator.with_runge_kutta`."""
+        other = self.physics.with_runge_kutta()
+        return self if other is self.physics else self.around(other)
+
+    def with_gravity_compensation(self) -> Simulator | None:
+        """See :meth:`Simulator.with_gravity_compensation`."""
+        other = self.physics.with_gravity_compensation()
+        return None if other is None else self.around(other)
+
+    def with_payload(self, body: str, mass: float) -> Self:
+        """See :meth:`Simulator.with_payload`."""
+        return self.around(self.physics.with_payload(body, mass))
+
+
+def innermost(simulator: Simulator) -> Simulator:
+    """The simulator that others are around; itself where none is."""
+    while isinstance(simulator, Around):
+        simulator = simulator.physics
+    return simulator
