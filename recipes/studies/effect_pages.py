@@ -105,8 +105,7 @@ def block(card: Card) -> str:
         else "Mass and damping are refitted"
     )
     alike = [
-        f"| [{name_of(one.other)}]({name_of(one.other)}.md) | {one.cosine:.4f} | "
-        f"{quantities.percent(one.apart)} |"
+        f"| [{name_of(one.other)}]({name_of(one.other)}.md) | {one.cosine:.4f} | {quantities.percent(one.apart)} |"
         for one in card.alike
     ]
     richer = [other for other, kind in EFFECTS.items() if name in kind.contains]

@@ -127,7 +127,5 @@ def specimen_effects(windows: Windows) -> dict[str, Effect]:
 def _measurement(exact: Float[Tensor, "R K"], command: np.ndarray, times: np.ndarray, seed: int) -> Measurement:
     draw = generator(seed)
     read = (exact + NOISE * torch.randn(exact.shape, generator=draw, dtype=exact.dtype)).numpy()
-    runs = {
-        f"run{r}": {"time": times, "ctrl.motor": command[r], "qpos.hinge": read[r]} for r in range(len(read))
-    }
+    runs = {f"run{r}": {"time": times, "ctrl.motor": command[r], "qpos.hinge": read[r]} for r in range(len(read))}
     return Measurement.from_runs(runs, signals=[Signal("qpos.hinge", "rad", sd=NOISE)], commands=["motor"])

@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.resources import files
 
-import numpy as np
 import torch
 from jaxtyping import Float
 from tensordict import TensorDict
@@ -28,6 +27,7 @@ from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
 
 SHOWN_RUNS, SHOWN_EVERY = 3, 12
 NUDGE = 0.1  # [N m]
+Y_LABEL = "missing torque [N m]"
 WIDTH, TALL, LOW = 880, 178, 236
 
 
@@ -73,7 +73,9 @@ def draw(found: Fingerprint, title: str) -> str:
                 (found.velocity > 0, "after", "moving forward"),
             )
         ]
-        small = chart([Panel(curves, "missing torque [N m]" if k == 0 else "", LOW - 42)], name, width=across)
+        small = chart(
+            [Panel(curves, Y_LABEL if k == 0 else "", LOW - 42)], name, width=across, title=f"{Y_LABEL} over {name}"
+        )
         parts.append(_place(small, k * across, TALL + 8, across, LOW))
     return _file("".join(parts), TALL + 8 + LOW, title)
 
