@@ -43,12 +43,13 @@ blind: setup     ## hidden effects and null sets -> docs/results/blind.json
 	$(BIN)/python -m recipes.studies.blind
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
 	$(BIN)/python -m recipes.studies.emps
-effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
-	$(BIN)/python -m recipes.studies.effect_pages
 cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cartpole.json
 	$(BIN)/python -m recipes.cartpole --study
 pendulum: setup  ## Online BayesSim on Pendulum, five seeds -> docs/results/pendulum.json
 	$(BIN)/python -m recipes.pendulum --study
+
+effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
+	$(BIN)/python -m recipes.studies.effect_pages
 
 clean:           ## remove .venv and the outputs
 	rm -rf .venv $(OUT)

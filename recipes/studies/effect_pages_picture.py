@@ -85,8 +85,8 @@ def _residual(fitted: Fit, windows: Windows) -> tuple[Array, Array]:
     wrong = (windows.value - signals[0])[..., 0].masked_fill(~windows.observed[..., 0], float("nan"))
     mine = torch.nonzero(windows.run == 0).flatten()
     mine = mine[windows.first[mine].argsort()]
-    rows = torch.arange(1, windows.rows + 1)
-    time = windows.step * (windows.first[mine, None] + rows)
+    rows = windows.first[mine, None] + torch.arange(1, windows.rows + 1)
+    time = windows.step * rows.to(wrong)
     broken = torch.nn.functional.pad(wrong[mine], (0, 1), value=float("nan")).flatten()
     return torch.nn.functional.pad(time, (0, 1), value=float("nan")).flatten().numpy(), broken.numpy()
 
