@@ -8,7 +8,7 @@ OUT ?= out
 WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps clean
+.PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -48,6 +48,9 @@ cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cart
 	$(BIN)/python -m recipes.cartpole --study
 pendulum: setup  ## Online BayesSim on Pendulum, five seeds -> docs/results/pendulum.json
 	$(BIN)/python -m recipes.pendulum --study
+
+effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
+	$(BIN)/python -m recipes.studies.effect_pages
 
 clean:           ## remove .venv and the outputs
 	rm -rf .venv $(OUT)

@@ -16,7 +16,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.around import innermost
 from onlinebayes.criticism.results import FittedModel, ReplayedRun
+from onlinebayes.criticism.scoped import in_run
 from onlinebayes.simulators.effects import Seen
 
 AT_REST = 0.02
@@ -45,7 +47,8 @@ def effect_forces(model: FittedModel, run: ReplayedRun, signals: tuple[str, ...]
         run: one of its replays.
         signals: names of the replay's columns.
     """
-    theta = dict(zip(model.simulator.parameters, model.theta.unbind(), strict=True))
+    names = innermost(model.simulator).parameters
+    theta = dict(zip(names, in_run(model.simulator, model.theta, run.run).unbind(), strict=True))
     found = []
     for effect in model.simulator.effects:
         signal = f"qpos.{effect.target}"

@@ -21,12 +21,16 @@ LEFT, RIGHT, TOP, GAP, BOTTOM = 66, 16, 8, 16, 34
 
 @dataclass(frozen=True)
 class Curve:
-    """One line: ``y`` over ``x``; nan breaks it; ``kind`` is its CSS class, ``label`` its tooltip."""
+    """One line: ``y`` over ``x``; nan breaks it; ``kind`` is its CSS class, ``label`` its tooltip.
+
+    With ``dots`` its points, in any order, are drawn one by one and not joined.
+    """
 
     x: Array
     y: Array
     kind: str
     label: str
+    dots: bool = False
 
 
 @dataclass(frozen=True)
@@ -144,9 +148,10 @@ def _panel(panel: Panel, frame: _Frame, x_label: str | None) -> str:
         )
     columns = int(frame.right - frame.left)
     for curve in panel.curves:
-        x, y = decimate(curve.x, curve.y, columns)
-        d = _path(np.asarray(frame.px(x)), np.asarray(frame.py(y)))
-        parts.append(f'<path class="curve {curve.kind}" d="{d}"><title>{escape(curve.label)}</title></path>')
+        x, y = (curve.x, curve.y) if curve.dots else decimate(curve.x, curve.y, columns)
+        d = (_dots if curve.dots else _path)(np.asarray(frame.px(x)), np.asarray(frame.py(y)))
+        kind = f"dots {curve.kind}" if curve.dots else f"curve {curve.kind}"
+        parts.append(f'<path class="{kind}" d="{d}"><title>{escape(curve.label)}</title></path>')
     middle = (frame.top + frame.bottom) / 2
     parts.append(
         f'<text class="label" transform="translate(14 {middle:.0f}) rotate(-90)" text-anchor="middle">'
@@ -197,3 +202,9 @@ def _path(x: Array, y: Array) -> str:
         parts.append(f"{'L' if pen else 'M'}{a:.1f} {b:.1f}")
         pen = True
     return "".join(parts)
+
+
+def _dots(x: Array, y: Array) -> str:
+    """SVG path of a line without length at each finite point, which a round cap makes a dot."""
+    known = np.isfinite(x) & np.isfinite(y)
+    return "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(x[known].tolist(), y[known].tolist(), strict=True))
