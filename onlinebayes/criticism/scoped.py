@@ -22,7 +22,7 @@ from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect, TargetKind
+from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 
 
 class ScopedSimulator(Simulator):
@@ -118,6 +118,11 @@ class ScopedSimulator(Simulator):
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:
         """Those of the physics."""
         return self.physics.body_sizes
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """Those of the physics."""
+        return self.physics.contacts
 
     @property
     def actuator_gains(self) -> Mapping[str, float]:
