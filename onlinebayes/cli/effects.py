@@ -54,7 +54,7 @@ def check_effect(key: str, simulator: Simulator) -> None:
         raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(EFFECTS)))
     if at:
         kind = EFFECTS[name].target_kind
-        known = simulator.targets(kind)
+        known = tuple(t for k in (kind, *EFFECTS[name].wider) for t in simulator.targets(k))
         if split_axis(target, EFFECTS[name].axes)[0] not in known:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
 

@@ -149,4 +149,4 @@ def choose(admissible: list[Judged], bin_step: float) -> Judged:
 
 def contained(effect: Effect) -> set[str]:
     """Keys of the simpler effects that this one becomes for some of its values."""
-    return {f"{name}@{effect.target}" for name in effect.contains}
+    return {f"{name}@{effect.element}" for name in effect.contains}

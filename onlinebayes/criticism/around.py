@@ -10,7 +10,7 @@ from jaxtyping import Bool
 from torch import Tensor
 
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Contact, Effect
 
 
 class Around(Simulator):
@@ -37,6 +37,11 @@ class Around(Simulator):
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:
         """Those of the physics."""
         return self.physics.body_sizes
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """Those of the physics."""
+        return self.physics.contacts
 
     @property
     def actuator_gains(self) -> Mapping[str, float]:

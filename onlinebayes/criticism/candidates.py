@@ -22,7 +22,7 @@ from onlinebayes.criticism.scoped import effect_entries, unscoped
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import EFFECTS, ConstantLoad, Effect, GravityTilt, Scales, TargetKind
+from onlinebayes.simulators.effects import EFFECTS, AirDrag, ConstantLoad, Effect, GravityTilt, Scales, TargetKind
 from onlinebayes.simulators.effects.base import split_axis
 
 DEAD_TIME = 0.1  # of the horizon
@@ -73,7 +73,8 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or EFFECTS)}")
         kind, axes = EFFECTS[name].target_kind, EFFECTS[name].axes
         known = _targets(simulator, windows, kind)
-        if target and split_axis(target, axes)[0] not in known:
+        wider = {place: k for k in EFFECTS[name].wider for place in simulator.targets(k)}
+        if target and split_axis(target, axes)[0] not in (*known, *wider):
             near = difflib.get_close_matches(target, known, n=3, cutoff=0.4)
             raise BadInput(
                 f"'{item}': the simulator has no {kind} '{target}'", f"nearest: {', '.join(near or known) or 'none'}"
@@ -81,7 +82,8 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
         every = tuple(f"{element}.{axis}" for element in known for axis in axes) if axes else known
         effects = []
         for place in (target,) if target else every:
-            at = kind, split_axis(place, axes)[0]
+            element = split_axis(place, axes)[0]
+            at = wider.get(element, kind), element
             if at not in scales:
                 scales[at] = target_scales(simulator, windows, *at)
             effects.append(EFFECTS[name].scaled(place, scales[at]))
@@ -94,9 +96,11 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
 
 
 def _all(simulator: Simulator) -> list[str]:
-    """The whole vocabulary; on slides alone a turned gravity is a constant force, and named as that."""
-    slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
-    return [name for name in EFFECTS if not (slides and name == GravityTilt.name)]
+    """The vocabulary without what is rare, and what is a simpler effect on a single joint or on slides alone."""
+    joints = joint_names(simulator)
+    slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joints)
+    simpler = {GravityTilt.name: slides, AirDrag.name: len(joints) == 1}  # a constant load, a quadratic drag
+    return [name for name, effect in EFFECTS.items() if not (effect.rare or simpler.get(name))]
 
 
 def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
@@ -128,11 +132,10 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
     if kind == "signal":
         return _signal_scales(simulator, windows, target, time)
-    if kind == "body":
-        mass, length = simulator.body_sizes[target]
-        return Scales(force=1.0, speed=1.0, travel=1.0, time=time, inertia=mass, length=length)
-    if kind == "world":
-        return Scales(force=1.0, speed=1.0, travel=1.0, time=time)
+    if kind == "geom":
+        return Scales(force=1.0, speed=1.0, travel=1.0, time=time, contact=simulator.contacts[target])
+    if kind in ("body", "world"):
+        return _body_scales(simulator, windows, target, time)
     j = joints.index(target)
     position, speed, acceleration = _motion(simulator, windows, j)
     inertia, drive = _one_step(simulator, windows, j)
@@ -147,6 +150,20 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         centre=float(position.max() + position.min()) / 2,
         inertia=inertia,
     )
+
+
+def _body_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:
+    """Mass and size of a body, or the largest ones of the world; the speed of its size on all joints at once."""
+    sizes = simulator.body_sizes
+    if target in sizes:
+        mass, length = sizes[target]
+    else:
+        mass, length = (max((size[k] for size in sizes.values()), default=1.0) for k in (0, 1))
+    speed = sum(
+        _motion(simulator, windows, j)[1] * (1.0 if simulator.joint_kinds.get(joint) == "slide" else length)
+        for j, joint in enumerate(joint_names(simulator))
+    )
+    return Scales(force=1.0, speed=max(speed, 1e-9), travel=1.0, time=time, inertia=mass, length=length)
 
 
 def _signal_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:

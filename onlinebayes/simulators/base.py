@@ -32,7 +32,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 
 if TYPE_CHECKING:
-    from onlinebayes.simulators.effects import Effect, TargetKind
+    from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 
 
 class Simulator(ABC):
@@ -65,7 +65,7 @@ class Simulator(ABC):
         return {}
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """What effects of one kind can act on, by name; bodies and the world only where a backend knows of them."""
+        """What effects of one kind can act on, by name; bodies, geoms, the world only where a backend has them."""
         if kind == "actuator":
             return self.commands
         if kind == "signal":
@@ -76,6 +76,11 @@ class Simulator(ABC):
     @property
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:
         """Mass [kg] and size [m] of each of the bodies among :meth:`targets`, as the system was built."""
+        return {}
+
+    @property
+    def contacts(self) -> Mapping[str, Contact]:
+        """What the contacts of each of the geoms among :meth:`targets` are like, as the system was built."""
         return {}
 
     @property

@@ -82,3 +82,22 @@ def test_what_a_richer_effect_contains() -> None:
     assert contained(StribeckFriction("rail", force, force, speed)) == {"dry_friction@rail"}
     friction = AsymmetricFriction("rail", Parameter(0.0, 1.0), Parameter(0.0, 1.0))
     assert contained(friction) == {"dry_friction@rail"}
+
+
+def test_air_and_contacts_are_tried_where_they_are_something_of_their_own(windows: Windows) -> None:
+    # On a single joint air drag is a quadratic drag; a geom that touches nothing has no contacts; wind is asked for.
+    names = {effect.name for effect in propose(model(), windows)}
+    assert not names & {"air_drag", "wind", "contact_friction", "contact_softness"}
+    drag, world, *winds = propose(model(), windows, ["air_drag", "air_drag@world", "wind"])
+    assert [drag.key, world.key] == ["air_drag@cart", "air_drag@world"]
+    assert [wind.key for wind in winds] == ["wind@cart.x", "wind@cart.y"]
+    assert contained(winds[0]) == {"air_drag@cart"}
+    speed = target_scales(model(), windows, "joint", "rail").speed
+    assert drag.parameters["drag"].high == world.parameters["drag"].high == pytest.approx(9.81 * 2.0 / speed**2)
+    floor = '<worldbody><geom type="plane" pos="0 0 -.1" size="9 9 .1" friction=".6"/>'
+    grounded = SLIDE.replace("<worldbody>", floor).replace(
+        "</body>", '<geom name="foot" size=".1" friction=".5"/></body>'
+    )
+    keys = {effect.key: effect for effect in propose(MujocoSimulator(grounded, FREE), windows)}
+    assert keys["contact_friction@foot"].neutral == {"friction": 0.6}
+    assert keys["contact_softness@foot"].neutral == {"time_constant": 0.02, "damping_ratio": 1.0}

@@ -30,7 +30,10 @@ SCALES = Scales(force=3.0, speed=2.0, travel=1.0, time=0.1, unit="hinge")
 PRIOR = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 
 
-NATIVE_ONLY = ("armature", "payload", "com_offset", "gravity_tilt", "back_emf")
+NATIVE_ONLY = (
+    *("armature", "payload", "com_offset", "air_drag", "wind", "gravity_tilt", "back_emf"),
+    *("contact_friction", "contact_softness"),
+)
 """Effects that MuJoCo alone carries."""
 
 
@@ -48,7 +51,9 @@ def test_contract(system: type, name: str) -> None:
 
 @pytest.mark.parametrize("name", NATIVE_ONLY)
 def test_what_torch_cannot_carry_is_refused(name: str) -> None:
-    target = {"joint": "hinge", "actuator": "motor", "body": "bob", "world": "world"}[EFFECTS[name].target_kind]
+    target = {"joint": "hinge", "actuator": "motor", "body": "bob", "geom": "bob", "world": "world"}[
+        EFFECTS[name].target_kind
+    ]
     with pytest.raises(BadInput, match="no form in torch"):
         Pendulum().with_effect(EFFECTS[name].scaled(target, SCALES))
 

@@ -5,13 +5,16 @@ from onlinebayes.simulators.effects.actuator_delay import ActuatorDelay
 from onlinebayes.simulators.effects.actuator_gain import ActuatorGain
 from onlinebayes.simulators.effects.actuator_lag import ActuatorLag
 from onlinebayes.simulators.effects.actuator_saturation import ActuatorSaturation
+from onlinebayes.simulators.effects.air_drag import AirDrag
 from onlinebayes.simulators.effects.armature import Armature
 from onlinebayes.simulators.effects.asymmetric_friction import AsymmetricFriction
 from onlinebayes.simulators.effects.back_emf import BackEmf
-from onlinebayes.simulators.effects.base import Effect, Reading, Scales, Seen, TargetKind
+from onlinebayes.simulators.effects.base import Contact, Effect, Reading, Scales, Seen, TargetKind
 from onlinebayes.simulators.effects.cogging import Cogging
 from onlinebayes.simulators.effects.com_offset import ComOffset
 from onlinebayes.simulators.effects.constant_load import ConstantLoad
+from onlinebayes.simulators.effects.contact_friction import ContactFriction
+from onlinebayes.simulators.effects.contact_softness import ContactSoftness
 from onlinebayes.simulators.effects.cubic_stiffness import CubicStiffness
 from onlinebayes.simulators.effects.dry_friction import DryFriction
 from onlinebayes.simulators.effects.gravity_tilt import GravityTilt
@@ -25,6 +28,7 @@ from onlinebayes.simulators.effects.sensor_scale import SensorScale
 from onlinebayes.simulators.effects.stribeck_friction import StribeckFriction
 from onlinebayes.simulators.effects.thermal_derating import ThermalDerating
 from onlinebayes.simulators.effects.viscous_friction import ViscousFriction
+from onlinebayes.simulators.effects.wind import Wind
 
 EFFECTS: dict[str, type[Effect]] = {
     effect.name: effect
@@ -42,6 +46,8 @@ EFFECTS: dict[str, type[Effect]] = {
         Armature,
         Payload,
         ComOffset,
+        AirDrag,
+        Wind,
         GravityTilt,
         ActuatorGain,
         ActuatorLag,
@@ -53,6 +59,8 @@ EFFECTS: dict[str, type[Effect]] = {
         SensorBias,
         SensorScale,
         SensorDelay,
+        ContactFriction,
+        ContactSoftness,
     )
 }
 """Every known effect by the contract's name; a module of one's own adds to it."""
@@ -64,12 +72,16 @@ __all__ = [
     "ActuatorGain",
     "ActuatorLag",
     "ActuatorSaturation",
+    "AirDrag",
     "Armature",
     "AsymmetricFriction",
     "BackEmf",
     "Cogging",
     "ComOffset",
     "ConstantLoad",
+    "Contact",
+    "ContactFriction",
+    "ContactSoftness",
     "CubicStiffness",
     "DryFriction",
     "Effect",
@@ -88,4 +100,5 @@ __all__ = [
     "TargetKind",
     "ThermalDerating",
     "ViscousFriction",
+    "Wind",
 ]

@@ -30,8 +30,23 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 
-TargetKind = Literal["joint", "actuator", "body", "world", "signal"]
+TargetKind = Literal["joint", "actuator", "body", "geom", "world", "signal"]
 """What an effect acts on; a world has one target, ``"world"``."""
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What the model says of a geom's contacts; MuJoCo's defaults without more.
+
+    Args:
+        friction: sliding coefficient [1].
+        time_constant: of the penetration's decay [s].
+        damping_ratio: of that decay [1].
+    """
+
+    friction: float = 1.0
+    time_constant: float = 0.02
+    damping_ratio: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -40,14 +55,15 @@ class Scales:
 
     Args:
         force: largest generalised force in play at the joint [N, N m]; for an actuator, at its transmission.
-        speed: largest speed [m/s, rad/s].
+        speed: largest speed [m/s, rad/s]; of a body and of the world, about how fast bodies move [m/s].
         travel: range of the position [m, rad].
         time: longest plausible dead time [s].
         unit: the joint's kind, which decides the units.
         centre: middle of the positions visited [m, rad].
-        inertia: that a force at the joint moves [kg, kg m2]; of a body, its mass [kg].
+        inertia: that a force at the joint moves [kg, kg m2]; of a body, its mass [kg]; of the world, the largest.
         length: size of a body [m].
         output: largest force of an actuator itself, before its gear [N, N m].
+        contact: of a geom, how the model has its contacts.
     """
 
     force: float
@@ -59,6 +75,7 @@ class Scales:
     inertia: float = 1.0
     length: float = 0.1
     output: float = 1.0
+    contact: Contact = Contact()
 
 
 @dataclass(frozen=True)
@@ -107,20 +124,26 @@ class Effect(ABC):
     Attributes:
         name: the contract's name, e.g. ``"dry_friction"``.
         target_kind: what ``target`` names.
-        target: name of the joint, actuator, body or signal; ``"world"`` for what acts on all.
+        wider: other kinds that it may name, each for several of its own: the world for bodies, a body for its geoms.
+        rare: criticism tries it where it is named, not among all.
+        target: name of the joint, actuator, body, geom or signal; ``"world"`` for what acts on all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
+        excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
 
     name: ClassVar[str]
     target_kind: ClassVar[TargetKind]
+    wider: ClassVar[tuple[TargetKind, ...]] = ()
+    rare: ClassVar[bool] = False
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
+    excludes: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 

@@ -99,10 +99,10 @@ def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, name: str) ->
 def _assign(element: object, place: SpecAttribute, value: np.ndarray) -> None:
     current = getattr(element, place.attribute)
     if np.ndim(current) == 0:
-        setattr(element, place.attribute, float(value[0]))
+        setattr(element, place.attribute, type(current)(value[0]))
         return
-    whole = np.array(current, dtype=float)
-    whole[place.offset : place.offset + len(value)] = value[: len(whole) - place.offset]
+    whole, offset, value = np.array(current, dtype=float), max(place.offset, 0), value[max(-place.offset, 0) :]
+    whole[offset : offset + len(value)] = value[: len(whole) - offset]
     setattr(element, place.attribute, whole)
 
 

@@ -118,7 +118,10 @@ UNITS: dict[tuple[str, str], str | tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class SpecAttribute:
-    """Where a compiled array stands in the spec: the element's kind, the attribute, the offset of its first column."""
+    """Where a compiled array stands in the spec: the element's kind, the attribute, the offset of its first column.
+
+    A negative offset is the number of columns before those that the attribute holds.
+    """
 
     kind: str
     attribute: str
@@ -150,6 +153,11 @@ SPEC: dict[str, SpecAttribute] = {
     "geom_solimp": SpecAttribute("geom", "solimp"),
     "geom_margin": SpecAttribute("geom", "margin"),
     "geom_gap": SpecAttribute("geom", "gap"),
+    "geom_priority": SpecAttribute("geom", "priority"),
+    "geom_condim": SpecAttribute("geom", "condim"),
+    "geom_solmix": SpecAttribute("geom", "solmix"),
+    "geom_pos": SpecAttribute("geom", "pos"),
+    "geom_fluid": SpecAttribute("geom", "fluid_coefs", -1),
     "actuator_gear": SpecAttribute("actuator", "gear"),
     "actuator_gainprm": SpecAttribute("actuator", "gainprm"),
     "actuator_biasprm": SpecAttribute("actuator", "biasprm"),

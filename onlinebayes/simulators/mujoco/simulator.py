@@ -18,7 +18,9 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect, TargetKind
+from onlinebayes.simulators.effects import Contact, Effect, TargetKind
+from onlinebayes.simulators.effects.contact import contacts
+from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
@@ -108,11 +110,16 @@ class MujocoSimulator(Simulator):
         return kinds
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """See :meth:`Simulator.targets`; slide and hinge joints, bodies that move, by name, and the world."""
+        """See :meth:`Simulator.targets`.
+
+        Slide and hinge joints, bodies that move, by name, geoms that can touch something, and the world.
+        """
         if kind == "joint":
             return tuple(self.joint_kinds)
         if kind == "body":
             return tuple(self.body_sizes)
+        if kind == "geom":
+            return tuple(self.contacts)
         return ("world",) if kind == "world" else super().targets(kind)
 
     @property
@@ -120,11 +127,14 @@ class MujocoSimulator(Simulator):
         """Mass [kg] of each named body that moves, and half the diagonal of the box with its inertia [m]."""
         sizes = {}
         for i, name in enumerate(names(self.model, "body")):
-            mass, trace = float(self.model.body_mass[i]), float(self.model.body_inertia[i].sum())
-            if name and self.model.body_weldid[i] and mass > 0:
-                # A box of sides 2a, 2b, 2c has the trace 2 m (a^2 + b^2 + c^2) / 3.
-                sizes[name] = (mass, max(math.sqrt(1.5 * trace / mass), 1e-6))
+            if name and self.model.body_weldid[i] and (size := body_size(self.model, i)):
+                sizes[name] = (float(self.model.body_mass[i]), size)
         return sizes
+
+    @property
+    def contacts(self) -> dict[str, Contact]:
+        """See :meth:`Simulator.contacts`."""
+        return contacts(self.model)
 
     @property
     def actuator_gains(self) -> dict[str, float]:

@@ -28,6 +28,7 @@ from torch import Tensor
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect, sticking
+from onlinebayes.simulators.effects.contact import touching
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
     HINGE,
@@ -115,6 +116,8 @@ class MujocoSystem:
         self.parameters = parameters
         for effect in self.effects:
             _check_target(base, effect, sensors)
+            if clash := [address for address in effect.excludes if address in parameters]:
+                raise BadInput(f"{effect.key} cannot stand beside a free {' or '.join(clash)}", "leave one of them out")
             effect.edit(self.spec)
             self.parameters = self.parameters | _grown(effect)
         add_torque_sensors(self.spec, base, sensors)
@@ -280,7 +283,9 @@ def _grown(effect: Effect) -> ParameterSpace:
 
 
 def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str]) -> None:
-    if effect.target_kind == "joint":
+    if "world" in effect.wider and effect.element == "world":
+        pass
+    elif effect.target_kind == "joint":
         scalar_joint(model, effect.target)
     elif effect.target_kind == "signal":
         known = (*_signals(model), *sensors)
@@ -290,6 +295,8 @@ def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str])
         return
     elif effect.target_kind == "body":
         movable_body(model, effect.element)
+    elif effect.target_kind == "geom":
+        touching(model, effect.target)
     elif effect.target_kind == "world":
         if effect.element != "world":
             raise BadInput(f"{effect.key} acts on the whole world", f"write {effect.name}@world")

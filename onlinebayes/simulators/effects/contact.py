@@ -1,0 +1,119 @@
+"""A geom's contacts under properties of their own, whatever touches it: MuJoCo's contact priority.
+
+Two geoms that touch share the larger friction and dimension of the two, and the mean of their ``solref`` and
+``solimp`` (MuJoCo: Computation, "Contact parameters"): a floor that rubs more hides how little a foot does. The geom
+of higher ``priority`` decides alone. An effect on contacts therefore raises its geom's priority in the worlds in which
+it acts, after giving the geom the properties that its contacts have without the effect: those of its pair with the
+**leading partner**, the geom that rubs most of those it can touch. With several partners that differ, the effect gives
+all contacts what the leading one has, but for its own parameter.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+
+import mujoco
+import numpy as np
+from jaxtyping import Bool
+
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects.base import Contact
+
+FIELDS = ("geom_priority", "geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_solmix")
+"""The fields that decide what a contact is like."""
+
+
+def take_over(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], i: int, where: Bool[np.ndarray, " N"]) -> None:
+    """Let geom i decide alone in the worlds ``where``, with its leading pair's properties."""
+    highest = int(model.geom_priority.max()) + 1
+    new = where & (fields["geom_priority"][:, i] != highest)  # not where another effect has done so already
+    for name, values in pair_properties(fields, i, leading_partner(model, i)).items():
+        fields[name][new, i] = values[new]
+    fields["geom_priority"][new, i] = highest
+
+
+def pair_properties(fields: Mapping[str, np.ndarray], i: int, j: int) -> dict[str, np.ndarray]:
+    """What contacts of geoms i and j are like: name of the field -> (N, ...)."""
+    first, second = ({name: fields[name][:, k] for name in FIELDS} for k in (i, j))
+    ahead = np.sign(first["geom_priority"] - second["geom_priority"])[:, None]
+
+    def decided(a: np.ndarray, b: np.ndarray, both: np.ndarray) -> np.ndarray:
+        return np.where(ahead > 0, a, np.where(ahead < 0, b, both))
+
+    weights = np.maximum(first["geom_solmix"] + second["geom_solmix"], mujoco.mjMINVAL)
+    mix = (first["geom_solmix"] / weights)[:, None]
+    found = {}
+    for name in ("geom_friction", "geom_solref", "geom_solimp"):
+        a, b = first[name], second[name]
+        found[name] = decided(a, b, mix * a + (1 - mix) * b)
+    a, b = first["geom_friction"], second["geom_friction"]
+    found["geom_friction"] = decided(a, b, np.maximum(a, b))
+    a, b = first["geom_solref"], second["geom_solref"]
+    direct = (a[:, :1] <= 0) | (b[:, :1] <= 0)  # stiffness and damping, which do not mix with times
+    found["geom_solref"] = decided(a, b, np.where(direct, np.minimum(a, b), found["geom_solref"]))
+    a, b = first["geom_condim"][:, None], second["geom_condim"][:, None]
+    found["geom_condim"] = decided(a, b, np.maximum(a, b))[:, 0]
+    return found
+
+
+def contacts(model: mujoco.MjModel) -> dict[str, Contact]:
+    """Each target of effects on contacts (see :func:`touching`) -> its first geom's, with the leading partner."""
+    fields = {name: getattr(model, name)[None] for name in FIELDS}
+    found = {}
+    for target, geoms in _targets(model).items():
+        pair = pair_properties(fields, geoms[0], leading_partner(model, geoms[0]))
+        found[target] = Contact(float(pair["geom_friction"][0, 0]), *pair["geom_solref"][0].tolist())
+    return found
+
+
+def touching(model: mujoco.MjModel, target: str) -> tuple[int, ...]:
+    """Ids of the geoms that a target means: the geom of this name, or the geoms without a name of a body.
+
+    Raises:
+        BadInput: no such geom or body moves and can touch anything.
+    """
+    known = _targets(model)
+    if target not in known:
+        near = difflib.get_close_matches(target, known, n=3, cutoff=0.4) or list(known)
+        problem = f"no geom '{target}' moves and can touch another, and no <pair> decides for it"
+        raise BadInput(problem, f"nearest: {', '.join(near) or 'none'}")
+    return known[target]
+
+
+def _targets(model: mujoco.MjModel) -> dict[str, tuple[int, ...]]:
+    found: dict[str, tuple[int, ...]] = {}
+    unnamed: dict[str, tuple[int, ...]] = {}
+    for i in range(model.ngeom):
+        body = int(model.geom_bodyid[i])
+        if not model.body_weldid[body] or next(partners(model, i), None) is None:
+            continue
+        if name := model.geom(i).name:
+            found[name] = (i,)
+        elif name := model.body(body).name:
+            unnamed[name] = (*unnamed.get(name, ()), i)
+    return {**unnamed, **found}
+
+
+def leading_partner(model: mujoco.MjModel, i: int) -> int:
+    """Of the geoms that geom i can touch, the first of those with the most friction in their contact."""
+    fields = {name: getattr(model, name)[None] for name in FIELDS}
+    return max(partners(model, i), key=lambda j: float(pair_properties(fields, i, j)["geom_friction"][0, 0]))
+
+
+def partners(model: mujoco.MjModel, i: int) -> Iterator[int]:
+    """The geoms that geom i can touch, by MuJoCo's rules for bodies; none where a ``<pair>`` decides its contacts."""
+    if i in model.pair_geom1 or i in model.pair_geom2:
+        return
+    mine, excluded = int(model.geom_bodyid[i]), set(model.exclude_signature.tolist())
+    weld, parent = model.body_weldid, model.body_weldid[model.body_parentid[model.body_weldid]]
+    filtered = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
+    for j in range(model.ngeom):
+        other = int(model.geom_bodyid[j])
+        touch = model.geom_contype[i] & model.geom_conaffinity[j] or model.geom_contype[j] & model.geom_conaffinity[i]
+        if not touch or weld[mine] == weld[other]:
+            continue
+        family = weld[mine] and weld[other] and (parent[mine] == weld[other] or parent[other] == weld[mine])
+        low, high = sorted((mine, other))
+        if not (filtered and family) and (low << 16) + high not in excluded:
+            yield j

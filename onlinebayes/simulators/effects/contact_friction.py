@@ -1,0 +1,66 @@
+"""The sliding coefficient of a geom's contacts is mu, whatever touches it; at the model's own the effect is nothing.
+
+Carried by MuJoCo as ``geom_friction[0]`` under raised priority (see :mod:`.contact`). The other coefficients, of
+turning and rolling, stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import mujoco
+import numpy as np
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.contact import FIELDS, take_over, touching
+
+
+@dataclass(frozen=True)
+class ContactFriction(Effect):
+    """Another sliding coefficient of a geom's contacts.
+
+    Args:
+        target: geom of a body that moves; or such a body, for its geoms that have no name.
+        friction: bounds of mu >= 0 [1].
+        own: the model's own coefficient, at which nothing changes [1].
+    """
+
+    target: str
+    friction: Parameter
+    own: float = 1.0
+    name = "contact_friction"
+    target_kind = "geom"
+    fields = FIELDS
+
+    def __post_init__(self) -> None:
+        non_negative(self.key, "friction", self.friction)
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """mu up to 2, or twice the model's own."""
+        own = scales.contact.friction
+        return cls(target, Parameter(0.0, max(2.0, 2 * own)), own)
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``friction``."""
+        return ParameterSpace({"friction": self.friction})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """mu is the model's own."""
+        return {"friction": self.own}
+
+    def write(
+        self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
+    ) -> None:
+        """``geom_friction[0] = mu`` in the worlds where it differs from the model's own."""
+        mu = parameters["friction"]
+        acts = mu != self.own
+        for i in touching(model, self.target):
+            take_over(model, fields, i, acts)
+            fields["geom_friction"][acts, i, 0] = mu[acts]
