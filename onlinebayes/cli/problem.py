@@ -34,7 +34,7 @@ DATA = "$ONLINEBAYES_DATA"
 """As the first part of a table's path: the folder that this variable of the environment names. No other is looked at."""
 
 TOP = (
-    *("schema", "model", "measurements", "holdout", "ignore", "parameters"),
+    *("schema", "model", "measurements", "holdout", "ignore", "groups", "parameters"),
     *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
