@@ -4,7 +4,8 @@
 
 q is the replay's, v its difference quotient within each window. At rest a dry friction holds whatever acts on it up to
 F; what it holds is not known from the motion, so that its force fades to nothing below v_rest, a fiftieth of the
-largest speed. Effects on actuators, and those that name no force, have none here.
+largest speed. What actuators do at the joint is not known from the motion either: effects that read it, effects on
+actuators, and those that name no force, have none here.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.results import FittedModel, ReplayedRun
+from onlinebayes.criticism.scoped import in_run, physics
+from onlinebayes.simulators.effects import Seen
 
 AT_REST = 0.02
 
@@ -43,7 +46,8 @@ def effect_forces(model: FittedModel, run: ReplayedRun, signals: tuple[str, ...]
         run: one of its replays.
         signals: names of the replay's columns.
     """
-    theta = dict(zip(model.simulator.parameters, model.theta.unbind(), strict=True))
+    names = physics(model.simulator).parameters
+    theta = dict(zip(names, in_run(model.simulator, model.theta, run.run).unbind(), strict=True))
     found = []
     for effect in model.simulator.effects:
         signal = f"qpos.{effect.target}"
@@ -52,11 +56,13 @@ def effect_forces(model: FittedModel, run: ReplayedRun, signals: tuple[str, ...]
         q = run.simulated[:, signals.index(signal)]
         v = _velocity(run, q)
         parameters = {name: theta[f"{effect.key}.{name}"].expand(len(q)) for name in effect.parameters}
-        force, bound = effect.force(parameters, q, v), effect.friction_bound(parameters)
+        unknown = torch.full_like(q, torch.nan)
+        seen = Seen(q, v, unknown, unknown, None, model.simulator.timestep)
+        force, bound = effect.force(parameters, seen), effect.friction_bound(parameters, seen)
         if force is None and bound is not None:
             rest = AT_REST * torch.nan_to_num(v).abs().max()
             force = -bound * v / v.abs().maximum(rest).clamp_min(1e-12)
-        if force is not None:
+        if force is not None and not bool(force.isnan().all()):
             found.append(EffectForce(effect.key, effect.target, force))
     return tuple(found)
 

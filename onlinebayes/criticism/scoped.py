@@ -240,6 +240,14 @@ def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, 
     return simulator.typical(theta) if isinstance(simulator, ScopedSimulator) else theta
 
 
+def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
+    """What :func:`physics` of this simulator gets in a run; a run without values of its own has the typical ones."""
+    if not isinstance(simulator, ScopedSimulator):
+        return theta
+    A, c = (x.to(theta) for x in simulator.affine(run))
+    return A @ theta + c
+
+
 def unfold(
     simulator: Simulator, windows: Windows, theta: Float[Tensor, "M F"]
 ) -> tuple[Simulator, Float[Tensor, "M W P"]]:

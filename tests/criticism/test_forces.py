@@ -7,6 +7,8 @@ import torch
 
 from onlinebayes.criticism.forces import effect_forces
 from onlinebayes.criticism.results import FittedModel, ReplayedRun
+from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import (
     ActuatorGain,
@@ -14,6 +16,7 @@ from onlinebayes.simulators.effects import (
     DryFriction,
     Effect,
     JointStiffness,
+    LoadDependentFriction,
     QuadraticDrag,
 )
 from tests.criticism.report.synthetic import SIGNAL, Unmoved
@@ -31,6 +34,7 @@ def test_each_law_is_its_own() -> None:
         QuadraticDrag("carriage", Parameter(0, 10, "N s2/m2")),
         JointStiffness("carriage", Parameter(0, 100, "N/m"), Parameter(-1, 1, "m")),
         ActuatorGain("motor", Parameter(-0.5, 0.5)),
+        LoadDependentFriction("carriage", Parameter(0, 1)),  # reads the drive, which a replay does not tell
     )
     sizes = {"dry_friction@carriage.frictionloss": 20.0, "constant_load@carriage.load": 3.0}
     sizes |= {"quadratic_drag@carriage.drag": 2.0, "joint_stiffness@carriage.stiffness": 5.0}
@@ -64,3 +68,16 @@ def test_a_joint_at_rest_has_no_known_friction() -> None:
     model = FittedModel(simulator, torch.tensor([20.0]).double(), torch.eye(1), {}, (), (run,))
     (force,) = effect_forces(model, run, (SIGNAL,))
     assert force.value == pytest.approx(0.0)
+
+
+def test_a_run_feels_its_own_size() -> None:
+    simulator = Unmoved()
+    effect = ConstantLoad("carriage", Parameter(-50, 50, "N"))
+    simulator.parameters, simulator.effects = space(effect), (effect,)
+    scoped = ScopedSimulator(simulator, Scope((effect.key,)), ("light", "heavy"))
+    rows = torch.zeros(5, 1, dtype=torch.float64)
+    theta = torch.tensor([3.0, 7.0], dtype=torch.float64)
+    for name, load in (("light", 3.0), ("heavy", 7.0), ("new", 5.0)):
+        run = ReplayedRun(name, True, torch.arange(5.0).double(), rows, rows, rows, rows, torch.zeros(5).int())
+        (force,) = effect_forces(FittedModel(scoped, theta, torch.eye(2), {}, (), (run,)), run, (SIGNAL,))
+        assert force.value == pytest.approx(load)
