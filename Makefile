@@ -8,7 +8,7 @@ OUT ?= out
 WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps measured effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -44,6 +44,8 @@ blind: setup     ## hidden effects and null sets -> docs/results/blind.json
 	$(BIN)/python -m recipes.studies.blind
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
 	$(BIN)/python -m recipes.studies.emps
+measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json
+	$(BIN)/python -m recipes.studies.measured
 cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cartpole.json
 	$(BIN)/python -m recipes.cartpole --study
 pendulum: setup  ## Online BayesSim on Pendulum, five seeds -> docs/results/pendulum.json

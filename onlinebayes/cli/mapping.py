@@ -50,8 +50,8 @@ def command_columns(section: Section, names: Sequence[str]) -> list[CommandColum
     Section(section.values, section.file, section.path, known=names)
     mapped = []
     for name in section.values:
-        table = section.section(name, COLUMN)
-        mapped.append(CommandColumn(name, table.text("column", ""), *_line(table, "")))
+        table = section.section(name, (*COLUMN, "enable"))
+        mapped.append(CommandColumn(name, table.text("column", ""), *_line(table, ""), table.text("enable", "")))
     return mapped
 
 

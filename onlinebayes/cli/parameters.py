@@ -6,6 +6,7 @@
 | ``"joint.f*.damping" = [0, 1]``                             | one parameter for each joint that the glob matches   |
 | ``"joint.f*.damping" = { .., tie = true }``                 | one parameter, the value of all of them              |
 | ``.. = { .., scope = "per_run" }``, ``[effects.scope]``     | one value in every run                               |
+| ``groups = ["ball-a-*", "ball-b-*"]``                       | runs that have what is per run in common             |
 | ``[runs."kp200*"]``, ``"actuator.goal.kp" = 1.9``           | a known constant of these runs                       |
 """
 
@@ -34,6 +35,7 @@ class Declared:
         effects: ``name@target.parameter`` -> bounds, of added effects.
         per_run: addresses and effects with one value a run.
         known: glob of runs -> address -> value [SI].
+        groups: globs of runs that share what is per run.
     """
 
     model: dict[str, Parameter]
@@ -41,6 +43,7 @@ class Declared:
     effects: dict[str, Parameter]
     per_run: tuple[str, ...]
     known: dict[str, dict[str, float]]
+    groups: tuple[str, ...] = ()
 
     @property
     def globs(self) -> tuple[str, ...]:
@@ -56,7 +59,7 @@ class Declared:
     @property
     def scope(self) -> Scope | None:
         """How they differ between runs; None where they do not."""
-        return Scope(self.per_run, self.known, self._unfitted) or None
+        return Scope(self.per_run, self.known, self._unfitted, self.groups) or None
 
     @property
     def _unfitted(self) -> tuple[str, ...]:
@@ -109,7 +112,15 @@ def declared(top: Section, effects: Section) -> Declared:
         {key: bounds for key, (bounds, _, _) in read.items() if "@" in key},
         tuple(per_run),
         _known(top.section("runs")),
+        _groups(top, per_run),
     )
+
+
+def _groups(top: Section, per_run: list[str]) -> tuple[str, ...]:
+    groups = top.texts("groups", ())
+    if groups and not per_run:
+        raise top.error("groups", "nothing is per run", 'give a parameter or an effect the scope "per_run"')
+    return groups
 
 
 def _known(section: Section) -> dict[str, dict[str, float]]:

@@ -7,6 +7,7 @@ Everything is checked here, before any long work; each error names the file, the
 
 from __future__ import annotations
 
+import os
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,8 +30,11 @@ from onlinebayes.simulators.base import Simulator
 LARGEST, MOST_DOTS = 2**20, 2000
 """Bytes of a problem file, and dots in one of its lines."""
 
+DATA = "$ONLINEBAYES_DATA"
+"""As the first part of a table's path: the folder that this variable of the environment names. No other is looked at."""
+
 TOP = (
-    *("schema", "model", "measurements", "holdout", "ignore", "parameters"),
+    *("schema", "model", "measurements", "holdout", "ignore", "groups", "parameters"),
     *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
@@ -157,7 +161,7 @@ def _scope(
 def _columns(top: Section, tables: Sequence[str]) -> set[str]:
     """Names of columns and of mapped signals that are not ignored."""
     ignored = top.texts("ignore", ())
-    found = {name for table in tables for name in open_source(Path(top.file).parent / table).names}
+    found = {name for table in tables for name in open_source(_located(top, table)).names}
     kept = {name for name in found if not any(fnmatchcase(name, pattern) for pattern in ignored)}
     return kept | set(top.section("signals").values)
 
@@ -175,7 +179,17 @@ def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note
         known=known_addresses(simulator),
         note=note,
     )
-    return reader.read(Path(top.file).parent / table for table in tables)
+    return reader.read(_located(top, table) for table in tables)
+
+
+def _located(top: Section, table: str) -> Path:
+    """Where a table lies: from the problem file's folder on, or in the folder of measured data."""
+    variable, _, rest = table.partition("/")
+    if variable != DATA or not rest:
+        return Path(top.file).parent / table
+    if not (data := os.environ.get(DATA[1:])):
+        raise top.error("measurements", f"{DATA[1:]} is not set", f"set it to the folder that holds '{rest}'")
+    return Path(data) / rest
 
 
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:

@@ -56,15 +56,15 @@ def lent(
     if not isinstance(simulator, ScopedSimulator):
         return both, half
     C, r, space = fitted.projected.columns, fitted.projected.residual, simulator.parameters
-    informs = _informs(fitted)
+    informs, owner = _informs(fitted), simulator.owner_of(windows)
     for b in range(blocks.count):
         shared = r - C @ (without[b] - fitted.theta)
-        for run in range(len(simulator.runs)):
-            mine = simulator.own == run
+        for who in range(len(simulator.owners)):
+            mine = simulator.own == who
             if not bool(mine.any()) or bool(informs[blocks.train[b]][:, mine].any()):
                 continue
             for h in (0, 1):
-                rows = (blocks.of == b) & (half != h) & (windows.run == run)
+                rows = (blocks.of == b) & (half != h) & (owner == who)
                 if not bool(informs[rows][:, mine].any()):
                     both[h, b, mine] = _mean_of_others(simulator, without[b], mine)
                     continue
@@ -86,8 +86,8 @@ def own_covariance(fitted: Fit, blocks: Blocks) -> Float[Tensor, "F F"]:
         return covariance
     C, r, informs = fitted.projected.columns, fitted.projected.residual, _informs(fitted)
     width = (simulator.parameters.high - simulator.parameters.low).to(fitted.theta)
-    for run in range(len(simulator.runs)):
-        mine = (simulator.own == run).nonzero()[:, 0]
+    for who in range(len(simulator.owners)):
+        mine = (simulator.own == who).nonzero()[:, 0]
         rows = informs[:, mine].any(1)
         if not len(mine) or len(torch.unique(blocks.of[rows])) > 1:
             continue
@@ -130,7 +130,7 @@ def held_out_model(
     swapped = replace(parts, run=2 * windows.run + 1 - half)
     alone = [name for k, name in enumerate(names) if not bool((parts.run == k).any())]
     for name in alone:  # a half without windows tells nothing: the fitted runs' mean
-        mine = model.own == model.runs.index(name)
+        mine = model.own == model.owners.index(name)
         found[mine] = start[mine]
     return model, swapped, found
 

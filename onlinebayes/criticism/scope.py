@@ -9,6 +9,7 @@ c_r holds a constant:
 |------------------|------------------------------|-------------------------------------------------------------|
 | shared           | ``address``                  | that entry                                                  |
 | one value a run  | ``address[run r]`` a run     | its own entry; the mean of all for a run that has none      |
+| one value a group| ``address[run glob]`` a group| the group's entry, in every run that the glob matches       |
 | known in the run | none                         | the constant                                                |
 | not fitted       | none                         | the constant where the run has one, else the model's own    |
 """
@@ -34,11 +35,13 @@ class Scope:
             all of whose parameters are meant), that have one value in every run.
         known: name or glob of runs -> address -> value [SI] that is a known constant there.
         unfitted: addresses that are fitted in no run: where nothing is known the model's own value holds.
+        groups: globs of runs that share what ``per_run`` names (runs of one specimen); the other runs stand alone.
     """
 
     per_run: tuple[str, ...] = ()
     known: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     unfitted: tuple[str, ...] = ()
+    groups: tuple[str, ...] = ()
 
     def __bool__(self) -> bool:
         return bool(self.per_run or self.known or self.unfitted)
@@ -46,6 +49,15 @@ class Scope:
     def owned(self, address: str) -> bool:
         """Whether a parameter has one value a run."""
         return address in self.per_run or ("@" in address and address.rpartition(".")[0] in self.per_run)
+
+    def owner(self, run: str) -> str:
+        """Who has the run's own values: the glob of its group, which a part of it shares, or the run itself."""
+        name = origin(run)
+        return next((glob for glob in self.groups if name == glob or fnmatchcase(name, glob)), run)
+
+    def owners_without(self, address: str, runs: Iterable[str]) -> tuple[str, ...]:
+        """The owners of those runs in which nothing is known of an address."""
+        return tuple(dict.fromkeys(self.owner(run) for run in runs if address not in self.constants(run)))
 
     def constants(self, run: str) -> dict[str, float]:
         """What is known in a run, address -> value [SI]; a part of a run knows what the run does."""
@@ -60,10 +72,12 @@ class Scope:
     def check(self, parameters: ParameterSpace, runs: Iterable[str]) -> None:
         """Raise :class:`BadInput` where the scope names what is not there, or a run knows two values of one address."""
         runs = tuple(runs)
-        for pattern in self.known:
+        for pattern in (*self.known, *self.groups):
             if not any(run == pattern or fnmatchcase(run, pattern) for run in runs):
                 raise BadInput(f"no run is called '{pattern}'", _near(pattern, runs))
         for run in runs:
+            if len(mine := [glob for glob in self.groups if run == glob or fnmatchcase(run, glob)]) > 1:
+                raise BadInput(f"run '{run}' is in the groups '{mine[0]}' and '{mine[1]}'", "let one glob match it")
             seen: dict[str, float] = {}
             for pattern, values in self.known.items():
                 if run != pattern and not fnmatchcase(run, pattern):
@@ -80,7 +94,7 @@ class Scope:
 
 
 def own_name(address: str, run: str) -> str:
-    """Name of one run's own value, e.g. ``body.cart.mass[run heavy]``."""
+    """Name of one run's (or group's) own value, e.g. ``body.cart.mass[run heavy]``."""
     return f"{address}[run {run}]"
 
 

@@ -32,23 +32,25 @@ class ScopedSimulator(Around):
     Args:
         physics: the simulator that is replayed.
         scope: what differs between runs.
-        runs: the runs that are fitted, each of which gets own values.
+        runs: the runs that are fitted, each of which (or each group of which) gets own values.
 
     Attributes:
         parameters: of phi.
+        owners: the runs and groups that have own values.
+        place, own: which of the physics' parameters each entry of phi is, and its number among the owners (-1: shared).
     """
 
     def __init__(self, physics: Simulator, scope: Scope, runs: Sequence[str]) -> None:
         super().__init__(physics)
         self.scope, self.runs = scope, tuple(runs)
-        entries: dict[str, tuple[int, int, Parameter]] = {}  # name -> (place in theta, run or -1, bounds)
-        constants = {run: scope.constants(run) for run in self.runs}
+        self.owners = tuple(dict.fromkeys(map(scope.owner, self.runs)))
+        entries: dict[str, tuple[int, int, Parameter]] = {}  # name -> (place in theta, owner or -1, bounds)
         for i, (address, bounds) in enumerate(physics.parameters.items()):
-            unknown = [r for r, run in enumerate(self.runs) if address not in constants[run]]
+            unknown = scope.owners_without(address, self.runs)
             if address in scope.unfitted or not unknown:
                 continue
             if scope.owned(address):
-                entries |= {own_name(address, self.runs[r]): (i, r, bounds) for r in unknown}
+                entries |= {own_name(address, owner): (i, self.owners.index(owner), bounds) for owner in unknown}
             else:
                 entries[address] = (i, -1, bounds)
         self.parameters = ParameterSpace({name: bounds for name, (_, _, bounds) in entries.items()})
@@ -92,16 +94,22 @@ class ScopedSimulator(Around):
 
     def free_in(self, run: str) -> tuple[str, ...]:
         """Addresses of which a run has a value of its own that is neither known nor fitted yet."""
-        known = {*self.scope.constants(run), *self.scope.unfitted}
+        known, owner = {*self.scope.constants(run), *self.scope.unfitted}, self.scope.owner(origin(run))
         return tuple(
             name
             for name in self.physics.parameters
-            if self.scope.owned(name) and name not in known and own_name(name, origin(run)) not in self.parameters
+            if self.scope.owned(name) and name not in known and own_name(name, owner) not in self.parameters
         )
+
+    def owner_of(self, windows: Windows) -> Int[Tensor, " W"]:
+        """Number of each window's owner, -1 where its run has none."""
+        names = [self.scope.owner(run) for run in windows.runs]
+        number = torch.tensor([self.owners.index(name) if name in self.owners else -1 for name in names])
+        return number.to(windows.run)[windows.run]
 
     def _belongs(self, entry: int, run: str | None) -> bool:
         r = int(self.own[entry])
-        return r < 0 or (run is not None and self.runs[r] in (run, origin(run)))
+        return r < 0 or (run is not None and self.owners[r] in map(self.scope.owner, (run, origin(run))))
 
     # --- a simulator --------------------------------------------------------------------------------------------
 
@@ -218,12 +226,11 @@ def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
     if not isinstance(simulator, ScopedSimulator):
         return {f"{effect.key}.{name}": name for name in effect.parameters}
     found: dict[str, str] = {}
-    constants = {run: simulator.scope.constants(run) for run in simulator.runs}
     for name in effect.parameters:
         address = f"{effect.key}.{name}"
-        unknown = [run for run in simulator.runs if address not in constants[run]]
+        unknown = simulator.scope.owners_without(address, simulator.runs)
         if address in simulator.scope.unfitted or not unknown:
             continue
-        entries = [own_name(address, run) for run in unknown] if simulator.scope.owned(address) else [address]
+        entries = [own_name(address, owner) for owner in unknown] if simulator.scope.owned(address) else [address]
         found |= dict.fromkeys(entries, name)
     return found

@@ -224,7 +224,7 @@ def _sensitivities(
     current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
     raw = _raw(current, windows, effects, tried)
-    if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(windows.runs):
+    if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(current.simulator.owners):
         raw, tried = _run_by_run(current.simulator, windows, effects, raw, tried)
     horizons = []
     for pieces in (1, PIECES):
@@ -246,8 +246,9 @@ def _run_by_run(
     Only where runs hold several groups of windows: in a single one, flips cannot tell a size from chance.
     """
     own = [k for k, t in enumerate(tried) if _owned(simulator, effects[t.candidate])]
-    alone = [raw[own] * (windows.run == r).to(raw)[:, None, None] for r in range(len(windows.runs))]
-    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in windows.runs for k in own))
+    owner = simulator.owner_of(windows)
+    alone = [raw[own] * (owner == who).to(raw)[:, None, None] for who in range(len(simulator.owners))]
+    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in simulator.owners for k in own))
 
 
 def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:

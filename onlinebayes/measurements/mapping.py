@@ -48,12 +48,14 @@ class CommandColumn:
         column: the table's column; ``ctrl.<actuator>`` by default.
         scale: what multiplies the cell, units and sign included [command unit / unit of the column].
         offset: what is added then [command unit].
+        enable: the column that is 0 while the actuator is off; ``enable.<actuator>`` by default.
     """
 
     actuator: str
     column: str = ""
     scale: float = 1.0
     offset: float = 0.0
+    enable: str = ""
 
     @property
     def source(self) -> str:

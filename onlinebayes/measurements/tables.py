@@ -89,6 +89,7 @@ class TableReader:
         if "time" not in names:
             cure = _nearest("time", source.names) or _list(source.names)
             raise BadInput("no column 'time'", cure, where=f"{path}, row 1")
+        self._check_switches(source)
         inputs = {name: one for name, one in self._inputs().items() if one.source in names}
         inputs = {name: one for name, one in inputs.items() if not self._ignored(one.source)}
         found = [w for w in wanted if w.source in names and not self._ignored(w.source)]
@@ -109,7 +110,8 @@ class TableReader:
         """``ctrl.<actuator>`` and ``enable.<actuator>`` -> the column each comes from."""
         commanded = {one.actuator: one for one in self.commanded}
         inputs = {f"ctrl.{name}": commanded.get(name, CommandColumn(name)) for name in self.commands}
-        return inputs | {f"enable.{name}": CommandColumn(name, f"enable.{name}") for name in self.commands}
+        switches = {f"enable.{one.actuator}": one.enable or f"enable.{one.actuator}" for one in inputs.values()}
+        return inputs | {name: CommandColumn(name.partition(".")[2], column) for name, column in switches.items()}
 
     def _one_run(
         self,
@@ -140,6 +142,16 @@ class TableReader:
         self._check_commanded(values, source)
         return values
 
+    def _check_switches(self, source: Source) -> None:
+        """A switch that was named but is not there would leave its actuator on throughout."""
+        for one in self.commanded:
+            if one.enable and (one.enable not in source.names or self._ignored(one.enable)):
+                raise BadInput(
+                    f"no column '{one.enable}', which switches the actuator '{one.actuator}'",
+                    "name the column as the table's header does",
+                    where=f"{source.path}, row 1",
+                )
+
     def _check_commanded(self, values: Mapping[str, np.ndarray], source: Source) -> None:
         for name, one in ((name, self._inputs()[f"ctrl.{name}"]) for name in self.commands):
             if f"ctrl.{name}" not in values and not (f"enable.{name}" in values and not values[f"enable.{name}"].any()):
@@ -156,6 +168,7 @@ class TableReader:
         """Refuse the columns that name a joint or actuator the model lacks, note the others."""
         unused, later = [], []
         own = {s.name for s in self.signals} | {f"ctrl.{one.actuator}" for one in self.commanded}
+        own |= {f"enable.{one.actuator}" for one in self.commanded if one.enable}
         for number, name in enumerate(names, start=1):
             if self._ignored(name):
                 continue

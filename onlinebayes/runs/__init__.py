@@ -4,7 +4,7 @@ from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt
 from onlinebayes.runs.progress import Progress
-from onlinebayes.runs.results import ResultTable
+from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.seeds import generator, seed_everything
 from onlinebayes.runs.threads import one_torch_thread
 
@@ -13,6 +13,7 @@ __all__ = [
     "Interrupt",
     "Progress",
     "ResultTable",
+    "Row",
     "atomic_path",
     "generator",
     "one_torch_thread",

@@ -26,10 +26,10 @@ class Row:
 
     name: str
     value: float | str
-    spread: float | str | None
-    unit: str
-    goal: str | None
-    holds: bool | None
+    spread: float | str | None = None
+    unit: str = ""
+    goal: str | None = None
+    holds: bool | None = None
 
 
 @dataclass

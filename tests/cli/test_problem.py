@@ -181,6 +181,19 @@ def test_the_line_of_a_wiring_fault_does_what_the_check_tried(folder, fault):
     assert torch.allclose(written.data["signal"], asked.data["signal"], rtol=1e-12, atol=1e-15)
 
 
+def test_measurements_may_lie_in_the_folder_of_data(folder, tmp_path_factory, monkeypatch):
+    data = tmp_path_factory.mktemp("data")
+    (folder / "carriage.csv").rename(data / "carriage.csv")
+    path = write(folder, PROBLEM.replace('"carriage.csv"', '"$ONLINEBAYES_DATA/carriage.csv"'))
+    monkeypatch.setenv("ONLINEBAYES_DATA", str(data))
+    assert load_problem(path).measurement.runs == ("first", "second")
+    monkeypatch.delenv("ONLINEBAYES_DATA")
+    with pytest.raises(BadInput, match="measurements: ONLINEBAYES_DATA is not set; .*holds 'carriage.csv'"):
+        load_problem(path)
+    with pytest.raises(BadInput, match=r"\$HOME/carriage.csv: no such file"):
+        load_problem(write(folder, PROBLEM.replace('"carriage.csv"', '"$HOME/carriage.csv"')))
+
+
 def test_a_mapped_log_is_the_problem_of_the_table(folder):
     from mcap.writer import Writer
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.runs import BadInput
 
 HEAD = "run,time,ctrl.motor,qpos.carriage\n"
@@ -113,6 +113,15 @@ def test_an_actuator_that_is_off_needs_no_command(tmp_path):
     m = read(tmp_path, "time,ctrl.motor,enable.motor,qpos.carriage\n0,,0,0\n1,,,0\n2,5,1,0\n")
     assert m.data["command"].flatten().tolist() == [0.0, 0.0, 5.0]
     assert m.data["enable"].flatten().tolist() == [0.0, 0.0, 1.0]
+
+
+def test_a_switch_may_have_a_name_of_its_own(tmp_path):
+    text = "time,ctrl.motor,ctrl.torque_enable,qpos.carriage\n0,1,1,0\n1,1,0,0\n"
+    m = read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.torque_enable")])
+    assert m.commands == ("motor",)
+    assert m.data["enable"].flatten().tolist() == [1.0, 0.0]
+    with pytest.raises(BadInput, match="no column 'ctrl.enabled', which switches the actuator 'motor'"):
+        read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.enabled")])
 
 
 BAD = {

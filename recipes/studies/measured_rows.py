@@ -1,0 +1,89 @@
+"""What the studies of measured machines share: ``refine`` as a user runs it, and the rows that every set reports.
+
+A set has three parts:
+
+| where                                 | what                                                                      |
+|---------------------------------------|---------------------------------------------------------------------------|
+| ``envs/measured/SET/``                | ``model.xml``, ``problem.toml`` and ``README.md``                         |
+| ``recipes/studies/measured_sets/SET`` | ``judge(data: Path) -> tuple[Row, ...]``: runs the problem, holds it against its goals |
+| ``$ONLINEBAYES_DATA``                 | the measurements, as ``measurements = ["$ONLINEBAYES_DATA/SET/log.csv"]``  |
+
+``make measured`` finds every module of ``measured_sets``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from envs.measured import FOLDER
+from onlinebayes.runs import Row
+
+OUT = Path("out/measured")
+UNITS = {"rad": ("mrad", 1e3), "m": ("mm", 1e3)}
+
+
+@dataclass(frozen=True)
+class Refined:
+    """What one ``onlinebayes refine`` said.
+
+    Args:
+        name: of the set, before every row.
+        report: report.json.
+        seconds: of the command, start-up included [s].
+    """
+
+    name: str
+    report: Mapping[str, Any]
+    seconds: float
+
+    @property
+    def accepted(self) -> tuple[str, ...]:
+        """Keys of the effects accepted, in order."""
+        return tuple(self.report["accepted"])
+
+    def error(self, which: str, signal: str) -> float:
+        """Held-out error of one signal: ``"before"``, ``"after"`` or its ``"noise_floor"`` [the signal's unit]."""
+        return float(self.report["heldout_error"][which][signal])
+
+    def rows(self, goal: str, holds: bool, units: Mapping[str, str]) -> tuple[Row, ...]:
+        """Verdict, effects, held-out errors with their floors, parameters and time.
+
+        Args:
+            goal, holds: what should have been accepted, in words, and whether it was.
+            units: signal to report -> its unit, ``"rad"``, ``"m"``, ``"rad/s"``, ...
+        """
+        accepted = ", ".join(self.accepted) or "none"
+        found = [
+            Row(f"{self.name}: verdict", self.report["verdict"]),
+            Row(f"{self.name}: effects accepted, in order", accepted, goal=goal, holds=holds),
+        ]
+        for signal, unit in units.items():
+            shown, factor = UNITS.get(unit, (unit, 1.0))
+            horizon = self.report["heldout_error"]["horizon_s"][signal]
+            for which in ("before", "after", "noise_floor"):
+                name = f"{self.name}: held-out {signal} over {horizon:.3g} s, {which.replace('_', ' ')}"
+                found.append(Row(name, factor * self.error(which, signal), unit=shown))
+        for address, value in self.report["parameters"].items():
+            found.append(Row(f"{self.name}: {address}", value["mean"], value["sd"], value["unit"]))
+        found.append(Row(f"{self.name}: time of refine, start-up included", self.seconds, unit="s"))
+        return tuple(found)
+
+
+def refine(name: str, data: Path, out: Path = OUT) -> Refined:
+    """``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``."""
+    folder = out / name
+    (folder / "report.json").unlink(missing_ok=True)
+    problem = FOLDER / name / "problem.toml"
+    command = [sys.executable, "-m", "onlinebayes.cli.main", "refine", str(problem), "--out", str(folder)]
+    began = time.monotonic()
+    subprocess.run(command, check=True, env={**os.environ, "ONLINEBAYES_DATA": str(data)})
+    seconds = time.monotonic() - began
+    return Refined(name, json.loads((folder / "report.json").read_text(encoding="utf-8")), seconds)
