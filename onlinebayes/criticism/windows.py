@@ -17,6 +17,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.motion import check_seen
 from onlinebayes.criticism.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -155,7 +156,7 @@ def make_windows(
             measured: read off a run's end, a velocity is four times as uncertain.
 
     Raises:
-        BadInput: a joint without positions, an unknown signal, a command that is missing.
+        BadInput: a joint that no signal shows, an unknown signal, a command that is missing.
     """
     measurement = _in_order(simulator, measurement)
     step = even_step(measurement, simulator.timestep)
@@ -224,12 +225,7 @@ def _in_order(simulator: Simulator, measurement: Measurement) -> Measurement:
             raise BadInput(
                 f"the simulator has no signal '{signal.name}'", f"nearest: {', '.join(near or simulator.signals)}"
             )
-    known = {signal.name for signal in measurement.signals}
-    for joint in joint_names(simulator):
-        if f"qpos.{joint}" not in known:
-            raise BadInput(
-                f"joint '{joint}' has no measured position", f"add the column qpos.{joint}, or weld the joint"
-            )
+    check_seen(simulator, joint_names(simulator), [signal.name for signal in measurement.signals])
     for name in simulator.commands:
         if name not in measurement.commands:
             raise BadInput(f"no command for actuator '{name}'", f"add the column ctrl.{name}")

@@ -111,6 +111,7 @@ class Effect(ABC):
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
+        needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
@@ -121,6 +122,7 @@ class Effect(ABC):
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
+    needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 
