@@ -4,8 +4,9 @@
     share of time in bin b  = its rows / all rows
 
 A bin whose share of error stands well above its share of time is where the model fails. Velocities are central
-differences of the measured positions over 50 ms, or as measured where no position was. Of several commands the one that parts error from time most is kept;
-of the joints a signal's own, or for a signal of no joint likewise the most telling one.
+differences of the measured positions over 50 ms, or as measured where no position was. Of several commands the one that
+parts error from time most is kept; of the joints a signal's own, or for a signal of no joint likewise the most telling
+one.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The state in which each window starts, smoothed from what was measured, and which joints move in it at all.
 
 A joint that moves less than 8 sensor sd in a window starts at the window's median, at rest, and is not freed there.
-Of a joint that is seen by its velocity alone (see :mod:`.motion`) the velocity is smoothed; its position is the integral
-of the velocity since the run began.
+Of a joint that is seen by its velocity alone (see :mod:`.motion`) the velocity is smoothed, and its position is what
+the velocity adds up to since the run began.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ def _by_velocity(
 
 
 def _integral(grid: RunGrid, signal: int) -> Float[Tensor, " G1"]:
-    """Of a velocity from the run's first row, by trapezoids; over rows without a value the last one is held [m, rad]."""
+    """Of a velocity from the run's first row, by trapezoids; rows without a value hold the last one [m, rad]."""
     rows = torch.arange(grid.rows + 1, device=grid.value.device)
     last = torch.where(grid.observed[:, signal], rows, -1).cummax(0)[0]
     v = torch.where(last >= 0, grid.value[last.clamp_min(0), signal], 0.0)
