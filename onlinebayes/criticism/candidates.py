@@ -60,6 +60,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     joint_names(simulator)  # refuses free and ball joints
     all_of_them = isinstance(wanted, str) and wanted == "all"
     listed = _all(simulator) if all_of_them else wanted
+    vocabulary = {**EFFECTS, **simulator.own_effects}
     if isinstance(listed, str):
         listed = [listed]
     scales: dict[tuple[TargetKind, str], Scales] = {}
@@ -69,10 +70,10 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             found[item.key] = item
             continue
         name, _, target = item.partition("@")
-        if name not in EFFECTS:
-            near = difflib.get_close_matches(name, EFFECTS, n=3, cutoff=0.4)
-            raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or EFFECTS)}")
-        kind, axes = EFFECTS[name].target_kind, EFFECTS[name].axes
+        if name not in vocabulary:
+            near = difflib.get_close_matches(name, vocabulary, n=3, cutoff=0.4)
+            raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or vocabulary)}")
+        kind, axes = vocabulary[name].target_kind, vocabulary[name].axes
         known = _targets(simulator, windows, kind)
         if target and split_axis(target, axes)[0] not in known:
             near = difflib.get_close_matches(target, known, n=3, cutoff=0.4)
@@ -85,7 +86,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             at = kind, split_axis(place, axes)[0]
             if at not in scales:
                 scales[at] = target_scales(simulator, windows, *at)
-            effects.append(EFFECTS[name].scaled(place, scales[at]))
+            effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         carried = [effect for effect in placed if target or _carried(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
@@ -96,9 +97,10 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
 
 
 def _all(simulator: Simulator) -> list[str]:
-    """The whole vocabulary; on slides alone a turned gravity is a constant force, and named as that."""
+    """The whole vocabulary and the system's own; on slides alone a turned gravity is a constant force, named as that."""
     slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
-    return [name for name in EFFECTS if not (slides and name == GravityTilt.name)]
+    names = [*EFFECTS, *simulator.own_effects]
+    return [name for name in names if not (slides and name == GravityTilt.name)]
 
 
 def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:

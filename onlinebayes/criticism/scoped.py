@@ -115,6 +115,11 @@ class ScopedSimulator(Simulator):
         return self.physics.targets(kind)
 
     @property
+    def own_effects(self) -> Mapping[str, type[Effect]]:
+        """Those of the physics."""
+        return self.physics.own_effects
+
+    @property
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:
         """Those of the physics."""
         return self.physics.body_sizes
