@@ -97,7 +97,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
 
 
 def _all(simulator: Simulator) -> list[str]:
-    """The whole vocabulary and the system's own; on slides alone a turned gravity is a constant force, named as that."""
+    """The whole vocabulary and the system's own; on slides alone a turned gravity is a constant force, and named so."""
     slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
     names = [*EFFECTS, *simulator.own_effects]
     return [name for name in names if not (slides and name == GravityTilt.name)]
