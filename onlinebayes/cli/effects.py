@@ -50,12 +50,13 @@ def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] |
 def check_effect(key: str, simulator: Simulator) -> None:
     """Raise :class:`BadInput` unless ``name`` or ``name@target`` exists for this simulator."""
     name, at, target = key.partition("@")
-    if name not in EFFECTS:
-        raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(EFFECTS)))
+    vocabulary = {**EFFECTS, **simulator.own_effects}
+    if name not in vocabulary:
+        raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(vocabulary)))
     if at:
-        kind = EFFECTS[name].target_kind
-        known = tuple(t for k in (kind, *EFFECTS[name].wider) for t in simulator.targets(k))
-        if split_axis(target, EFFECTS[name].axes)[0] not in known:
+        kind = vocabulary[name].target_kind
+        known = tuple(t for k in (kind, *vocabulary[name].wider) for t in simulator.targets(k))
+        if split_axis(target, vocabulary[name].axes)[0] not in known:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
 
 

@@ -28,12 +28,15 @@ def signal_columns(section: Section, names: Sequence[str], units: Mapping[str, s
     Section(section.values, section.file, section.path, known=names)
     mapped = []
     for name in section.values:
-        table = section.section(name, (*COLUMN, "latency", "sd", "resolution"))
+        table = section.section(name, (*COLUMN, "latency", "period", "sd", "resolution"))
         scale, offset = _line(table, units.get(name, ""))
         with section.at(name):
             signal = Signal(name, units.get(name, ""), table.number("sd"), table.number("resolution"))
         latency = table.number("latency", 0.0) or 0.0
-        mapped.append(SignalColumn(signal, table.text("column", ""), scale, offset, latency))
+        period = table.number("period")
+        if period is not None and not period > 0:
+            raise table.error("period", f"{period:g} is no period", "write 6.283185307 for an angle in radians")
+        mapped.append(SignalColumn(signal, table.text("column", ""), scale, offset, latency, period))
     return mapped
 
 

@@ -21,6 +21,8 @@ from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, expand, names,
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 
+RATES = {"qpos": "", "qvel": "/s"}
+
 
 def build_simulator(
     top: Section, folder: Path, parameters: Declared, columns: Collection[str] = ()
@@ -102,9 +104,11 @@ def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> Non
 
 
 def signal_units(simulator: Simulator) -> dict[str, str]:
-    """Signal -> SI unit, for the joints of a MuJoCo model; empty for others."""
+    """Signal -> SI unit, for the joints of a model."""
     if not isinstance(simulator, MujocoSimulator):
-        return {}
+        lengths = {joint: "m" if kind == "slide" else "rad" for joint, kind in simulator.joint_kinds.items()}
+        signals = {f"{kind}.{joint}": unit + rate for joint, unit in lengths.items() for kind, rate in RATES.items()}
+        return {name: unit for name, unit in signals.items() if name in simulator.signals}
     return {name: _unit(simulator.model, *name.split(".", 1)) for name in simulator.signals}
 
 
@@ -119,7 +123,7 @@ def _unit(model: mujoco.MjModel, kind: str, rest: str) -> str:
     """Unit of ``<kind>.<rest>``; empty for a quaternion's parts and what is no joint's."""
     if kind == "qfrc":
         return "N" if model.jnt_type[_joint(model, rest)] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
-    rate = {"qpos": "", "qvel": "/s"}.get(kind)
+    rate = RATES.get(kind)
     if rate is None:
         return ""
     if (number := _joint(model, rest)) >= 0:

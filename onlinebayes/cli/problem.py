@@ -34,7 +34,7 @@ DATA = "$ONLINEBAYES_DATA"
 """As the first part of a table's path: the folder that this variable of the environment names. No other is looked at."""
 
 TOP = (
-    *("schema", "model", "measurements", "holdout", "ignore", "groups", "parameters"),
+    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "groups", "parameters"),
     *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
@@ -87,7 +87,7 @@ def load_problem(
     parameters = declared(top, effects)
     import_modules(effects)
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
-    measurement = _read_tables(top, tables, simulator, note)
+    measurement = _without(top, _read_tables(top, tables, simulator, note))
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
     _check_clock(measurement, selection, path)
@@ -195,17 +195,31 @@ def _located(top: Section, table: str) -> Path:
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:
     if "holdout" not in top:
         return None
-    patterns = top.texts("holdout")
-    if not patterns:
+    if not top.texts("holdout"):
         raise top.error("holdout", "no run is named", "name runs, or leave it out for the last third")
-    for pattern in patterns:
-        if not any(fnmatchcase(run, pattern) for run in measurement.runs):
-            known = ", ".join(measurement.runs[:12]) + (", ..." if len(measurement.runs) > 12 else "")
-            raise top.error("holdout", f"no run is called '{pattern}'", f"the tables have {known}")
-    held = tuple(run for run in measurement.runs if any(fnmatchcase(run, pattern) for pattern in patterns))
+    held = _matched(top, "holdout", measurement)
     if len(held) == len(measurement.runs):
         raise top.error("holdout", "every run is held out", "leave at least one run to fit")
     return held
+
+
+def _without(top: Section, measurement: Measurement) -> Measurement:
+    """The runs that ``exclude`` does not name."""
+    broken = set(_matched(top, "exclude", measurement)) if "exclude" in top else set()
+    kept = [run for run in measurement.runs if run not in broken]
+    if not kept:
+        raise top.error("exclude", "every run is left out", "leave at least one run to fit")
+    return measurement.select(kept) if broken else measurement
+
+
+def _matched(top: Section, key: str, measurement: Measurement) -> tuple[str, ...]:
+    """The runs that the names and globs under a key stand for."""
+    patterns = top.texts(key)
+    for pattern in patterns:
+        if not any(fnmatchcase(run, pattern) for run in measurement.runs):
+            known = ", ".join(measurement.runs[:12]) + (", ..." if len(measurement.runs) > 12 else "")
+            raise top.error(key, f"no run is called '{pattern}'", f"the tables have {known}")
+    return tuple(run for run in measurement.runs if any(fnmatchcase(run, pattern) for pattern in patterns))
 
 
 def _check_measured(measurement: Measurement, what: str, path: Path) -> None:

@@ -34,6 +34,11 @@ class Around(Simulator):
         """The same around another simulator."""
 
     @property
+    def own_effects(self) -> Mapping[str, type[Effect]]:
+        """Those of the physics."""
+        return self.physics.own_effects
+
+    @property
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:
         """Those of the physics."""
         return self.physics.body_sizes

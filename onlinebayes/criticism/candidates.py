@@ -18,6 +18,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.motion import SeenBy, seen_by
 from onlinebayes.criticism.scoped import effect_entries, unscoped
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
@@ -59,6 +60,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     joint_names(simulator)  # refuses free and ball joints
     all_of_them = isinstance(wanted, str) and wanted == "all"
     listed = _all(simulator) if all_of_them else wanted
+    vocabulary = {**EFFECTS, **simulator.own_effects}
     if isinstance(listed, str):
         listed = [listed]
     scales: dict[tuple[TargetKind, str], Scales] = {}
@@ -68,12 +70,12 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             found[item.key] = item
             continue
         name, _, target = item.partition("@")
-        if name not in EFFECTS:
-            near = difflib.get_close_matches(name, EFFECTS, n=3, cutoff=0.4)
-            raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or EFFECTS)}")
-        kind, axes = EFFECTS[name].target_kind, EFFECTS[name].axes
+        if name not in vocabulary:
+            near = difflib.get_close_matches(name, vocabulary, n=3, cutoff=0.4)
+            raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or vocabulary)}")
+        kind, axes = vocabulary[name].target_kind, vocabulary[name].axes
         known = _targets(simulator, windows, kind)
-        wider = {place: k for k in EFFECTS[name].wider for place in simulator.targets(k)}
+        wider = {place: k for k in vocabulary[name].wider for place in simulator.targets(k)}
         if target and split_axis(target, axes)[0] not in (*known, *wider):
             near = difflib.get_close_matches(target, known, n=3, cutoff=0.4)
             raise BadInput(
@@ -86,27 +88,45 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             at = wider.get(element, kind), element
             if at not in scales:
                 scales[at] = target_scales(simulator, windows, *at)
-            effects.append(EFFECTS[name].scaled(place, scales[at]))
-        carried = [effect for effect in effects if target or _carried(simulator, effect)]
+            effects.append(vocabulary[name].scaled(place, scales[at]))
+        placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
+        carried = [effect for effect in placed if target or _carried(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
-        for effect in carried if carried or all_of_them else effects:
+        for effect in carried if carried or all_of_them else placed:
             found.setdefault(effect.key, effect)
     present = {effect.key for effect in simulator.effects}
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
 def _all(simulator: Simulator) -> list[str]:
-    """The vocabulary without what is rare, and what is a simpler effect on a single joint or on slides alone."""
+    """The vocabulary and the system's own, without what is rare or a simpler effect on one joint or on slides alone."""
     joints = joint_names(simulator)
     slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joints)
     simpler = {GravityTilt.name: slides, AirDrag.name: len(joints) == 1}  # a constant load, a quadratic drag
-    return [name for name, effect in EFFECTS.items() if not (effect.rare or simpler.get(name))]
+    vocabulary = {**EFFECTS, **simulator.own_effects}
+    return [name for name, effect in vocabulary.items() if not (effect.rare or simpler.get(name))]
 
 
 def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
     """What effects of one kind can be tried at; of the signals those that were measured."""
     measured = {simulator.signals[i] for i in windows.columns}
     return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
+
+
+def _placed(simulator: Simulator, windows: Windows, effect: Effect, named: bool) -> bool:
+    """Whether the position that the effect depends on, if it does, was measured.
+
+    Raises:
+        BadInput: it was not, and the effect was named at this very target.
+    """
+    if not effect.needs_position or _seen(simulator, windows, effect.target).position:
+        return True
+    if named:
+        raise BadInput(
+            f"{effect.key} depends on the position of '{effect.target}', which was not measured",
+            f"add the column qpos.{effect.target}, or leave the effect out",
+        )
+    return False
 
 
 def _carried(simulator: Simulator, effect: Effect) -> bool:
@@ -210,19 +230,26 @@ def grown_theta(
 
 def _motion(simulator: Simulator, windows: Windows, j: int) -> tuple[Tensor, float, float]:
     """Positions visited, largest speed and acceleration of joint j, from averages over bins."""
-    s = windows.columns.index(simulator.signals.index(f"qpos.{joint_names(simulator)[j]}"))
-    seen = windows.observed[..., s].unflatten(1, (windows.bins, windows.bin_rows)).any(2)
-    q, dt = windows.bin(windows.value)[..., s], windows.bin_step
+    by = _seen(simulator, windows, joint_names(simulator)[j])
+    seen = windows.observed[..., by.column].unflatten(1, (windows.bins, windows.bin_rows)).any(2)
+    shown, dt = windows.bin(windows.value)[..., by.column], windows.bin_step
     # A wide difference keeps the sensor's noise out.
     k = max(1, min(windows.bins // 20, (windows.bins - 1) // 4))
-    v = (q[:, k:] - q[:, :-k]) / (k * dt)
+    if by.position:
+        v, moving = (shown[:, k:] - shown[:, :-k]) / (k * dt), seen[:, k:] & seen[:, :-k]
+    else:
+        v, moving = shown, seen
     a = (v[:, k:] - v[:, :-k]) / (k * dt)
-    both = seen[:, k:] & seen[:, :-k]
-    triple = both[:, k:] & both[:, :-k]
-    speed = float(v.abs()[both].max()) if bool(both.any()) else 0.0
-    acceleration = float(a.abs()[triple].max()) if bool(triple.any()) else 0.0
-    position = q[seen] if bool(seen.any()) else windows.start[:, j]
+    both = moving[:, k:] & moving[:, :-k]
+    speed = float(v.abs()[moving].max()) if bool(moving.any()) else 0.0
+    acceleration = float(a.abs()[both].max()) if bool(both.any()) else 0.0
+    position = shown[seen] if by.position and bool(seen.any()) else windows.start[:, j]
     return position, speed, acceleration
+
+
+def _seen(simulator: Simulator, windows: Windows, joint: str) -> SeenBy:
+    """By which of the measured signals the joint is seen."""
+    return seen_by(joint, [simulator.signals[column] for column in windows.columns])
 
 
 def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, float]:

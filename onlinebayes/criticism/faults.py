@@ -67,9 +67,14 @@ class Fault(ABC):
         del names
         return noise
 
-    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
-        """Windows of the table as it stands whose smoothed starts are put right; all else in them stays."""
-        del joints
+    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
+        """Windows of the table as it stands whose smoothed starts are put right; all else in them stays.
+
+        Args:
+            windows: of the table.
+            shown: for each joint the signal that its start was smoothed from.
+        """
+        del shown
         return windows
 
 
@@ -122,9 +127,9 @@ class Rescaled(Fault):
         factors = [abs(self.factor) if name in self.names else 1.0 for name in names]
         return noise * noise.new_tensor(factors)
 
-    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
-        """The rescaled joints' positions and velocities, both smoothed from the position, times the factor."""
-        factors = [self.factor if f"qpos.{joint}" in self.names else 1.0 for joint in joints]
+    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
+        """The rescaled joints' positions and velocities, both smoothed from one signal, times the factor."""
+        factors = [self.factor if signal in self.names else 1.0 for signal in shown]
         return replace(windows, start=windows.start * windows.start.new_tensor(2 * factors))
 
 
@@ -152,10 +157,10 @@ class Offset(Fault):
         data[key][..., columns] += self.value
         return replace(measurement, data=data)
 
-    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
         """The joint's position plus the value."""
-        values = [self.value if self.signal == f"qpos.{joint}" else 0.0 for joint in joints]
-        return replace(windows, start=windows.start + windows.start.new_tensor([*values, *(0.0 for _ in joints)]))
+        values = [self.value if self.signal == signal else 0.0 for signal in shown]
+        return replace(windows, start=windows.start + windows.start.new_tensor([*values, *(0.0 for _ in shown)]))
 
 
 @dataclass(frozen=True)
@@ -193,11 +198,11 @@ class Swapped(Fault):
         """The floors of two signals exchanged."""
         return noise if self.kind == "command" else noise[self._order(list(names))]
 
-    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
         """The joints exchanged: where they start, and in which windows they move."""
         if self.kind == "command":
             return windows
-        order = self._order([f"qpos.{joint}" for joint in joints])
+        order = self._order(list(shown))
         both = order + [len(order) + place for place in order]
         return replace(windows, start=windows.start[:, both], free=windows.free[:, order])
 

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.fit import Fit
+from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import PIECES
@@ -92,7 +93,8 @@ def between_sd(alpha: Float[Tensor, " G"], w: Float[Tensor, " G"]) -> float:
 def halves(fitted: Fit, windows: Windows, effect: Effect) -> list[Bool[Tensor, "V n S"]]:
     """The three ways to halve the short windows' bins: by the sign of v, by abs(v), by q.
 
-    An effect at a joint is halved by that joint's motion, one at an actuator by each signal's own joint.
+    An effect at a joint is halved by that joint's motion, one at an actuator by each signal's own joint. What was not
+    measured halves nothing: a joint that is seen by its velocity alone is halved by abs(v) twice.
     """
     names = joint_names(fitted.simulator)
     signals = [fitted.simulator.signals[c] for c in windows.columns]
@@ -101,10 +103,9 @@ def halves(fitted: Fit, windows: Windows, effect: Effect) -> list[Bool[Tensor, "
     found: list[list[Tensor]] = [[], [], []]
     for name in signals:
         joint = effect.target if effect.target_kind == "joint" else name.partition(".")[2]
-        s = signals.index(f"qpos.{joint}") if joint in names else 0
-        q = motion[..., s]
-        v = torch.gradient(q, spacing=windows.bin_step, dim=1)[0] if q.shape[1] > 1 else torch.zeros_like(q)
-        seen = windows.seen[..., s]
+        by = seen_by(joint if joint in names else names[0], signals)
+        v, seen = by.velocity(motion, windows.bin_step), windows.seen[..., by.column]
+        q = motion[..., by.column] if by.position else v.abs()
         fast = v.abs() > v.abs()[seen].median() if bool(seen.any()) else seen
         far = q > q[seen].median() if bool(seen.any()) else seen
         for part, mask in zip(found, (v > 0, fast, far), strict=True):

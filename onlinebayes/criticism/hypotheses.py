@@ -58,7 +58,7 @@ def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
         for factor, instead in (HINGE if hinge else SLIDE).items():
             for names in sets:
                 yield Rescaled("signal", names, factor, instead)
-        if hinge:
+        if hinge and f"qpos.{joint}" in measured:
             for turn in TURNS:
                 yield Offset(f"qpos.{joint}", turn)
     for a, b in combinations(joints, 2):

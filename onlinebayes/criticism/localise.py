@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.criticism.fit import Fit
+from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.results import Failure
 from onlinebayes.criticism.score import PIECES
@@ -60,15 +61,17 @@ def _regions(fitted: Fit, windows: Windows, units: dict[str, str]) -> list[Regio
     motion, command = windows.bin(windows.value), _binned_command(windows)
     found: list[Region] = []
     for joint in joint_names(simulator):
-        unit = units.get(f"qpos.{joint}") or ""
-        q = motion[..., signals.index(f"qpos.{joint}")]
-        v = torch.gradient(q, spacing=windows.bin_step, dim=1)[0] if q.shape[1] > 1 else torch.zeros_like(q)
-        speed = v.abs()
+        by = seen_by(joint, signals)
+        v = by.velocity(motion, windows.bin_step)
+        speed, unit = v.abs(), by.speed_unit(units)
         for level, word in ((0.25, "<"), (0.75, ">")):
             edge = float(speed[seen].quantile(level)) if bool(seen.any()) else 0.0
-            found.append(Region(f"|qvel.{joint}| {word} {edge:.2g} {unit}/s", _beyond(speed, edge, word)))
+            found.append(Region(f"|qvel.{joint}| {word} {edge:.2g} {unit}", _beyond(speed, edge, word)))
         found.append(Region(f"qvel.{joint} > 0", v > 0))
         found.append(Region(f"qvel.{joint} < 0", v < 0))
+        if not by.position:
+            continue
+        q, unit = motion[..., by.column], units.get(by.signal) or ""
         for level, word in ((0.25, "<"), (0.75, ">")):
             edge = float(q[seen].quantile(level)) if bool(seen.any()) else 0.0
             found.append(Region(f"qpos.{joint} {word} {edge:.2g} {unit}", _beyond(q, edge, word)))

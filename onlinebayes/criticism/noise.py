@@ -2,11 +2,12 @@
 
 | quantity                 | equation                                                          | code               |
 |--------------------------|-------------------------------------------------------------------|--------------------|
-| sensor sd                | clipped RMS of fourth differences / sqrt(70)                      | :func:`sensor_sd`  |
+| sensor sd                | clipped RMS of fourth differences of norm 1                       | :func:`sensor_sd`  |
 | Student-t                | log t(r; s, nu), s and nu by maximum likelihood (EM over s)       | :func:`student_t`  |
 | correlation time tau [s] | Delta (1 + 2 sum_k rho_k), summed until rho_k <= .02              | :func:`tau`        |
 
-Fourth differences of white noise have variance 1 + 16 + 36 + 16 + 1 = 70 times the noise's; smooth motion has none.
+A fourth difference d = sum_i c_i y_i, c_i = prod_{j != i} 1 / (t_i - t_j) over five measured rows in a row, scaled to
+sum c_i^2 = 1, has the noise's variance; a cubic has none. On an even clock c is (1, -4, 6, -4, 1) / sqrt(70).
 No autoregressive whitening: it would absorb the missing force. EM for the t: Liu and Rubin 1995.
 """
 
@@ -26,14 +27,11 @@ DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
 
 
 def sensor_sd(grids: Sequence[RunGrid], signal: int, clip: float = 4.0) -> float:
-    """High-frequency estimate of one signal's noise sd [its unit]; 0 where no five rows in a line were measured."""
-    parts = []
-    for grid in grids:
-        y, ok = grid.value[:, signal], grid.observed[:, signal]
-        if len(y) < 5:
-            continue
-        fourth = y[:-4] - 4 * y[1:-3] + 6 * y[2:-2] - 4 * y[3:-1] + y[4:]
-        parts.append(fourth[ok[:-4] & ok[1:-3] & ok[2:-2] & ok[3:-1] & ok[4:]])
+    """High-frequency estimate of one signal's noise sd [its unit]; 0 where no run has five measured rows.
+
+    A slow signal is measured in every n-th row only: its neighbours are the rows before and after that have one.
+    """
+    parts = [_fourth(grid, signal) for grid in grids]
     if not parts or not (kept := torch.cat(parts)).numel():
         return 0.0
     for _ in range(20):
@@ -42,7 +40,22 @@ def sensor_sd(grids: Sequence[RunGrid], signal: int, clip: float = 4.0) -> float
         if inside.numel() in (0, kept.numel()):
             break
         kept = inside
-    return float(kept.square().mean().sqrt()) / math.sqrt(70)
+    return float(kept.square().mean().sqrt())
+
+
+def _fourth(grid: RunGrid, signal: int) -> Float[Tensor, " n"]:
+    """Fourth differences of norm 1 over neighbouring measured rows; none across a gap of the log."""
+    row = torch.nonzero(grid.observed[:, signal])[:, 0]
+    y = grid.value[row, signal]
+    if len(row) < 5:
+        return y[:0]
+    t, y = row.to(y).unfold(0, 5, 1), y.unfold(0, 5, 1)
+    for before, after in grid.pauses:
+        y = y[~((t[:, 0] <= before) & (t[:, 4] >= after))]
+        t = t[~((t[:, 0] <= before) & (t[:, 4] >= after))]
+    apart = t[:, :, None] - t[:, None, :] + torch.eye(5, dtype=t.dtype, device=t.device)
+    c = 1 / apart.prod(-1)
+    return (c * y).sum(-1) / c.norm(dim=-1)
 
 
 def floors(signals: Sequence[Signal], grids: Sequence[RunGrid]) -> Float[Tensor, " S"]:

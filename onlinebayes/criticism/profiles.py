@@ -4,8 +4,9 @@
     share of time in bin b  = its rows / all rows
 
 A bin whose share of error stands well above its share of time is where the model fails. Velocities are central
-differences of the measured positions over 50 ms. Of several commands the one that parts error from time most is kept;
-of the joints a signal's own, or for a signal of no joint likewise the most telling one.
+differences of the measured positions over 50 ms, or as measured where no position was. Of several commands the one that
+parts error from time most is kept; of the joints a signal's own, or for a signal of no joint likewise the most telling
+one.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from onlinebayes.criticism.detail import Profile, Quantity
+from onlinebayes.criticism.motion import SeenBy, seen_by
 from onlinebayes.criticism.results import ReplayedRun
 
 Array = NDArray[np.float64]
@@ -57,9 +59,9 @@ def profiles(
     measured, base, final = (
         _rows(runs, name) for runs, name in ((before, "measured"), (before, "simulated"), (after, "simulated"))
     )
-    joints = {name.removeprefix("qpos."): s for s, name in enumerate(signals) if name.startswith("qpos.")}
+    joints = dict.fromkeys(name.partition(".")[2] for name in signals if name.startswith(("qpos.", "qvel.")))
     everywhere = _everywhere(before, commands)
-    by_joint = {joint: _of_joint(before, joint, s, units.get(f"qpos.{joint}") or "") for joint, s in joints.items()}
+    by_joint = {joint: _of_joint(before, seen_by(joint, signals), units) for joint in joints}
     found: list[Profile] = []
     for s, signal in enumerate(signals):
         errors = tuple((values[:, s] - measured[:, s]) ** 2 for values in (base, final))
@@ -101,11 +103,13 @@ def _everywhere(runs: Sequence[ReplayedRun], commands: Sequence[str]) -> list[_B
     return [*found, _Binned("run", "run", "", (), labels, number.astype(np.intp))]
 
 
-def _of_joint(runs: Sequence[ReplayedRun], joint: str, column: int, unit: str) -> list[_Binned]:
-    position = _rows(runs, "measured")[:, column]
-    velocity = np.concatenate(
-        [_velocity(run.time.cpu().numpy(), run.measured[:, column].cpu().numpy()) for run in runs]
-    )
+def _of_joint(runs: Sequence[ReplayedRun], by: SeenBy, units: Mapping[str, str]) -> list[_Binned]:
+    shown, joint = _rows(runs, "measured")[:, by.column], by.joint
+    velocity = shown
+    if by.position:
+        velocity = np.concatenate(
+            [_velocity(run.time.cpu().numpy(), run.measured[:, by.column].cpu().numpy()) for run in runs]
+        )
     known = np.abs(velocity[np.isfinite(velocity)])
     slow = AT_REST * float(known.max()) if len(known) else 0.0
     way = np.where(np.isfinite(velocity), np.sign(velocity) * (np.abs(velocity) > slow) + 1, -1).astype(np.intp)
@@ -116,8 +120,8 @@ def _of_joint(runs: Sequence[ReplayedRun], joint: str, column: int, unit: str) -
         start = stop
     labels = ("backward", "at rest", "forward")
     return [
-        _even("velocity", f"qvel.{joint}", f"{unit}/s" if unit else "", velocity),
-        _even("position", f"qpos.{joint}", unit, position),
+        _even("velocity", f"qvel.{joint}", by.speed_unit(units), velocity),
+        *([_even("position", by.signal, units.get(by.signal) or "", shown)] if by.position else []),
         _Binned("direction", f"direction of {joint}", "", (), labels, way),
         _even("reversal", f"time since {joint} last turned round", "s", np.concatenate(since)),
     ]

@@ -18,6 +18,8 @@ from onlinebayes.criticism.grid import RunGrid
 
 HALF_WINDOWS = (3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112)
 DEGREE = 3
+MOSTLY = 0.9
+"""Share of the places at which a half-window must hold more rows than a cubic has coefficients, of the best one's."""
 
 
 def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks: int = 400) -> int:
@@ -31,10 +33,9 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
     """
     total = sum(grid.rows for grid in grids)
     stride = max(1, total // looks)
-    chosen, best = HALF_WINDOWS[0], float("inf")
-    spreads = []
+    spreads, shares = [], []
     for m in HALF_WINDOWS:
-        square, dof = 0.0, 0.0
+        square, dof, looked, known = 0.0, 0.0, 0, 0
         for grid in grids:
             rows = torch.arange(m, max(m, grid.rows + 1 - m), stride, dtype=grid.value.dtype, device=grid.value.device)
             if len(rows) == 0:
@@ -42,8 +43,12 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
             at = rows * grid.step
             _, _, rest, free = local_cubic(grid.value[:, signal], grid.observed[:, signal], at, m, grid.step)
             square, dof = square + float(rest.sum()), dof + float(free.sum())
+            looked, known = looked + len(rows), known + int((free > 0).sum())
         spreads.append(square / dof if dof > 0 else float("inf"))
-        best = min(best, spreads[-1])
+        shares.append(known / max(looked, 1))
+    # A signal slower than the clock has few rows: a cubic that goes through all of them shows nothing.
+    spreads = [s if share >= MOSTLY * max(shares) else float("inf") for s, share in zip(spreads, shares, strict=True)]
+    chosen, best = HALF_WINDOWS[0], min(spreads)
     for m, spread in zip(HALF_WINDOWS, spreads, strict=True):
         if spread <= slack * best:
             chosen = m

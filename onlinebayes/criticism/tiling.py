@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, row_step, run_grids
+from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.smoother import half_window
 from onlinebayes.criticism.starts import window_starts
@@ -56,7 +57,7 @@ def tile(
     Args:
         measurement: the runs.
         grids: the same on the even clock of the replay.
-        joints: the simulator's, each with a position among the signals.
+        joints: the simulator's, each with a position or a velocity among the signals.
         horizon: H [s]; shortened to the longest stretch without a gap.
         noise: floor of each signal [SI], or None to take it from these runs.
         inset: begin where the smoother sees the start from both sides.
@@ -92,7 +93,7 @@ def tile(
 
 def _lead(grids: tuple[RunGrid, ...], names: list[str], joints: tuple[str, ...], horizon: float, step: float) -> int:
     """Rows before the first window of a run: the smoother's half-window, where the shortest run can spare it."""
-    half = max((half_window(grids, names.index(f"qpos.{joint}")) for joint in joints), default=0)
+    half = max((half_window(grids, seen_by(joint, names).column) for joint in joints), default=0)
     rows = round(half * grids[0].step / step)
     spare = min(grid.rows for grid in grids) * grids[0].step - 0.5 * horizon
     return rows if rows * step <= min(0.2 * horizon, spare) else 0

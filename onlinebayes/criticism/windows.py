@@ -18,6 +18,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.coordinates import rotations, velocity
 from onlinebayes.criticism.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.motion import check_seen
 from onlinebayes.criticism.past import Past
 from onlinebayes.criticism.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
@@ -161,7 +162,7 @@ def make_windows(
             measured: read off a run's end, a velocity is four times as uncertain.
 
     Raises:
-        BadInput: a joint without positions, an unknown signal, a command that is missing.
+        BadInput: a joint that no signal shows, an unknown signal, a command that is missing.
     """
     measurement = _in_order(simulator, measurement)
     step = even_step(measurement, simulator.timestep)
@@ -231,12 +232,7 @@ def _in_order(simulator: Simulator, measurement: Measurement) -> Measurement:
             raise BadInput(
                 f"the simulator has no signal '{signal.name}'", f"nearest: {', '.join(near or simulator.signals)}"
             )
-    known = {signal.name for signal in measurement.signals}
-    for joint in joint_names(simulator):
-        if f"qpos.{joint}" not in known:
-            raise BadInput(
-                f"joint '{joint}' has no measured position", f"add the column qpos.{joint}, or weld the joint"
-            )
+    check_seen(simulator, joint_names(simulator), [signal.name for signal in measurement.signals])
     for name in simulator.commands:
         if name not in measurement.commands:
             raise BadInput(f"no command for actuator '{name}'", f"add the column ctrl.{name}")

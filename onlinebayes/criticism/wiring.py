@@ -28,6 +28,7 @@ from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.hypotheses import hypotheses
 from onlinebayes.criticism.ladder import Rung, ladder
+from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.projection import signal_rms
@@ -151,7 +152,9 @@ class Bench:
         """
         floor = self.carried(fault)
         own, table = (self._part, self.excerpt) if excerpt else (self.whole, self.measurement)
-        like = replace(fault.started(own, joint_names(self.simulator)), noise=floor)
+        names = [signal.name for signal in table.signals]
+        shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
+        like = replace(fault.started(own, shown), noise=floor)
         windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
         starts = windows.start.expand(len(thetas), *windows.start.shape)
         signals, valid = replay(self.model(fault), windows, thetas, starts)

@@ -20,6 +20,8 @@ class SignalColumn:
         scale: what multiplies the cell, units and sign included [unit of the signal / unit of the column].
         offset: what is added then [unit of the signal].
         latency: seconds by which the column lags (see :mod:`.latency`) [s].
+        period: by which the signal jumps where the column was wrapped (2 pi for an angle within -pi to pi); each
+            cell is moved by whole periods to the nearest to the one before it [unit of the signal].
     """
 
     signal: Signal
@@ -27,6 +29,7 @@ class SignalColumn:
     scale: float = 1.0
     offset: float = 0.0
     latency: float = 0.0
+    period: float | None = None
 
     @property
     def source(self) -> str:
@@ -36,7 +39,11 @@ class SignalColumn:
     def value(self, cells: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
         """The signal [SI]; what overflows is infinite, which the checks refuse."""
         with np.errstate(over="ignore"):
-            return cells * self.scale + self.offset
+            value = cells * self.scale + self.offset
+        if self.period is not None:
+            known = np.isfinite(value)
+            value[known] = np.unwrap(value[known], period=self.period)
+        return value
 
 
 @dataclass(frozen=True)

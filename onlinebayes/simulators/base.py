@@ -74,6 +74,11 @@ class Simulator(ABC):
         return tuple(names) if kind == "joint" else ()
 
     @property
+    def own_effects(self) -> Mapping[str, type[Effect]]:
+        """Effects that the system's own equations hold (tyres, fluids), by name, besides the general vocabulary."""
+        return {}
+
+    @property
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:
         """Mass [kg] and size [m] of each of the bodies among :meth:`targets`, as the system was built."""
         return {}

@@ -23,7 +23,7 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, Scales, TargetKind
 from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Joint, Stepper, diverged
 
 
@@ -44,6 +44,9 @@ class TorchSimulator(Simulator):
         defaults: name -> value of every parameter of the system.
         joints, actuators: by name, in the order of coordinates and commands.
         semi_implicit: whether positions move by the new velocity (else by the old one).
+        bodies: name -> (mass [kg], size [m]) of what effects of its own can act on.
+        laws: effects of its own, which :meth:`acceleration` holds: it finds their parameters, neutral while they are
+            not added, under their keys ``name@target.parameter``.
 
     Raises:
         BadInput: a parameter that the system does not have, or a ``dt`` that is no whole number of timesteps.
@@ -54,6 +57,9 @@ class TorchSimulator(Simulator):
     joints: ClassVar[tuple[Joint, ...]]
     actuators: ClassVar[tuple[Actuator, ...]]
     semi_implicit: ClassVar[bool] = True
+    bodies: ClassVar[Mapping[str, tuple[float, float]]] = {}
+    laws: ClassVar[tuple[type[Effect], ...]] = ()
+    _fixed: Mapping[str, float]
     _theta: Tensor
     _values: dict[str, Tensor]
     _q: Tensor
@@ -99,7 +105,7 @@ class TorchSimulator(Simulator):
         Joints come first, so that each coordinate is one contiguous row and ``x, angle = q`` unpacks them.
 
         Args:
-            parameters: every parameter of the system, free or not (N,) [SI].
+            parameters: every parameter of the system, free or not, and of its laws (N,) [SI].
             q: positions [m, rad].
             v: velocities [m/s, rad/s].
             tau: generalised forces of actuators and effects [N, N m].
@@ -122,6 +128,20 @@ class TorchSimulator(Simulator):
     def joint_kinds(self) -> dict[str, Literal["slide", "hinge"]]:
         """Name -> kind of every joint, which decides the units of what acts on it."""
         return {joint.name: joint.kind for joint in self.joints}
+
+    def targets(self, kind: TargetKind) -> tuple[str, ...]:
+        """What effects of one kind can act on, by name; its bodies are there for its own laws."""
+        return tuple(self.bodies) if kind == "body" else super().targets(kind)
+
+    @property
+    def body_sizes(self) -> Mapping[str, tuple[float, float]]:
+        """Mass [kg] and size [m] of each body."""
+        return self.bodies
+
+    @property
+    def own_effects(self) -> Mapping[str, type[Effect]]:
+        """The laws by name."""
+        return {law.name: law for law in self.laws}
 
     @property
     def theta(self) -> Float[Tensor, "N P"]:
@@ -212,9 +232,11 @@ class TorchSimulator(Simulator):
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        if effect.target_kind not in ("joint", "actuator", "signal"):
+        own = type(effect) in self.laws
+        if effect.target_kind not in ("joint", "actuator", "signal") and not own:
             raise BadInput(
-                f"{effect.key} has no form in torch", "a torch system has joints, actuators and signals only"
+                f"{effect.key} has no form in torch",
+                "a torch system has joints, actuators and signals, and the laws that its equations hold",
             )
         known = self.targets(effect.target_kind)
         if effect.target not in known:
@@ -224,7 +246,7 @@ class TorchSimulator(Simulator):
             )
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
-        if not effect.has_command and not effect.has_force and effect.target_kind != "signal":
+        if not own and not effect.has_command and not effect.has_force and effect.target_kind != "signal":
             raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")
         grown = copy.copy(self)
         grown.effects = (*self.effects, effect)
@@ -256,6 +278,12 @@ class TorchSimulator(Simulator):
         other._populate(self.worlds)
         return other
 
+    def _lawless(self) -> dict[str, float]:
+        """Neutral values of the laws' parameters, under their keys."""
+        some = Scales(force=1.0, speed=1.0, travel=1.0, time=1.0)
+        effects = [law.scaled(target, some) for law in self.laws for target in self.targets(law.target_kind)]
+        return {f"{effect.key}.{name}": value for effect in effects for name, value in effect.neutral.items()}
+
     # --- state --------------------------------------------------------------------------------------------------
 
     def _populate(self, worlds: int) -> None:
@@ -266,6 +294,7 @@ class TorchSimulator(Simulator):
         self._stepper = Stepper(
             self.acceleration, self.joints, self.actuators, self.effects, self.timestep, self.semi_implicit
         )
+        self._fixed = {**self.defaults, **self._lawless()}
         self._theta = self.nominal[:, None].repeat(1, worlds)
         self._values = self._name(self._theta)
         self._q, self._v, self._hidden = self._load_state(None, worlds)
@@ -275,7 +304,7 @@ class TorchSimulator(Simulator):
     def _name(self, rows: Float[Tensor, "P N"]) -> dict[str, Float[Tensor, " N"]]:
         """Every parameter of the system and of its effects, those that are not free at their defaults."""
         values = self.parameters.view(rows.T)
-        for name, value in self.defaults.items():
+        for name, value in self._fixed.items():
             if name not in values:
                 values[name] = torch.full((rows.shape[1],), value, dtype=self.dtype, device=self.device)
         return values

@@ -198,6 +198,17 @@ def test_latency_of_a_column_sampled_now_and_then():
     assert np.nanmax(np.abs(found - np.sin(3 * time))) < 1e-6
 
 
+def test_a_latency_of_half_a_row_on_a_clock_that_jitters():
+    time = np.arange(0, 10, 0.1) + np.random.default_rng(0).uniform(-0.01, 0.01, 100)
+    late = np.sin(time - 0.05)
+    late[60] = np.nan
+    found = advanced(time, late, 0.05)
+    lost = np.flatnonzero(np.isnan(found))
+    assert set(lost) <= {59, 60, 99}  # beside the cell that is missing, and the run's end
+    known = np.setdiff1d(np.arange(100), lost)
+    np.testing.assert_allclose(found[known], np.sin(time[known]), atol=3e-3)
+
+
 def test_latency_in_a_file(folder):
     path = write(folder, PROBLEM + '[signals."qpos.carriage"]\nlatency = 0.05\n')
     plain = load_problem(write(folder, PROBLEM, "plain.toml")).measurement.data

@@ -150,6 +150,29 @@ def test_a_module_registers_an_effect_of_ones_own(folder, monkeypatch):
         EFFECTS.pop("grease", None)
 
 
+def test_broken_runs_are_left_out(folder):
+    path = write(folder, 'exclude = ["fir*"]\n' + PROBLEM.replace('holdout = ["second"]', ""))
+    assert load_problem(path).measurement.runs == ("second",)
+    with pytest.raises(BadInput, match=r"exclude: no run is called 'third'.*first, second"):
+        load_problem(write(folder, 'exclude = ["third"]\n' + PROBLEM))
+    with pytest.raises(BadInput, match="exclude: every run is left out"):
+        load_problem(write(folder, 'exclude = ["*"]\n' + PROBLEM))
+
+
+def test_a_wrapped_angle_is_unwrapped(folder):
+    whole = load_problem(write(folder, PROBLEM)).measurement.data["signal"]
+    header, *rows = (folder / "carriage.csv").read_text().splitlines()
+    cells = [row.rsplit(",", 1) for row in rows]
+    wrapped = [f"{first},{(float(q) + 0.05) % 0.1 - 0.05:.9g}" for first, q in cells]
+    (folder / "carriage.csv").write_text("\n".join([header, *wrapped]))
+    jumping = load_problem(write(folder, PROBLEM)).measurement.data["signal"]
+    assert float(jumping.abs().max()) < 0.051 < float(whole.abs().max())
+    path = write(folder, PROBLEM + '[signals."qpos.carriage"]\nperiod = 0.1\n')
+    assert torch.allclose(load_problem(path).measurement.data["signal"], whole, atol=1e-8)
+    with pytest.raises(BadInput, match="period: 0 is no period"):
+        load_problem(write(folder, PROBLEM + '[signals."qpos.carriage"]\nperiod = 0\n'))
+
+
 def test_bom_and_crlf_are_welcome(folder):
     (folder / "carriage.toml").write_bytes(b"\xef\xbb\xbf" + PROBLEM.replace("\n", "\r\n").encode())
     assert load_problem(folder / "carriage.toml").holdout == ("second",)

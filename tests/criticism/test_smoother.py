@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import pytest
 import torch
 
@@ -62,3 +64,13 @@ def test_slow_motion_is_smoothed_longer_than_fast() -> None:
 def test_runs_shorter_than_any_half_window_do_no_harm(rows: int) -> None:
     y = torch.linspace(0, 1, rows, dtype=torch.float64)
     assert half_window([grid(y)], 0) >= 3
+
+
+def test_the_half_window_of_a_slow_signal_holds_more_rows_than_a_cubic_goes_through() -> None:
+    t = torch.arange(2001, dtype=torch.float64) * H
+    fast = grid(torch.sin(6 * t) + 1e-3 * torch.randn(2001, dtype=torch.float64))
+    slow = replace(fast, observed=(torch.arange(2001) % 3 == 0)[:, None])
+    m = half_window([slow], 0)
+    _, sd, _, dof = local_cubic(slow.value[:, 0], slow.observed[:, 0], t[200:-200:7], m, H)
+    assert float(dof.min()) > 0
+    assert bool(torch.isfinite(sd).all())

@@ -131,6 +131,7 @@ class Effect(ABC):
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
+        needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
@@ -144,6 +145,7 @@ class Effect(ABC):
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
     excludes: ClassVar[tuple[str, ...]] = ()
+    needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 

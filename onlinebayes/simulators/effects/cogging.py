@@ -42,6 +42,7 @@ class Cogging(Effect):
     phase: Parameter
     name = "cogging"
     target_kind = "joint"
+    needs_position = True
 
     def __post_init__(self) -> None:
         non_negative(self.key, "amplitude", self.amplitude)

@@ -36,6 +36,7 @@ class CubicStiffness(Effect):
     springref: Parameter
     name = "cubic_stiffness"
     target_kind = "joint"
+    needs_position = True
     fields = ("tendon_stiffnesspoly", "tendon_lengthspring")
 
     def __post_init__(self) -> None:

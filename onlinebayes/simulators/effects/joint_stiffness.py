@@ -35,6 +35,7 @@ class JointStiffness(Effect):
     springref: Parameter
     name = "joint_stiffness"
     target_kind = "joint"
+    needs_position = True
     fields = ("jnt_stiffness", "qpos_spring")
 
     def __post_init__(self) -> None:

@@ -122,6 +122,7 @@ def _first_parameter(result: Criticism, candidate: Candidate) -> tuple[str, str]
     kind, _, target = candidate.effect.partition("@")
     if kind not in EFFECTS:
         return "", ""
-    joint: Literal["slide", "hinge"] = "slide" if result.units.get(f"qpos.{target}") == "m" else "hinge"
+    slide = result.units.get(f"qpos.{target}") == "m" or result.units.get(f"qvel.{target}") == "m/s"
+    joint: Literal["slide", "hinge"] = "slide" if slide else "hinge"
     effect = EFFECTS[kind].scaled(target, Scales(1.0, 1.0, 1.0, 1.0, joint))
     return next(((name, parameter.unit) for name, parameter in effect.parameters.items()), ("", ""))

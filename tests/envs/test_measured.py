@@ -1,0 +1,87 @@
+"""The systems of measured machines: the contract of simulators and effects, and motions known in closed form."""
+
+import math
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from envs.measured.dart_car import SingleTrack
+from envs.measured.dart_car.single_track import GRAVITY, MASS_FRONT, MASS_REAR, WHEELBASE
+from envs.measured.dart_car.tyres import TyreSaturation
+from envs.measured.skid_steer import SkidSteer
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
+from onlinebayes.parameters import Parameter
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators import TorchSimulator
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.testing import check_effect, check_simulator
+
+CURVATURE = Parameter(0.0, 20.0, "1/rad")
+ROUNDING = 1e-11  # trigonometric functions round differently with the size of a batch
+
+
+def driven(system: TorchSimulator, command: list[float], seconds: float, speed: float = 0.0) -> TensorDict:
+    """The last state of a nominal world after these seconds under one command, from this speed along x."""
+    v = torch.zeros(1, len(system.joints), dtype=torch.float64)
+    v[0, [joint.name for joint in system.joints].index("x")] = speed
+    state = TensorDict({"qpos": torch.zeros_like(v), "qvel": v}, batch_size=(1,))
+    inputs = TensorDict({"command": torch.tensor([[command]]).double()}, batch_size=(1, 1))
+    return system.rollout(system.nominal[None], state, inputs, torch.tensor([seconds]).double())[0, 0]
+
+
+@pytest.mark.parametrize(
+    "system",
+    [SkidSteer(["radius", "track", "x_icr", "wheel_lag"]), SingleTrack(["steering_angle", "cornering_front", "gear"])],
+)
+def test_they_keep_the_contract_of_simulators(system: TorchSimulator) -> None:
+    check_simulator(system, atol=ROUNDING)
+
+
+@pytest.mark.parametrize(
+    ("system", "law"),
+    [
+        (SkidSteer(["radius"]), TurningSlip("vehicle", Parameter(0.0, 1.0, "s/rad"))),
+        (SkidSteer(["radius"]), SideAsymmetry("vehicle", Parameter(-0.3, 0.3, "1"))),
+        (SingleTrack(["steering_angle"]), TyreSaturation("front", CURVATURE)),
+        (SingleTrack(["steering_angle"]), TyreSaturation("rear", CURVATURE)),
+    ],
+)
+def test_their_laws_keep_the_contract_of_effects(system: TorchSimulator, law: Effect) -> None:
+    check_effect(system, law, atol=ROUNDING)
+
+
+def test_a_law_belongs_to_its_own_system() -> None:
+    with pytest.raises(BadInput, match="has no form in torch"):
+        SkidSteer(["radius"]).with_effect(TyreSaturation("front", CURVATURE))
+    with pytest.raises(BadInput, match="nearest: front"):
+        SingleTrack(["gear"]).with_effect(TyreSaturation("fron", CURVATURE))
+
+
+def test_wheels_that_turn_alike_drive_straight_and_others_turn_about_the_centre_of_rotation() -> None:
+    vehicle = SkidSteer(["radius"])
+    r, b = vehicle.defaults["radius"], vehicle.defaults["track"]
+    straight = driven(vehicle, [3.0, 3.0], 4.0)
+    assert straight["qvel"][2:].tolist() == pytest.approx([3.0 * r, 0.0, 0.0], abs=1e-6)
+    turning = driven(vehicle, [-2.0, 2.0], 4.0)
+    assert turning["qvel"][2:].tolist() == pytest.approx([0.0, 0.0, 4.0 * r / b], abs=1e-6)
+
+
+def test_a_car_turns_as_its_understeer_gradient_says() -> None:
+    """Steady turn of a linear single track: r = v delta / (L + K v^2), K = (1 / c_f - 1 / c_r) / g."""
+
+    class Steady(SingleTrack):
+        defaults = {  # noqa: RUF012
+            **SingleTrack.defaults,
+            **{"steering_angle": 0.02, "cornering_front": 4.0, "cornering_rear": 8.0, "gear": 0.0},
+            **{"damping": 0.0, "rolling": 0.0},
+        }
+
+    end = driven(Steady(["grip"]), [0.0], 3.0, speed=1.0)
+    rate = float(end["qvel"][2])
+    v = float(end["qvel"][:2].norm())
+    loads = (MASS_FRONT * WHEELBASE / 0.093, MASS_REAR * WHEELBASE / (WHEELBASE - 0.093))
+    assert loads == pytest.approx((MASS_FRONT + MASS_REAR,) * 2, rel=2e-3)  # the weighed loads fit the centre of mass
+    gradient = (1 / 4.0 - 1 / 8.0) / GRAVITY
+    u = math.hypot(v, 0.5)  # what slip angles are taken against
+    assert rate == pytest.approx(v * 0.02 / (WHEELBASE * v / u + gradient * v * v), rel=0.01)
