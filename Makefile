@@ -7,7 +7,7 @@ PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_IND
 OUT ?= out
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check bench blind cartpole pendulum emps clean
+.PHONY: help setup demo demo-seeds test lint check bench blind blind-rigs cartpole pendulum emps clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -39,8 +39,11 @@ check: setup     ## a sample of the slow evidence (under 20 minutes)
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed
-blind: setup     ## hidden effects and null sets -> docs/results/blind.json
+blind: setup     ## hidden effects and null sets, then the rigs -> docs/results/blind.json, blind-rigs.json
 	$(BIN)/python -m recipes.studies.blind
+	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
+blind-rigs: setup  ## the rigs alone (hours; goes on where it was stopped) -> docs/results/blind-rigs.json
+	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
 	$(BIN)/python -m recipes.studies.emps
 cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cartpole.json

@@ -70,7 +70,7 @@ SLIDE_DRIVE = Rig(
     ),
     alike=(
         ("constant_load@carriage", "gravity_tilt@world"),
-        ("actuator_delay@motor", "sensor_delay@qpos.carriage"),
+        ("actuator_delay@motor", "actuator_lag@motor", "sensor_delay@qpos.carriage"),
     ),
 )
 
@@ -126,6 +126,7 @@ SWING = Rig(
     ),
     alike=(
         ("com_offset@bob", "gravity_tilt@world", "sensor_bias@qpos.hinge"),
+        ("armature@hinge", "com_offset@bob.z"),
         ("actuator_delay@motor", "sensor_delay@qpos.hinge"),
     ),
 )
@@ -173,7 +174,6 @@ POSITION_SERVO = Rig(
         HiddenEffect("actuator_lag@servo", {"time_constant": 0.0036}),
         HiddenEffect("actuator_dead_zone@servo", {"width": 0.0093}),
         HiddenEffect("actuator_saturation@servo", {"limit": 1.6}, shrinks=True),
-        HiddenEffect("actuator_gain@servo", {"gain": 0.077}),
         HiddenEffect("sensor_bias@qpos.horn", {"bias": 0.0034}),
         HiddenEffect("parameter_step@joint.horn.damping", {"size": 0.05}, {"time": 2.5}),
     ),
@@ -185,7 +185,10 @@ POSITION_SERVO = Rig(
     ties=(Tie(HiddenEffect("back_emf@servo", {"constant": 0.071}), "viscous_friction@horn", ("joint.horn.damping",)),),
     alike=(
         ("com_offset@load", "gravity_tilt@world"),
-        ("actuator_delay@servo", "sensor_delay@qpos.horn"),
+        # The velocities tell a late sensor of the angle from a late servo.
+        ("actuator_delay@servo", "actuator_lag@servo"),
+        # kp b against kp b + m g l b cos q: a hundredth of it.
+        ("constant_load@horn", "sensor_bias@qpos.horn"),
     ),
 )
 
@@ -231,7 +234,7 @@ PUSHED_BLOCK = Rig(
     alike=(
         ("contact_friction@block", "dry_friction@along"),
         ("constant_load@along", "gravity_tilt@world"),
-        ("actuator_delay@pusher", "sensor_delay@qpos.along"),
+        ("actuator_delay@pusher", "actuator_lag@pusher", "sensor_delay@qpos.along"),
     ),
 )
 
