@@ -122,18 +122,14 @@ def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     return _made(RIGS[rig], "effect", seed, _seen(RIGS[rig], (known[key],), level), draw)
 
 
-def sized_case(rig: str, effect: HiddenEffect, scale: float, seed: int) -> BlindCase:
-    """A case that hides this effect at ``scale`` times its medium size, for calibration.
+def sized_case(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> BlindCase:
+    """A case that hides this effect at ``scale`` times its medium size, or nothing: for calibration.
 
-    Base parameters, commands and noise are those of the rig's null case of the same seed, so that the two tell what the
-    effect adds.
-
-    Raises:
-        BadInput: an unknown rig.
+    Base parameters, inputs and noise are those of the rig's null case of the same seed, so that the two tell what the
+    effect adds. The rig may be one with another protocol.
     """
-    if rig not in RIGS:
-        raise BadInput(f"rig '{rig}' is unknown", f"use one of {', '.join(RIGS)}")
-    return _made(RIGS[rig], "effect", seed, _Plan((effect.resized(scale),), "medium"), _drawing(rig, "null", seed))
+    plan = _Plan() if effect is None else _Plan((effect.resized(scale),), "medium")
+    return _made(rig, "null" if effect is None else "effect", seed, plan, _drawing(rig.name, "null", seed))
 
 
 def _drawing(rig: str, kind: str, seed: int) -> np.random.Generator:

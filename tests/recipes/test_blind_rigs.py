@@ -230,14 +230,15 @@ def test_the_truth_is_found_under_the_librarys_names() -> None:
 @unchecked
 def test_an_effect_of_no_size_leaves_the_null_case() -> None:
     rig = RIGS["thrown_ball"]
-    nothing, plain = sized_case(rig.name, rig.effects[-1], 0.0, 900), case(rig.name, "null", 900)
+    nothing, plain = sized_case(rig, rig.effects[-1], 0.0, 900), case(rig.name, "null", 900)
     for name, column in plain.columns["fit1"].items():
         np.testing.assert_array_equal(column, nothing.columns["fit1"][name])
 
 
 def test_sizes_step_towards_the_medium_ratio() -> None:
     effect = RIGS["swing"].effects[0]
-    assert next_scale(effect, 1.0, 2.8) == pytest.approx(1.0)
-    assert next_scale(effect, 1.0, 5.0) < 0.6
-    assert next_scale(effect, 1.0, 1.0) == 8.0
+    assert 0.4 < next_scale([(1.0, 5.0)]) < 0.6
+    assert next_scale([(1.0, 1.0)]) == 8.0
+    # A limit: nothing at 0.1, too much at 1.
+    assert next_scale([(1.0, 20.0), (0.13, 1.0)]) == pytest.approx((1.0 * 0.13) ** 0.5)
     assert effect.resized(2.0).size == {name: 2 * value for name, value in effect.size.items()}

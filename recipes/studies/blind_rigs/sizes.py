@@ -2,9 +2,10 @@
 
     (e / e0)^2 - 1 ~ s^2,      s <- s sqrt((2.8^2 - 1) / ((e / e0)^2 - 1))
 
-e is the held-out error of the base model, e0 the same on a case with nothing hidden. Each further step takes another
-seed of the tuning ones, and the result is the geometric mean of the last two proposals: commands and base parameters
-differ from case to case as much as that. Limits act otherwise and are stepped along their own scale.
+e is the held-out error of the base model, e0 the same on a case with nothing hidden; fewer runs than the rig's own are
+enough for both. Each further step takes another seed of the tuning ones, for commands and base parameters differ from
+case to case; the result is the geometric mean of the last two proposals. What is not as linear as that (limits, dead
+zones) is halved between a size that was too small and one that was too large.
 
     python -m recipes.studies.blind_rigs.sizes --rigs swing thrown_ball          prints what to write into envs/rigs
 """
@@ -13,20 +14,21 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 import tyro
 
-from envs.rigs import RIGS, HiddenEffect, Rig, case, sized_case
+from envs.rigs import RIGS, HiddenEffect, Rig, sized_case
 from onlinebayes.runs import BadInput
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.truth import base_error
 
 MEDIUM = 2.8
 FARTHEST = 8.0  # factor of one step
-SEEDS = (900, 901, 902)
+SEED = 900
+FIT, HELD = 4, 3  # runs
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Calibration:
 
     rigs: tuple[str, ...] = tuple(RIGS)
     effects: tuple[str, ...] = ()
-    steps: int = 3
+    steps: int = 2
 
 
 @dataclass(frozen=True)
@@ -67,32 +69,36 @@ class Sized:
 
 def calibrate(rig: Rig, effects: tuple[HiddenEffect, ...], steps: int) -> Iterator[Sized]:
     """The new sizes of a rig's effects, one after the other."""
-    quiet = [ratio_at(rig, None, 1.0, seed) for seed in SEEDS]
+    rig = replace(rig, protocol=replace(rig.protocol, fit=FIT, held=HELD))
+    quiet = [error_at(rig, None, 1.0, SEED + k) for k in range(steps)]
     for effect in effects:
-        scale, proposals, ratios = 1.0, [], []
+        tried: list[tuple[float, float]] = []
+        proposals = [1.0]
         for k in range(steps):
-            at = k % len(SEEDS)
-            ratios.append(ratio_at(rig, effect, scale, SEEDS[at]) / quiet[at])
-            scale = next_scale(effect, scale, ratios[-1])
-            proposals.append(scale)
-        last = proposals[-2:]
-        yield Sized(effect, math.prod(last) ** (1 / len(last)), tuple(ratios))
+            scale = proposals[-1]
+            tried.append((scale, error_at(rig, effect, scale, SEED + k) / quiet[k]))
+            proposals.append(next_scale(tried))
+        last = proposals[1:][-2:]
+        yield Sized(effect, math.prod(last) ** (1 / len(last)), tuple(ratio for _, ratio in tried))
 
 
-def ratio_at(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> float:
+def error_at(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> float:
     """Held-out error of the base model, fitted to a case with that effect [noise]; infinite where it diverges."""
-    made = case(rig.name, "null", seed) if effect is None else sized_case(rig.name, effect, scale, seed)
     try:
-        return base_error(loaded(made))[0]
+        return base_error(loaded(sized_case(rig, effect, scale, seed)))[0]
     except BadInput:
         return math.inf
 
 
-def next_scale(effect: HiddenEffect, scale: float, ratio: float) -> float:
-    """The scale at which the ratio should be medium, from the ratio at this one."""
+def next_scale(tried: Sequence[tuple[float, float]]) -> float:
+    """The scale at which the ratio should be medium, from the pairs (scale, ratio) so far."""
+    scale, ratio = tried[-1]
     excess = max(ratio**2 - 1, 0.05)  # a size that shows nothing says only that it is far too small
     factor = math.sqrt((MEDIUM**2 - 1) / excess) if math.isfinite(excess) else 1 / FARTHEST
-    return scale * min(max(factor, 1 / FARTHEST), FARTHEST)
+    proposed = scale * min(max(factor, 1 / FARTHEST), FARTHEST)
+    low = max((s for s, r in tried if r < MEDIUM), default=0.0)
+    high = min((s for s, r in tried if r >= MEDIUM), default=math.inf)
+    return proposed if low <= proposed <= high else math.sqrt(low * high)
 
 
 def main(calibration: Calibration) -> None:
