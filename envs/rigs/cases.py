@@ -2,7 +2,7 @@
 
 | kind    | what is wrong                                                         | right verdict        |
 |---------|-----------------------------------------------------------------------|----------------------|
-| effect  | one effect of the rig's list, or two; weak, medium or strong          | missing_effect       |
+| effect  | one effect of the rig's list, or two; weak, medium, strong in turn    | missing_effect       |
 | null    | base parameters off their nominal values, nothing hidden              | adequate             |
 | tie     | one of two effects that the inputs cannot part                        | tie                  |
 | outside | something that no vocabulary names                                    | unexplained          |
@@ -33,6 +33,7 @@ from onlinebayes.runs import BadInput
 KINDS = ("effect", "null", "tie", "outside", "bounds", "wiring", "short")
 LEVELS: Mapping[str, float] = {"weak": 0.45, "medium": 1.0, "strong": 2.5}  # times the medium size
 BASE = (0.75, 1.35)  # true base parameters, as shares of the nominal ones
+MOST_HIDDEN = 2
 PAIRED = 0.3  # share of the effect cases that hide two
 SHORT = 0.8  # length of a run of the kind ``short`` [s]
 
@@ -100,8 +101,8 @@ def case(rig: str, kind: str, seed: int) -> BlindCase:
         raise BadInput(f"kind '{kind}' is unknown", f"use one of {', '.join(KINDS)}")
     if seed < 0:
         raise BadInput(f"seed {seed} is negative", "seeds count from 0")
-    draw = np.random.default_rng([seed, zlib.crc32(f"{rig} {kind}".encode())])
-    return _made(RIGS[rig], kind, seed, _plan(RIGS[rig], kind, draw), draw)
+    draw = _drawing(rig, kind, seed)
+    return _made(RIGS[rig], kind, seed, _plan(RIGS[rig], kind, seed, draw), draw)
 
 
 def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
@@ -121,8 +122,22 @@ def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     return _made(RIGS[rig], "effect", seed, _seen(RIGS[rig], (known[key],), level), draw)
 
 
-def _plan(rig: Rig, kind: str, draw: np.random.Generator) -> _Plan:
-    level = str(draw.choice(list(LEVELS)))
+def sized_case(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> BlindCase:
+    """A case that hides this effect at ``scale`` times its medium size, or nothing: for calibration.
+
+    Base parameters, inputs and noise are those of the rig's null case of the same seed, so that the two tell what the
+    effect adds. The rig may be one with another protocol.
+    """
+    plan = _Plan() if effect is None else _Plan((effect.resized(scale),), "medium")
+    return _made(rig, "null" if effect is None else "effect", seed, plan, _drawing(rig.name, "null", seed))
+
+
+def _drawing(rig: str, kind: str, seed: int) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(f"{rig} {kind}".encode())])
+
+
+def _plan(rig: Rig, kind: str, seed: int, draw: np.random.Generator) -> _Plan:
+    level = list(LEVELS)[seed % len(LEVELS)]
     if kind == "effect":
         return _seen(rig, _some_effects(rig, draw), level)
     if kind == "tie":
@@ -150,8 +165,9 @@ def _some_effects(rig: Rig, draw: np.random.Generator) -> tuple[HiddenEffect, ..
 def _made(rig: Rig, kind: str, seed: int, plan: _Plan, draw: np.random.Generator) -> BlindCase:
     base = _base(rig, plan.fixed, draw)
     truth = {**rig.nominal, **base}
-    for effect in plan.hidden:
-        truth |= effect.values(LEVELS[plan.level], float(draw.choice([-1.0, 1.0])))
+    # Drawn even where nothing is hidden: the case with the effect and the one without get the same commands.
+    for effect, sign in zip(plan.hidden, draw.choice([-1.0, 1.0], MOST_HIDDEN), strict=False):
+        truth |= effect.values(LEVELS[plan.level], float(sign))
     bounds = {name: bound for name, bound in rig.free.items() if name not in plan.fixed}
     fault = plan.fault.name if plan.fault else ""
     if kind == "bounds":

@@ -74,6 +74,11 @@ CART_POLE = Rig(
     ties=(
         Tie(HiddenEffect("back_emf@motor", {"constant": 0.022}), "viscous_friction@slider", ("joint.slider.damping",)),
     ),
+    alike=(
+        # Force, both inertias and their coupling, up to a common factor: three ratios, of which the masses set two.
+        ("actuator_gain@motor", "armature@hinge", "com_offset@pole"),
+        ("actuator_delay@motor", "actuator_lag@motor"),
+    ),
 )
 
 
@@ -149,7 +154,11 @@ TWO_LINK_ARM = Rig(
             HiddenEffect("back_emf@elbow_motor", {"constant": 0.03}), "viscous_friction@elbow", ("joint.elbow.damping",)
         ),
     ),
-    alike=(("com_offset@fore", "sensor_bias@qpos.elbow"),),
+    alike=(
+        ("com_offset@fore", "sensor_bias@qpos.elbow"),
+        ("actuator_delay@shoulder_motor", "actuator_lag@shoulder_motor"),
+        ("actuator_delay@elbow_motor", "actuator_lag@elbow_motor"),
+    ),
 )
 
 
@@ -213,4 +222,5 @@ SIX_JOINT_ARM = Rig(
         HiddenEffect("flexible_mode@j2", {"mass": 0.062}, {"frequency": 5.0}),
     ),
     ties=(Tie(HiddenEffect("back_emf@m1", {"constant": 0.8}), "viscous_friction@j1", ("joint.j1.damping",)),),
+    alike=(("actuator_delay@m3", "actuator_lag@m3"), ("actuator_delay@m1", "actuator_lag@m1")),
 )

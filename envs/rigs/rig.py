@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import final
 
@@ -41,9 +41,16 @@ class HiddenEffect:
     def values(self, scale: float, sign: float = 1.0) -> dict[str, float]:
         """Addresses -> values at ``scale`` times the medium size; ``sign`` turns those that may be negative."""
         turn = sign if self.key.split("@")[0] in SIGNED else 1.0
-        factor = scale**-0.3 if self.shrinks else scale
-        sized = {name: self.neutral + turn * factor * value for name, value in self.size.items()}
+        sized = {name: self.neutral + turn * self.factor(scale) * value for name, value in self.size.items()}
         return {f"{self.key}.{name}": value for name, value in {**self.shape, **sized}.items()}
+
+    def factor(self, scale: float) -> float:
+        """By what the parameters of medium size are multiplied at that scale."""
+        return scale**-0.3 if self.shrinks else scale
+
+    def resized(self, scale: float) -> HiddenEffect:
+        """The same effect with another medium size: ``scale`` times this one."""
+        return replace(self, size={name: self.factor(scale) * value for name, value in self.size.items()})
 
 
 # Effects whose size may have either sign.

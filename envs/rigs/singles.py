@@ -70,7 +70,7 @@ SLIDE_DRIVE = Rig(
     ),
     alike=(
         ("constant_load@carriage", "gravity_tilt@world"),
-        ("actuator_delay@motor", "sensor_delay@qpos.carriage"),
+        ("actuator_delay@motor", "actuator_lag@motor", "sensor_delay@qpos.carriage"),
     ),
 )
 
@@ -100,20 +100,20 @@ SWING = Rig(
         band=(0.2, 2.5),
     ),
     effects=(
-        HiddenEffect("dry_friction@hinge", {"frictionloss": 0.037}),
-        HiddenEffect("stribeck_friction@hinge", {"coulomb": 0.03, "static": 0.061}, {"stribeck_velocity": 0.3}),
-        HiddenEffect("quadratic_drag@hinge", {"drag": 0.028}),
-        HiddenEffect("joint_stiffness@hinge", {"stiffness": 0.029}, {"springref": 0.4}),
-        HiddenEffect("cubic_stiffness@hinge", {"stiffness3": 0.6}, {"springref": 0.0}),
-        HiddenEffect("constant_load@hinge", {"load": 0.012}),
-        HiddenEffect("cogging@hinge", {"amplitude": 0.024}, {"poles": 7.0, "phase": 0.5}),
-        HiddenEffect("armature@hinge", {"armature": 0.0029}),
-        HiddenEffect("com_offset@bob", {"x": 0.002}),
-        HiddenEffect("actuator_delay@motor", {"delay": 0.0098}),
-        HiddenEffect("actuator_lag@motor", {"time_constant": 0.01}),
-        HiddenEffect("actuator_saturation@motor", {"limit": 0.55}, shrinks=True),
-        HiddenEffect("sensor_bias@qpos.hinge", {"bias": 0.0058}),
-        HiddenEffect("sensor_delay@qpos.hinge", {"delay": 0.01}),
+        HiddenEffect("dry_friction@hinge", {"frictionloss": 0.011}),
+        HiddenEffect("stribeck_friction@hinge", {"coulomb": 0.0074, "static": 0.015}, {"stribeck_velocity": 0.3}),
+        HiddenEffect("quadratic_drag@hinge", {"drag": 0.0081}),
+        HiddenEffect("joint_stiffness@hinge", {"stiffness": 0.0091}, {"springref": 0.4}),
+        HiddenEffect("cubic_stiffness@hinge", {"stiffness3": 0.075}, {"springref": 0.0}),
+        HiddenEffect("constant_load@hinge", {"load": 0.0048}),
+        HiddenEffect("cogging@hinge", {"amplitude": 0.01}, {"poles": 7.0, "phase": 0.5}),
+        HiddenEffect("armature@hinge", {"armature": 0.00054}),
+        HiddenEffect("com_offset@bob", {"x": 0.001}),
+        HiddenEffect("actuator_delay@motor", {"delay": 0.0035}),
+        HiddenEffect("actuator_lag@motor", {"time_constant": 0.0035}),
+        HiddenEffect("actuator_saturation@motor", {"limit": 1}, shrinks=True),
+        HiddenEffect("sensor_bias@qpos.hinge", {"bias": 0.003}),
+        HiddenEffect("sensor_delay@qpos.hinge", {"delay": 0.0035}),
     ),
     outside=(
         HiddenEffect("detent@hinge", {"amplitude": 0.036}, {"poles": 4.0, "speed": 1.0}),
@@ -126,6 +126,7 @@ SWING = Rig(
     ),
     alike=(
         ("com_offset@bob", "gravity_tilt@world", "sensor_bias@qpos.hinge"),
+        ("armature@hinge", "com_offset@bob.z"),
         ("actuator_delay@motor", "sensor_delay@qpos.hinge"),
     ),
 )
@@ -173,7 +174,6 @@ POSITION_SERVO = Rig(
         HiddenEffect("actuator_lag@servo", {"time_constant": 0.0036}),
         HiddenEffect("actuator_dead_zone@servo", {"width": 0.0093}),
         HiddenEffect("actuator_saturation@servo", {"limit": 1.6}, shrinks=True),
-        HiddenEffect("actuator_gain@servo", {"gain": 0.077}),
         HiddenEffect("sensor_bias@qpos.horn", {"bias": 0.0034}),
         HiddenEffect("parameter_step@joint.horn.damping", {"size": 0.05}, {"time": 2.5}),
     ),
@@ -185,7 +185,10 @@ POSITION_SERVO = Rig(
     ties=(Tie(HiddenEffect("back_emf@servo", {"constant": 0.071}), "viscous_friction@horn", ("joint.horn.damping",)),),
     alike=(
         ("com_offset@load", "gravity_tilt@world"),
-        ("actuator_delay@servo", "sensor_delay@qpos.horn"),
+        # The velocities tell a late sensor of the angle from a late servo.
+        ("actuator_delay@servo", "actuator_lag@servo"),
+        # kp b against kp b + m g l b cos q: a hundredth of it.
+        ("constant_load@horn", "sensor_bias@qpos.horn"),
     ),
 )
 
@@ -231,7 +234,7 @@ PUSHED_BLOCK = Rig(
     alike=(
         ("contact_friction@block", "dry_friction@along"),
         ("constant_load@along", "gravity_tilt@world"),
-        ("actuator_delay@pusher", "sensor_delay@qpos.along"),
+        ("actuator_delay@pusher", "actuator_lag@pusher", "sensor_delay@qpos.along"),
     ),
 )
 
@@ -262,19 +265,23 @@ THROWN_BALL = Rig(
         start=(3.0, 3.0, 8.0),
     ),
     effects=(
-        HiddenEffect("air_drag@ball", {"drag": 0.00013}),
-        HiddenEffect("wind@world", {"drag": 0.00013}, {"x": 3.0}),
-        HiddenEffect("gravity_tilt@world", {"angle": 0.015}),
-        HiddenEffect("constant_load@y", {"load": 0.021}),
-        HiddenEffect("actuator_gain@jet_y", {"gain": 0.15}),
-        HiddenEffect("actuator_lag@jet_x", {"time_constant": 0.025}),
-        HiddenEffect("actuator_delay@jet_x", {"delay": 0.024}),
-        HiddenEffect("viscous_friction@x", {"damping": 0.015}),
+        HiddenEffect("air_drag@ball", {"drag": 0.00023}),
+        HiddenEffect("wind@world", {"drag": 0.00021}, {"x": 3.0}),
+        HiddenEffect("gravity_tilt@world", {"angle": 0.012}),
+        HiddenEffect("constant_load@y", {"load": 0.028}),
+        HiddenEffect("actuator_gain@jet_y", {"gain": 0.23}),
+        HiddenEffect("actuator_lag@jet_x", {"time_constant": 0.047}),
+        HiddenEffect("actuator_delay@jet_x", {"delay": 0.04}),
+        HiddenEffect("viscous_friction@x", {"damping": 0.027}),
     ),
     outside=(
         HiddenEffect("periodic@x", {"amplitude": 0.075}, {"frequency": 2.7, "phase": 0.4}),
         HiddenEffect("flexible_mode@y", {"mass": 0.028}, {"frequency": 3.0}),
     ),
     ties=(Tie(HiddenEffect("constant_load@x", {"load": 0.024}), "gravity_tilt@world"),),
-    alike=(("constant_load@x", "gravity_tilt@world"),),
+    alike=(
+        ("constant_load@x", "gravity_tilt@world"),
+        ("constant_load@y", "gravity_tilt@world.y"),
+        ("viscous_friction@x", "back_emf@jet_x"),
+    ),
 )

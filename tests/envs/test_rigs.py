@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
-import jaxtyping
 import mujoco
 import numpy as np
 import pytest
@@ -21,13 +20,6 @@ from onlinebayes.runs import BadInput
 # Shapes are checked in the short cases of every rig; in long integrations the checks would take most of the time.
 unchecked = pytest.mark.usefixtures("without_shape_checks")
 SMOOTH = ("swing", "cart_pole", "two_link_arm", "six_joint_arm")
-
-
-@pytest.fixture
-def without_shape_checks() -> Iterator[None]:
-    jaxtyping.config.update("jaxtyping_disable", True)
-    yield
-    jaxtyping.config.update("jaxtyping_disable", False)
 
 
 def engineers_model(rig: Rig, values: Mapping[str, float]) -> mujoco.MjModel:

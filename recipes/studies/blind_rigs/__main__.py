@@ -1,0 +1,142 @@
+"""The blind study over the rigs of ``envs/rigs``: does refine name what is missing, and nothing where nothing is.
+
+Every judged case is a file of its own, written at once: a study that was stopped goes on where it stopped.
+
+    python -m recipes.studies.blind_rigs                               all cases -> docs/results/blind-rigs.json
+    python -m recipes.studies.blind_rigs --rigs swing --effects 3 --null 1 --others 0 --first 0 --results /tmp/rigs
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+import envs.rigs
+import onlinebayes
+from envs.rigs import KINDS, RIGS
+from onlinebayes.runs import BadInput, Progress, write_atomic
+from recipes.studies.blind_rigs.judging import Judge, unanswered
+from recipes.studies.blind_rigs.plan import Job, in_words, jobs, seconds_to_go
+from recipes.studies.blind_rigs.record import Judged, from_json, to_json
+from recipes.studies.blind_rigs.table import tabulate
+from recipes.studies.blind_rigs.workers import Done, work
+
+REPORTED = 1000
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run; the numbers of cases are for each rig.
+
+    Args:
+        effects: cases that hide one or two effects.
+        null: that hide nothing.
+        others: of each of the other five kinds.
+        rigs: which.
+        first: seed of the first case; from 1000 on they are reported, below they are for tuning.
+        candidates: effects that refine tries; none for all.
+        processes: that share the cases.
+        minutes: that a case may take; one that takes longer is a miss.
+        out: folder of the judged cases.
+        results: folder of the table.
+    """
+
+    effects: int = 27
+    null: int = 13
+    others: int = 4
+    rigs: tuple[str, ...] = tuple(RIGS)
+    first: int = REPORTED
+    candidates: tuple[str, ...] = ()
+    processes: int = 2
+    minutes: float = 10.0
+    out: Path = Path("out/blind_rigs")
+    results: Path = Path("docs/results")
+
+    @property
+    def jobs(self) -> list[Job]:
+        """Its cases, in their order."""
+        counts = {"effect": self.effects, "null": self.null}
+        return jobs({kind: counts.get(kind, self.others) for kind in KINDS}, self.rigs, self.first)
+
+    @property
+    def cases(self) -> Path:
+        """Folder of one file a case."""
+        return self.out / "cases"
+
+
+def main(study: Study) -> int:
+    """Judge what is not judged yet, write the table and print its overall rows; returns the exit status."""
+    if unknown := set(study.rigs) - set(RIGS):
+        raise BadInput(f"rig '{unknown.pop()}' is unknown", f"use some of {', '.join(RIGS)}")
+    wanted, code = study.jobs, code_mark()
+    found = kept(study.cases, wanted)
+    todo = [job for job in wanted if job.name not in found]
+    print(f"{len(wanted)} cases, {len(found)} of them judged before (in {study.cases})", file=sys.stderr)
+    if old := sum(judged.code != code for judged in found.values()):
+        print(f"{old} of these were judged by other code: remove their files to judge them anew", file=sys.stderr)
+    try:
+        judge_all(study, todo, found, code)
+    except KeyboardInterrupt:
+        print(f"stopped; {len(found)} of {len(wanted)} cases are kept; the same command goes on", file=sys.stderr)
+        return 130
+    table = tabulate(list(found.values()))
+    for row in table.rows:
+        held = {None: "", True: "holds", False: "MISSED"}[row.holds]
+        value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
+        print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
+    print(f"written: {table.write(study.results)}")
+    return 0
+
+
+def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str) -> None:
+    """Judge the cases, each kept as soon as it is known; ``found`` grows."""
+    left, fresh = {job.name: job for job in todo}, []
+    with Progress("blind rigs", len(todo) + len(found)) as progress:
+        for done in work(todo, Judge(study.candidates, code), study.processes, 60 * study.minutes):
+            judged = _answered(done, code)
+            write_atomic(study.cases / f"{judged.name}.json", to_json(judged))
+            found[judged.name] = judged
+            fresh.append(judged)
+            del left[judged.name]
+            progress.update(len(found), _line(judged, fresh, left.values(), study.processes))
+
+
+def kept(folder: Path, wanted: Iterable[Job]) -> dict[str, Judged]:
+    """The wanted cases that were judged before, by name; a file that cannot be read is judged anew."""
+    found = {}
+    for job in wanted:
+        try:
+            found[job.name] = from_json((folder / f"{job.name}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError, TypeError):
+            continue
+    return found
+
+
+def code_mark() -> str:
+    """A mark of the library and of the rigs: the same code, the same mark."""
+    digest = hashlib.sha256()
+    for package in (onlinebayes, envs.rigs):
+        folder = Path(str(package.__file__)).parent
+        for file in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".xml")):
+            digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _answered(done: Done[Job, Judged], code: str) -> Judged:
+    return done.result or unanswered(done.job, done.problem, done.seconds, code)
+
+
+def _line(judged: Judged, fresh: list[Judged], left: Iterable[Job], processes: int) -> str:
+    told = judged.ended or f"{judged.verdict}, {', '.join(judged.accepted) or 'nothing'}"
+    # The first few are the quick ones, and say little about the others.
+    rest = f"; about {in_words(seconds_to_go(fresh, left, processes))} to go" if len(fresh) >= 4 * processes else ""
+    return f"{judged.name}: {told}{' (MISS)' if judged.missed else ''}{rest}"
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Study)))

@@ -1,0 +1,131 @@
+"""One case as a user would meet it: its files are written, loaded and refined; only then is the truth looked at."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from envs.rigs import BlindCase, case, write_case
+from onlinebayes.cli.problem import Problem, load_problem
+from onlinebayes.criticism import Candidate, Criticism, refine
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from recipes.studies.blind_rigs.names import spelt
+from recipes.studies.blind_rigs.plan import Job
+from recipes.studies.blind_rigs.record import Judged
+from recipes.studies.blind_rigs.truth import in_floors, true_error, true_values
+
+
+@dataclass(frozen=True)
+class Judge:
+    """What judges a case in a process of its own.
+
+    Args:
+        candidates: effects that refine tries; none for all.
+        code: the mark that the results get.
+    """
+
+    candidates: tuple[str, ...] = ()
+    code: str = ""
+
+    def __call__(self, job: Job) -> Judged:
+        """Make the case, refine it and compare with the truth.
+
+        Raises:
+            BadInput: the library refuses the case.
+        """
+        torch.set_num_threads(1)
+        made = case(job.rig, job.kind, job.seed)
+        problem = loaded(made)
+        began = time.monotonic()
+        result = refine(
+            problem.simulator,
+            problem.measurement,
+            holdout=problem.holdout,
+            selection=problem.selection,
+            candidates=self.candidates or problem.candidates,
+        )
+        return judged(made, problem, result, time.monotonic() - began, self.code)
+
+
+def loaded(made: BlindCase) -> Problem:
+    """The case's problem from its files, its simulator on one thread: the other processes need the other cores."""
+    with tempfile.TemporaryDirectory() as folder:
+        problem = load_problem(write_case(made, folder))
+    assert isinstance(problem.simulator, MujocoSimulator)
+    simulator = MujocoSimulator(problem.simulator.spec, problem.simulator.parameters, threads=1)
+    return replace(problem, simulator=simulator)
+
+
+def unanswered(job: Job, why: str, seconds: float, code: str) -> Judged:
+    """The record of a case that refine gave no answer to."""
+    made = case(job.rig, job.kind, job.seed)
+    return replace(_asked(made), ended=why, seconds=seconds, code=code)
+
+
+def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float, code: str) -> Judged:
+    """The record of a case, without any opinion on it."""
+    hidden = _spelt(made)
+    first = next((candidate for candidate in result.candidates if candidate.rank == 1), None)
+    equal = next((c.indistinguishable_from for c in result.candidates if c.effect in result.accepted[:1]), ())
+    error = result.heldout_error
+    truth = true_values(made, result.final.simulator)
+    covered, intervals = _coverage(result, truth) if set(result.accepted) == set(hidden) else (0, 0)
+    return replace(
+        _asked(made),
+        verdict=result.verdict or "",
+        accepted=result.accepted,
+        first=first.effect if first else "",
+        gain=first.score_gain if first else None,
+        gain_se=first.score_gain_se if first else None,
+        p=first.p_value if first else None,
+        equal=equal,
+        refused=_refused(result.candidates, hidden),
+        widened=tuple(result.widened),
+        wiring=result.wiring.fault if result.wiring else "",
+        before=in_floors(error.before, error.noise_floor),
+        after=in_floors(error.after, error.noise_floor),
+        reference=true_error(made, problem, error.noise_floor),
+        covered=covered,
+        intervals=intervals,
+        left=max(result.remainder.rms_over_floor.values(), default=None),
+        seconds=seconds,
+        code=code,
+    )
+
+
+def _asked(made: BlindCase) -> Judged:
+    """The record of a case that nobody has looked at."""
+    return Judged(made.rig, made.kind, made.seed, _spelt(made), made.partners, made.level, made.fault)
+
+
+def _spelt(made: BlindCase) -> tuple[str, ...]:
+    return tuple(spelt(key, made.truth) for key in made.hidden)
+
+
+def _refused(candidates: Sequence[Candidate], hidden: Sequence[str]) -> dict[str, str]:
+    """Why each hidden effect was not accepted; nothing for those that were."""
+    known = {candidate.effect: candidate for candidate in candidates}
+    found = {}
+    for key in hidden:
+        if key not in known:
+            found[key] = "is no candidate"
+        elif known[key].confounded_with:
+            found[key] = f"confounded with {', '.join(known[key].confounded_with)}"
+        elif not known[key].accepted:
+            found[key] = _standing(known[key])
+    return found
+
+
+def _standing(candidate: Candidate) -> str:
+    gain = "" if candidate.score_gain is None else f", gain {candidate.score_gain:.3g} ± {candidate.score_gain_se:.2g}"
+    return f"rank {candidate.rank}{gain}: {'; '.join(candidate.refused_because) or 'another went before it'}"
+
+
+def _coverage(result: Criticism, truth: Mapping[str, float]) -> tuple[int, int]:
+    """How many of the 90 % intervals hold the truth, of those that are said to mean something."""
+    given = {name: estimate for name, estimate in result.parameters.items() if estimate.identifiable and name in truth}
+    return sum(e.q05 <= truth[name] <= e.q95 for name, e in given.items()), len(given)

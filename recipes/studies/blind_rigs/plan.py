@@ -1,0 +1,62 @@
+"""Which cases are judged and in which order: all kinds and rigs advance together, so that a part is a sample."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from envs.rigs import KINDS
+from recipes.studies.blind_rigs.record import Judged
+
+QUICK = (
+    *("thrown_ball", "swing", "position_servo", "slide_drive"),
+    *("cart_pole", "two_link_arm", "pushed_block", "six_joint_arm"),
+)
+
+
+@dataclass(frozen=True)
+class Job:
+    """A case to judge."""
+
+    rig: str
+    kind: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """As :attr:`Judged.name`."""
+        return f"{self.rig}-{self.kind}-{self.seed}"
+
+
+def jobs(counts: Mapping[str, int], rigs: Iterable[str], first: int) -> list[Job]:
+    """The cases of a study.
+
+    Args:
+        counts: kind -> cases a rig.
+        rigs: which; the quick ones go first.
+        first: seed of each rig's first case of each kind.
+    """
+    chosen = [rig for rig in QUICK if rig in set(rigs)]
+    order = [
+        ((k + 0.5) / counts[kind], chosen.index(rig), KINDS.index(kind), Job(rig, kind, first + k))
+        for rig in chosen
+        for kind in KINDS
+        for k in range(counts.get(kind, 0))
+    ]
+    return [job for *_, job in sorted(order, key=lambda item: item[:3])]
+
+
+def seconds_to_go(found: Iterable[Judged], todo: Iterable[Job], processes: int) -> float:
+    """How long the rest takes [s]: each rig at its own mean so far, one that was not seen yet at the longest."""
+    times: dict[str, list[float]] = {}
+    for judged in found:
+        times.setdefault(judged.rig, []).append(judged.seconds)
+    mean = {rig: sum(spent) / len(spent) for rig, spent in times.items()}
+    longest = max(mean.values(), default=0.0)
+    return sum(mean.get(job.rig, longest) for job in todo) / processes
+
+
+def in_words(seconds: float) -> str:
+    """``3 h 20 min``, ``5 min``."""
+    minutes = max(1, round(seconds / 60))
+    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"

@@ -1,0 +1,199 @@
+"""One judged case: what was hidden, what refine said, and by which rules that was right.
+
+    ratio = e(base model refitted) / e(true effects added by hand and fitted),     e: RMS over held-out signals [floors]
+    share = (e(base) - e(final)) / (e(base) - e(true effects))
+
+The ratio that was measured, not the size that was drawn, decides under which size a case is counted. Below 1.3 an
+effect is faint: to find it is no merit, to overlook it no fault.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Any
+
+from envs.rigs import RIGS
+from onlinebayes.criticism.results import Verdict
+from recipes.studies.blind_rigs.names import Answer, answer, spellings
+
+RIGHT: Mapping[str, Verdict] = {
+    "effect": "missing_effect",
+    "null": "adequate",
+    "tie": "tie",
+    "outside": "unexplained",
+    "bounds": "bounds_exclude_truth",
+    "wiring": "data_problem",
+    "short": "insufficient_data",
+}
+SIZES: Mapping[str, tuple[float, float]] = {
+    "faint": (0.0, 1.3),
+    "weak": (1.3, 2.0),
+    "medium": (2.0, 4.0),
+    "strong": (4.0, float("inf")),
+}
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A case and what became of it.
+
+    Args:
+        rig, kind, seed: which case.
+        hidden: effects as the library spells them.
+        partners: those that explain the log as well, by the rig's own account.
+        level: the size that was drawn.
+        fault: of the log or of the bounds.
+        ended: empty, or why there is no answer: out of time, or the error.
+        verdict, accepted: what refine said.
+        first, gain, gain_se, p: the candidate ranked first, its score gain with its standard error [nats], its p.
+        equal: what the first accepted effect cannot be told from.
+        refused: right name -> why it was not accepted.
+        widened: parameters whose bounds were widened.
+        wiring: the fault that was named.
+        before, after, reference: held-out error of the base, the final and the true model [floors].
+        covered, intervals: 90 % intervals that hold the truth, of those given where the right model was found.
+        left: rms_over_floor of the final model, the worst signal's.
+        seconds: that refine took [s].
+        code: which code judged.
+    """
+
+    rig: str
+    kind: str
+    seed: int
+    hidden: tuple[str, ...] = ()
+    partners: tuple[str, ...] = ()
+    level: str = ""
+    fault: str = ""
+    ended: str = ""
+    verdict: str = ""
+    accepted: tuple[str, ...] = ()
+    first: str = ""
+    gain: float | None = None
+    gain_se: float | None = None
+    p: float | None = None
+    equal: tuple[str, ...] = ()
+    refused: Mapping[str, str] = field(default_factory=dict)
+    widened: tuple[str, ...] = ()
+    wiring: str = ""
+    before: float | None = None
+    after: float | None = None
+    reference: float | None = None
+    covered: int = 0
+    intervals: int = 0
+    left: float | None = None
+    seconds: float = 0.0
+    code: str = ""
+
+    @property
+    def name(self) -> str:
+        """``rig-kind-seed``."""
+        return f"{self.rig}-{self.kind}-{self.seed}"
+
+    @property
+    def answers(self) -> tuple[Answer, ...]:
+        """What counts as finding each hidden effect."""
+        return tuple(answer(self.rig, key) for key in self.hidden)
+
+    @property
+    def ratio(self) -> float | None:
+        """Held-out error of the base model over that of the true one; over the floor where the library lacks it."""
+        return None if self.before is None else self.before / (self.reference or 1.0)
+
+    @property
+    def size(self) -> str:
+        """Faint, weak, medium or strong by the measured ratio; as drawn where there is none."""
+        if self.ratio is None:
+            return self.level
+        return next(name for name, (low, high) in SIZES.items() if low <= self.ratio < high)
+
+    @property
+    def counts(self) -> bool:
+        """Whether the case can be right or wrong: all but faint effects."""
+        return self.kind != "effect" or self.size != "faint"
+
+    @property
+    def right(self) -> bool:
+        """Whether the verdict is right: the kind's own, and about the right thing where it names one."""
+        if self.kind == "effect":
+            return self.verdict == "missing_effect" or (self.verdict == "tie" and self._equals_are_partners())
+        if self.verdict != RIGHT[self.kind]:
+            return False
+        if self.kind == "tie":
+            return all(members & {*self.accepted[:1], *self.equal} for members in self._members())
+        return self.kind != "bounds" or self.widened == (self.fault,)
+
+    @property
+    def first_right(self) -> bool:
+        """Whether the first-ranked candidate is hidden, or a part of what is and the rest was found too."""
+        return any(
+            self.first in answer.names or (answer.admits(self.first) and answer.found(self.accepted))
+            for answer in self.answers
+        )
+
+    @property
+    def first_or_tied(self) -> bool:
+        """Whether the first-ranked candidate is right, or is said to be indistinguishable from what is hidden."""
+        tied = self.verdict == "tie" and any(key in answer.names for answer in self.answers for key in self.equal)
+        return self.first_right or tied
+
+    @property
+    def all_found(self) -> bool:
+        """Whether every hidden effect was accepted."""
+        return all(answer.found(self.accepted) for answer in self.answers)
+
+    @property
+    def innocent(self) -> tuple[str, ...]:
+        """What was accepted and is not there."""
+        if self.kind in ("outside", "wiring", "bounds", "short"):
+            return ()  # a wrong verdict is counted there; what it names is neither hidden nor innocent
+        members = frozenset[str]().union(*self._members()) if self.kind == "tie" else frozenset[str]()
+        return tuple(
+            key for key in self.accepted if key not in members and not any(a.admits(key) for a in self.answers)
+        )
+
+    @property
+    def share(self) -> float | None:
+        """Part of what the true effects give that refine gave, between 0 and 1; None where they give nothing."""
+        if self.before is None or self.after is None or self.reference is None or self.reference >= self.before:
+            return 0.0 if self.ended and self.counts else None
+        return min(max((self.before - self.after) / (self.before - self.reference), 0.0), 1.0)
+
+    @property
+    def missed(self) -> bool:
+        """Whether anything about it is worth a look."""
+        if not self.counts:
+            return bool(self.innocent)
+        named = self.kind != "effect" or (self.all_found and (len(self.hidden) > 1 or self.first_right))
+        return not (self.right and named) or bool(self.innocent)
+
+    def _members(self) -> tuple[frozenset[str], frozenset[str]]:
+        """Both sides of a tie, each in every spelling."""
+        hidden = frozenset[str]().union(*(spellings(key) for key in self.hidden))
+        return hidden, frozenset[str]().union(*(spellings(key) for key in self.partners))
+
+    def _equals_are_partners(self) -> bool:
+        """Whether a tie on an effect set is the rig's own: its members are names of what is hidden."""
+        return bool(self.equal) and all(any(key in a.names for a in self.answers) for key in self.equal)
+
+
+def to_json(judged: Judged) -> str:
+    """One line."""
+    return json.dumps(asdict(judged)) + "\n"
+
+
+def from_json(text: str) -> Judged:
+    """The case of such a line.
+
+    Raises:
+        ValueError: it is none.
+    """
+    raw: dict[str, Any] = json.loads(text)
+    if not isinstance(raw, dict) or raw.get("rig") not in RIGS or raw.get("kind") not in RIGHT:
+        raise ValueError("no judged case")
+    known = {entry.name for entry in fields(Judged)}
+    values: dict[str, Any] = {
+        key: tuple(value) if isinstance(value, list) else value for key, value in raw.items() if key in known
+    }
+    return Judged(**values)

@@ -1,0 +1,117 @@
+"""How large an effect must be: for each rig the medium sizes at which the refitted base model errs 2.8 times too much.
+
+    (e / e0)^2 - 1 ~ s^2,      s <- s sqrt((2.8^2 - 1) / ((e / e0)^2 - 1))
+
+e is the held-out error of the base model, e0 the same on a case with nothing hidden; fewer runs than the rig's own are
+enough for both. Each further step takes another seed of the tuning ones, for commands and base parameters differ from
+case to case; the result is the geometric mean of the last two proposals. What is not as linear as that (limits, dead
+zones) is halved between a size that was too small and one that was too large.
+
+    python -m recipes.studies.blind_rigs.sizes --rigs swing thrown_ball          prints what to write into envs/rigs
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+import tyro
+
+from envs.rigs import RIGS, HiddenEffect, Rig, sized_case
+from onlinebayes.runs import BadInput
+from recipes.studies.blind_rigs.judging import loaded
+from recipes.studies.blind_rigs.truth import base_error
+
+MEDIUM = 2.8
+FARTHEST = 8.0  # factor of one step
+SEED = 900
+FIT, HELD = 4, 3  # runs
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """What to calibrate.
+
+    Args:
+        rigs: which.
+        effects: keys, or none for all of a rig.
+        steps: cases an effect; the last two decide.
+    """
+
+    rigs: tuple[str, ...] = tuple(RIGS)
+    effects: tuple[str, ...] = ()
+    steps: int = 2
+
+
+@dataclass(frozen=True)
+class Sized:
+    """An effect with its new size.
+
+    Args:
+        effect: as it stands.
+        scale: by which its medium size must be multiplied.
+        ratios: that the steps measured, the first one at the size as it stands.
+    """
+
+    effect: HiddenEffect
+    scale: float
+    ratios: tuple[float, ...]
+
+    @property
+    def text(self) -> str:
+        """The sizes to write into the rig, two digits."""
+        sizes = {name: float(f"{value:.2g}") for name, value in self.effect.resized(self.scale).size.items()}
+        return f"{self.effect.key} {sizes}"
+
+
+def calibrate(rig: Rig, effects: tuple[HiddenEffect, ...], steps: int) -> Iterator[Sized]:
+    """The new sizes of a rig's effects, one after the other."""
+    rig = replace(rig, protocol=replace(rig.protocol, fit=FIT, held=HELD))
+    quiet = [error_at(rig, None, 1.0, SEED + k) for k in range(steps)]
+    for effect in effects:
+        tried: list[tuple[float, float]] = []
+        proposals = [1.0]
+        for k in range(steps):
+            scale = proposals[-1]
+            tried.append((scale, error_at(rig, effect, scale, SEED + k) / quiet[k]))
+            proposals.append(next_scale(tried))
+        last = proposals[1:][-2:]
+        yield Sized(effect, math.prod(last) ** (1 / len(last)), tuple(ratio for _, ratio in tried))
+
+
+def error_at(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> float:
+    """Held-out error of the base model, fitted to a case with that effect [noise]; infinite where it diverges."""
+    try:
+        return base_error(loaded(sized_case(rig, effect, scale, seed)))[0]
+    except BadInput:
+        return math.inf
+
+
+def next_scale(tried: Sequence[tuple[float, float]]) -> float:
+    """The scale at which the ratio should be medium, from the pairs (scale, ratio) so far."""
+    scale, ratio = tried[-1]
+    excess = max(ratio**2 - 1, 0.05)  # a size that shows nothing says only that it is far too small
+    factor = math.sqrt((MEDIUM**2 - 1) / excess) if math.isfinite(excess) else 1 / FARTHEST
+    proposed = scale * min(max(factor, 1 / FARTHEST), FARTHEST)
+    low = max((s for s, r in tried if r < MEDIUM), default=0.0)
+    high = min((s for s, r in tried if r >= MEDIUM), default=math.inf)
+    return proposed if low <= proposed <= high else math.sqrt(low * high)
+
+
+def main(calibration: Calibration) -> None:
+    """Print rig, effect, measured ratios and the new sizes."""
+    torch.set_num_threads(1)
+    for name in calibration.rigs:
+        rig = RIGS[name]
+        wanted = tuple(e for e in rig.effects if not calibration.effects or e.key in calibration.effects)
+        began = time.monotonic()
+        for sized in calibrate(rig, wanted, calibration.steps):
+            ratios = " ".join(f"{ratio:.2f}" for ratio in sized.ratios)
+            print(f"{name} {sized.text}   ({ratios}) [{time.monotonic() - began:.0f} s]", flush=True)
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Calibration))

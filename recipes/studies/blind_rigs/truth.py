@@ -1,0 +1,97 @@
+"""What the truth would give: the hidden effects added by hand, fitted from their true values, on the held-out runs.
+
+The library never sees this. The fit begins at the truth, so that a fit that fails elsewhere costs refine, not the
+reference. Thermal derating counts its heat in units of a reference force that is the library's own choice:
+
+    f / (1 + c h):   c h is the same for c' = c (f_ref' / f_ref)^2
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from envs.rigs import RIGS, BlindCase
+from onlinebayes.cli.problem import Problem
+from onlinebayes.criticism.candidates import grown, propose
+from onlinebayes.criticism.heldout import replay_error, replay_runs
+from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.split import split
+from onlinebayes.criticism.windows import MEMORY, make_windows
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import EFFECTS, ThermalDerating
+from recipes.studies.blind_rigs.names import address_of, spelt
+
+
+def true_error(made: BlindCase, problem: Problem, floor: Mapping[str, float]) -> float | None:
+    """Held-out error of the model with the hidden effects, fitted [floors]; None where the library lacks one.
+
+    Args:
+        made: the case.
+        problem: as it was loaded.
+        floor: signal -> floor that errors are counted in.
+    """
+    keys = [spelt(key, made.truth) for key in made.hidden]
+    if not keys or any(key.split("@")[0] not in EFFECTS for key in keys):
+        return None
+    fit_runs, _ = split(problem.measurement, problem.holdout)
+    horizon = problem.selection.horizon_s
+    windows = make_windows(problem.simulator, fit_runs, horizon, 0.0, None)
+    try:
+        model = grown(problem.simulator, propose(problem.simulator, windows, keys))
+        begin = true_theta(made, model).to(windows.start)
+        return held_error(problem, settle(model, fit_runs, horizon, windows.noise, begin), floor)
+    except BadInput:  # no integration step bears the true model
+        return None
+
+
+def base_error(problem: Problem) -> tuple[float, Grounds]:
+    """Held-out error of the base model, fitted [noise], and the fit."""
+    fit_runs, _ = split(problem.measurement, problem.holdout)
+    grounds = ground(problem.simulator, fit_runs, problem.selection)
+    signals = [signal.name for signal in fit_runs.signals]
+    return held_error(problem, grounds, dict(zip(signals, grounds.windows.noise.tolist(), strict=True))), grounds
+
+
+def held_error(problem: Problem, grounds: Grounds, floor: Mapping[str, float]) -> float:
+    """RMS over the held-out windows of a fitted model, as the report counts it [floors]."""
+    model, horizon = grounds.fitted.simulator, problem.selection.horizon_s
+    _, held = split(problem.measurement, problem.holdout)
+    windows = make_windows(model, held, horizon, MEMORY * horizon, grounds.windows.noise, inset=True)
+    replays = replay_runs(model, windows, grounds.fitted.theta, held_out=True)
+    return in_floors(replay_error(replays, tuple(signal.name for signal in held.signals)), floor)
+
+
+def in_floors(error: Mapping[str, float], floor: Mapping[str, float]) -> float:
+    """RMS over signals of their errors, each over its floor; signals without an error are left out."""
+    squares = [(value / floor[name]) ** 2 for name, value in error.items() if not math.isnan(value)]
+    return math.sqrt(sum(squares) / len(squares)) if squares else math.nan
+
+
+def true_theta(made: BlindCase, model: Simulator) -> Float[Tensor, " P"]:
+    """The rig's values of the model's parameters, inside their bounds; nominal where the rig has no such value."""
+    known = true_values(made, model)
+    values = [known.get(name, float(nominal)) for name, nominal in zip(model.parameters, model.nominal, strict=True)]
+    return model.parameters.clamp(torch.tensor(values, dtype=torch.float64))
+
+
+def true_values(made: BlindCase, model: Simulator) -> dict[str, float]:
+    """The rig's values under the model's addresses [SI]."""
+    by_name = {f"{spelt(key, made.truth)}.": key for key in made.hidden}
+    found = {}
+    for name in model.parameters:
+        key = next((key for start, key in by_name.items() if name.startswith(start)), None)
+        address = name if key is None else address_of(name, spelt(key, made.truth), key)
+        if address in made.truth:
+            found[name] = made.truth[address]
+    for effect in model.effects:
+        if isinstance(effect, ThermalDerating) and (name := f"{effect.key}.coefficient") in found:
+            own = next(a.reference for a in RIGS[made.rig].actuators if a.name == effect.target)
+            found[name] *= (effect.reference / own) ** 2
+    return found

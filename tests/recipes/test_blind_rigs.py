@@ -1,0 +1,244 @@
+"""The study of the rigs: which answers are right, what is kept, and a sample of its cases."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import recipes.studies.blind_rigs.__main__ as study_module
+from envs.rigs import LEVELS, RIGS, case, effect_case, sized_case
+from onlinebayes.criticism import compare
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import EFFECTS, Scales
+from recipes.studies.blind_rigs.__main__ import Study, main
+from recipes.studies.blind_rigs.judging import Judge, loaded
+from recipes.studies.blind_rigs.names import answer, spelt
+from recipes.studies.blind_rigs.plan import Job, jobs, seconds_to_go
+from recipes.studies.blind_rigs.record import Judged, from_json, to_json
+from recipes.studies.blind_rigs.sizes import next_scale
+from recipes.studies.blind_rigs.table import tabulate, wilson
+from recipes.studies.blind_rigs.truth import base_error, in_floors, true_error, true_values
+from recipes.studies.blind_rigs.workers import Done
+
+# Making a case takes seconds with shapes checked, and tests/envs checks them.
+unchecked = pytest.mark.usefixtures("without_shape_checks")
+NAMED = Judged(
+    "slide_drive",
+    "effect",
+    1,
+    hidden=("dry_friction@carriage",),
+    verdict="missing_effect",
+    accepted=("dry_friction@carriage",),
+    first="dry_friction@carriage",
+    before=3.0,
+    after=1.1,
+    reference=1.0,
+)
+
+
+# --- which answers are right -----------------------------------------------------------------------------------------
+
+
+def test_a_hidden_effect_is_spelt_with_its_axis() -> None:
+    assert spelt("com_offset@bob", {"com_offset@bob.x": 0.01}) == "com_offset@bob.x"
+    assert spelt("gravity_tilt@world", {"gravity_tilt@world.angle": 0.01}) == "gravity_tilt@world.x"
+    assert spelt("dry_friction@hinge", {}) == "dry_friction@hinge"
+
+
+def test_partners_compositions_and_simpler_effects_are_told_from_wrong_ones() -> None:
+    load = answer("slide_drive", "constant_load@carriage")
+    assert load.found(["gravity_tilt@world.x"])
+    assert not load.found(["joint_stiffness@carriage"])
+    asymmetric = answer("slide_drive", "asymmetric_friction@carriage")
+    assert asymmetric.found(["dry_friction@carriage", "gravity_tilt@world.x"])
+    assert not asymmetric.found(["dry_friction@carriage"])
+    assert asymmetric.admits("dry_friction@carriage")
+    stribeck = answer("slide_drive", "stribeck_friction@carriage")
+    assert stribeck.admits("dry_friction@carriage")
+    assert not stribeck.found(["dry_friction@carriage"])
+    assert not stribeck.admits("constant_load@carriage")
+
+
+def test_every_rule_sees_its_fault() -> None:
+    assert (NAMED.right, NAMED.first_right, NAMED.all_found, NAMED.innocent, NAMED.missed) == (
+        True,
+        True,
+        True,
+        (),
+        False,
+    )
+    assert NAMED.share == pytest.approx(0.95)
+    wrong = replace(NAMED, first="quadratic_drag@carriage", accepted=("quadratic_drag@carriage",))
+    assert (wrong.right, wrong.first_right, wrong.innocent) == (True, False, ("quadratic_drag@carriage",))
+    assert replace(wrong, verdict="tie", equal=("dry_friction@carriage",)).first_or_tied
+    extra = replace(NAMED, accepted=("dry_friction@carriage", "cogging@carriage"))
+    assert (extra.all_found, extra.innocent, extra.missed) == (True, ("cogging@carriage",), True)
+    pair = replace(NAMED, hidden=("dry_friction@carriage", "constant_load@carriage"))
+    assert not pair.all_found
+    assert replace(NAMED, ended="out of time", verdict="", accepted=(), first="").missed
+
+
+def test_the_measured_ratio_decides_the_size_and_faint_effects_do_not_count() -> None:
+    sizes = [replace(NAMED, before=b).size for b in (1.2, 1.5, 2.0, 4.0)]
+    assert sizes == ["faint", "weak", "medium", "strong"]
+    faint = replace(NAMED, before=1.2, verdict="adequate", accepted=(), first="")
+    assert (faint.counts, faint.missed) == (False, False)
+    assert replace(faint, accepted=("cogging@carriage",)).missed
+    assert replace(NAMED, before=None, level="weak").size == "weak"
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "right"),
+    [
+        ("null", {"verdict": "adequate"}, True),
+        ("null", {"verdict": "missing_effect"}, False),
+        ("outside", {"verdict": "unexplained"}, True),
+        ("bounds", {"verdict": "bounds_exclude_truth", "fault": "a", "widened": ("a",)}, True),
+        ("bounds", {"verdict": "bounds_exclude_truth", "fault": "a", "widened": ("b",)}, False),
+        ("short", {"verdict": "insufficient_data"}, True),
+        ("wiring", {"verdict": "missing_effect"}, False),
+        ("tie", {"verdict": "tie", "accepted": ("viscous_friction@carriage",), "equal": ("back_emf@motor",)}, True),
+        ("tie", {"verdict": "tie", "accepted": ("viscous_friction@carriage",), "equal": ("armature@carriage",)}, False),
+        ("tie", {"verdict": "missing_effect", "accepted": ("back_emf@motor",)}, False),
+    ],
+)
+def test_each_kind_has_its_right_verdict(kind: str, fields: dict[str, object], right: bool) -> None:
+    hidden = ("back_emf@motor",) if kind == "tie" else ()
+    asked = Judged("slide_drive", kind, 1, hidden=hidden, partners=("viscous_friction@carriage",) if hidden else ())
+    assert replace(asked, **fields).right is right  # type: ignore[arg-type]
+
+
+def test_a_case_survives_its_file() -> None:
+    judged = replace(NAMED, refused={"a@b": "weak"}, widened=("x",), gain=3.0)
+    assert from_json(to_json(judged)) == judged
+    with pytest.raises(ValueError, match="no judged case"):
+        from_json('{"rig": "crane"}')
+
+
+# --- the study -------------------------------------------------------------------------------------------------------
+
+
+@unchecked
+def test_the_plan_mixes_kinds_and_rigs_and_levels_come_in_turn() -> None:
+    plan = jobs({"effect": 6, "null": 3}, RIGS, 1000)
+    assert len(plan) == len(set(plan)) == 8 * 9
+    assert {job.rig for job in plan[:16]} == set(RIGS)
+    assert {job.kind for job in plan[:16]} == {"effect", "null"}
+    assert [case("thrown_ball", "effect", seed).level for seed in (0, 1, 2)] == list(LEVELS)
+
+
+def test_the_rest_is_estimated_rig_by_rig() -> None:
+    found = [replace(NAMED, seconds=10.0), replace(NAMED, seconds=30.0)]
+    assert seconds_to_go(found, [Job("slide_drive", "null", 1), Job("swing", "null", 1)], 2) == 20.0
+
+
+def answers(asked: list[Job], stop_after: int) -> object:
+    def work(todo: Sequence[Job], do: Judge, processes: int, limit: float) -> Iterator[Done[Job, Judged]]:
+        for number, job in enumerate(todo):
+            if number == stop_after:
+                raise KeyboardInterrupt
+            asked.append(job)
+            late = job.kind == "null"
+            judged = None if late else Judged(job.rig, job.kind, job.seed, verdict="unexplained", code=do.code)
+            yield Done(job, judged, "out of time" if late else "", 1.0)
+
+    return work
+
+
+@unchecked
+def test_a_study_goes_on_from_its_finished_cases(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Job] = []
+    few = Study(
+        effects=3, null=1, others=0, rigs=("thrown_ball", "swing"), first=0, out=tmp_path, results=tmp_path / "r"
+    )
+    monkeypatch.setattr(study_module, "work", answers(asked, 3))
+    assert main(few) == 130
+    assert "3 of 8 cases are kept" in capsys.readouterr().err
+    assert not few.results.exists()
+    torn = next(few.cases.iterdir())
+    torn.write_text(torn.read_text()[:20])
+    monkeypatch.setattr(study_module, "work", answers(asked, 99))
+    assert main(few) == 0
+    assert len(asked) == 9  # eight and the torn one
+    assert len(set(asked)) == 8
+    text = capsys.readouterr()
+    assert "8 cases, 2 of them judged before" in text.err
+    assert "cases out of time: 2" in text.out
+    assert "MISS swing-null-0" in (few.results / "blind-rigs.md").read_text()
+
+
+def test_an_unknown_rig_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="crane"):
+        main(Study(rigs=("crane",), out=tmp_path))
+
+
+def test_the_table_counts_and_lists_every_miss() -> None:
+    wrong = replace(
+        NAMED,
+        seed=2,
+        accepted=("quadratic_drag@carriage",),
+        first="quadratic_drag@carriage",
+        refused={"dry_friction@carriage": "rank 2: p = 0.2"},
+    )
+    quiet = [Judged("swing", "null", k, verdict="adequate", before=1.0, after=1.0) for k in range(3)]
+    rows = {row.name: row for row in tabulate([NAMED, wrong, *quiet]).rows}
+    assert (rows["one effect: ranked first"].unit, rows["one effect: ranked first"].holds) == ("1 of 2", False)
+    assert (rows["null: something accepted"].value, rows["null: something accepted"].holds) == (0.0, True)
+    assert rows["dry_friction: one effect ranked first"].value == 0.5
+    assert "dry_friction@carriage rank 2: p = 0.2" in rows["MISS slide_drive-effect-2"].unit
+    assert "MISS slide_drive-effect-1" not in rows
+    low, high = wilson(0, 100)
+    assert (low, high) == pytest.approx((0.0, 0.037), abs=1e-3)
+
+
+# --- the reference, and sizes ----------------------------------------------------------------------------------------
+
+
+@unchecked
+def test_the_true_effect_brings_the_held_out_error_to_the_floor() -> None:
+    made = effect_case("thrown_ball", "viscous_friction@x", "strong", 3)
+    problem = loaded(made)
+    error = compare(problem.simulator, problem.measurement, holdout=problem.holdout).heldout_error
+    reference = true_error(made, problem, error.noise_floor)
+    assert reference is not None
+    # Twelve two-second runs, two held out: four windows decide, whose starts are a good or a bad guess.
+    assert 0.5 < reference < 1.6
+    assert in_floors(error.before, error.noise_floor) > 2 * reference
+    # The same error as the report's, counted in the sensors' noise.
+    before, grounds = base_error(problem)
+    names = [signal.name for signal in problem.measurement.signals]
+    noise = dict(zip(names, grounds.windows.noise.tolist(), strict=True))
+    assert before == pytest.approx(in_floors(error.before, noise), rel=1e-2)
+
+
+@unchecked
+def test_the_truth_is_found_under_the_librarys_names() -> None:
+    made = effect_case("swing", "com_offset@bob", "medium", 1)
+    problem = loaded(made)
+    model = problem.simulator.with_effect(EFFECTS["com_offset"].scaled("bob.x", Scales(1.0, 1.0, 1.0, 1.0)))
+    values = true_values(made, model)
+    assert values["com_offset@bob.x.x"] == made.truth["com_offset@bob.x"]
+    assert values["body.bob.mass"] == made.truth["body.bob.mass"]
+
+
+@unchecked
+def test_an_effect_of_no_size_leaves_the_null_case() -> None:
+    rig = RIGS["thrown_ball"]
+    nothing, plain = sized_case(rig, rig.effects[-1], 0.0, 900), case(rig.name, "null", 900)
+    for name, column in plain.columns["fit1"].items():
+        np.testing.assert_array_equal(column, nothing.columns["fit1"][name])
+
+
+def test_sizes_step_towards_the_medium_ratio() -> None:
+    effect = RIGS["swing"].effects[0]
+    assert 0.4 < next_scale([(1.0, 5.0)]) < 0.6
+    assert next_scale([(1.0, 1.0)]) == 8.0
+    # A limit: nothing at 0.1, too much at 1.
+    assert next_scale([(1.0, 20.0), (0.13, 1.0)]) == pytest.approx((1.0 * 0.13) ** 0.5)
+    assert effect.resized(2.0).size == {name: 2 * value for name, value in effect.size.items()}
