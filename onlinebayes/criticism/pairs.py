@@ -16,7 +16,8 @@ from onlinebayes.criticism.acceptance import STANDARD_ERRORS, Judged
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.score import score_gain
-from onlinebayes.criticism.stage import MOST_REFITS, Stage, Survey, judged_stage, refit, survey, worth
+from onlinebayes.criticism.stage import MOST_REFITS, Stage, judged_stage, refit, worth
+from onlinebayes.criticism.survey import Survey, survey
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 

@@ -10,7 +10,8 @@ from onlinebayes.criticism.identifiability import covariance_of, estimates
 from onlinebayes.criticism.results import Candidate, Estimate, Step
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
-from onlinebayes.criticism.stage import REFIT_BELOW, Screened, Stage
+from onlinebayes.criticism.stage import REFIT_BELOW, Stage
+from onlinebayes.criticism.survey import Screened
 
 
 def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate, ...]:

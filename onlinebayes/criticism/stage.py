@@ -11,20 +11,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float, Int
-from torch import Tensor
 
 from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, contained, judge
-from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, make_blocks, t_quantile
-from onlinebayes.criticism.candidates import Trial, grown, grown_theta, trials
+from onlinebayes.criticism.blocks import FEWEST, Blocks, make_blocks
 from onlinebayes.criticism.fit import Fit, fit
-from onlinebayes.criticism.noise import tau
-from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.results import Numerics, Selection
-from onlinebayes.criticism.scoped import ScopedSimulator, effect_entries
-from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
-from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values, promise
-from onlinebayes.criticism.sensitivities import columns
+from onlinebayes.criticism.scoped import effect_entries
+from onlinebayes.criticism.score import CrossValidated
+from onlinebayes.criticism.survey import Screened, Survey, correlation_of, survey
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
@@ -35,47 +29,6 @@ GROSS = 4.0
 """Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
 PROMISING = 0.4 * LEAST_FALL
 """To first order; what lowers the error by less will not lower it by what acceptance asks for."""
-
-
-@dataclass(frozen=True)
-class Screened:
-    """One candidate after screening.
-
-    Args:
-        effect: the effect.
-        z, p_value: of the maximum test; None where it is confounded.
-        start: values from which its refit begins, short name -> value [SI].
-        promise: share by which it would lower the RMS, to first order.
-        confounded_with: free parameters that do the same already.
-        exclusion_limit: size of the first parameter, from neutral, that these data would have shown [SI].
-    """
-
-    effect: Effect
-    z: float | None
-    p_value: float | None
-    start: dict[str, float]
-    promise: float
-    confounded_with: tuple[str, ...]
-    exclusion_limit: float | None
-
-
-@dataclass(frozen=True)
-class Survey:
-    """The current model with all candidates screened, before any is refitted.
-
-    Args:
-        current, windows: the model, and what it was fitted on.
-        blocks, slow: its blocks, and whether they are windows because its residual leaves too few.
-        scores: its cross-validation.
-        screened: the candidates, best first.
-    """
-
-    current: Fit
-    windows: Windows
-    blocks: Blocks
-    slow: bool
-    scores: CrossValidated
-    screened: tuple[Screened, ...]
 
 
 @dataclass(frozen=True)
@@ -93,12 +46,6 @@ class Stage:
 def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
     """The blocks that the correlation of this fit's residual allows."""
     return make_blocks(windows, correlation_of(fitted, windows), folds)
-
-
-def correlation_of(fitted: Fit, windows: Windows) -> float:
-    """Correlation time of this fit's start-projected residual [s]."""
-    long = project(windows, fitted.lin)
-    return tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 
 def run_stage(
@@ -124,18 +71,6 @@ def run_stage(
     leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
     refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
     return judged_stage(found, refits, numerics, selection, say)
-
-
-def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int | None) -> Survey:
-    """Screen all effects against the current model."""
-    correlation = correlation_of(current, windows)
-    blocks = make_blocks(windows, correlation, folds)
-    if slow := blocks.count < FEWEST:
-        correlation, blocks = 0.0, make_blocks(windows, 0.0, folds)
-    scores = cross_validate(current, windows, blocks)
-    return Survey(
-        current, windows, blocks, slow, scores, screen(current, windows, effects, flip_groups(windows, correlation))
-    )
 
 
 def _leading(found: Survey, alpha: float) -> list[Screened]:
@@ -186,129 +121,3 @@ def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float
     own = [start[name] for name in effect_entries(current.simulator, effect).values()]
     theta = torch.cat([current.theta, current.theta.new_tensor(own)])
     return fit(simulator, windows, theta, current.projected.weight, current.lin.starts, hopeless)
-
-
-def screen(
-    current: Fit, windows: Windows, effects: Sequence[Effect], groups: Int[Tensor, " W"]
-) -> tuple[Screened, ...]:
-    """z and p of every effect; the confounded ones last. ``groups`` are the windows that flip together."""
-    if not effects:
-        return ()
-    tried = trials(effects)
-    horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
-    tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
-    z, p, best = p_values(horizons, tests, len(effects))
-    found = []
-    for k, effect in enumerate(effects):
-        if int(best[k]) < 0:
-            mine = next(i for i, trial in enumerate(tried) if trial.candidate == k)
-            found.append(Screened(effect, None, None, {}, 0.0, _confounding(current, windows, raw[mine]), None))
-            continue
-        i = int(best[k])
-        found.append(
-            Screened(
-                effect,
-                float(z[k]),
-                float(p[k]),
-                _starting_values(effect, tried[i], float(horizons[0].size[i])),
-                promise(horizons, i),
-                (),
-                # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
-                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]) if tried[i].reach > 0 else None,
-            )
-        )
-    return tuple(sorted(found, key=lambda s: (s.p_value is None, s.p_value, -(s.z or 0.0))))
-
-
-def _sensitivities(
-    current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
-) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
-    raw = _raw(current, windows, effects, tried)
-    if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(current.simulator.owners):
-        raw, tried = _run_by_run(current.simulator, windows, effects, raw, tried)
-    horizons = []
-    for pieces in (1, PIECES):
-        projected = project(windows, current.lin, current.projected.weight, pieces)
-        c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
-        horizons.append(block_scores(projected, c, groups.repeat_interleave(pieces), int(groups.max()) + 1))
-    return horizons, raw, tried
-
-
-def _run_by_run(
-    simulator: ScopedSimulator,
-    windows: Windows,
-    effects: Sequence[Effect],
-    raw: Float[Tensor, "C W n S"],
-    tried: tuple[Trial, ...],
-) -> tuple[Float[Tensor, "D W n S"], tuple[Trial, ...]]:
-    """Besides, an effect of one size a run in each run alone: sizes of either sign may cancel in all together.
-
-    Only where runs hold several groups of windows: in a single one, flips cannot tell a size from chance.
-    """
-    own = [k for k, t in enumerate(tried) if _owned(simulator, effects[t.candidate])]
-    owner = simulator.owner_of(windows)
-    alone = [raw[own] * (owner == who).to(raw)[:, None, None] for who in range(len(simulator.owners))]
-    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in simulator.owners for k in own))
-
-
-def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:
-    return simulator.scope.owned(f"{effect.key}.{effect.parameters.names[0]}")
-
-
-def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]) -> Float[Tensor, "C W n S"]:
-    """How the binned replay moves under each trial; 0 where a world diverged.
-
-    Candidates are grown together in groups that cost the same: those that MuJoCo carries inside the engine, those that
-    make it walk timestep by timestep, and those whose hidden states remember equally long.
-    """
-    groups: dict[tuple[bool, float], list[int]] = {}
-    for k, effect in enumerate(effects):
-        groups.setdefault((effect.staged, effect.memory), []).append(k)
-    found: dict[int, Tensor] = {}
-    for members in groups.values():
-        group = [effects[k] for k in members]
-        mine = [i for i, trial in enumerate(tried) if trial.candidate in members]
-        simulator = grown(current.simulator, group)
-        neutral = grown_theta(current.simulator, current.theta, group)
-        moved = [replace(tried[i], candidate=members.index(tried[i].candidate)) for i in mine]
-        theta = torch.stack([grown_theta(current.simulator, current.theta, group, trial) for trial in moved])
-        raw, valid = columns(simulator, windows, neutral, theta, current.lin.starts)
-        found.update(zip(mine, raw * valid[:, None, None, None], strict=True))
-    return torch.stack([found[i] for i in range(len(tried))])
-
-
-def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:
-    """Where a refit begins: the linear estimate of the first parameter, inside its bounds, off neutral."""
-    first = effect.parameters.names[0]
-    bounds, neutral = effect.parameters[first], effect.neutral[first]
-    width = bounds.high - bounds.low
-    value = neutral + size * trial.reach
-    value = min(max(value, bounds.low + 1e-3 * width), bounds.high - 1e-3 * width)
-    return {**trial.values, first: value}
-
-
-def _exclusion(scores: Scores, column: int, groups: int, trial: Trial) -> float:
-    """Smallest distance from neutral that would have been seen [SI of the first parameter].
-
-    What the groups' spread leaves possible at 95 %, and not less than what lowers the error by the 5 % that acceptance
-    asks for: |c~|^2 size^2 = |r|^2 (1 / .95^2 - 1).
-    """
-    size, g, norm = float(scores.size[column]), scores.g[:, column], float(scores.norm[column])
-    if groups < 2 or norm <= 0:
-        return math.inf
-    se = math.sqrt(groups / (groups - 1) * float((g - g.mean()).square().sum())) / norm
-    seen = math.sqrt((1 / (1 - LEAST_FALL) ** 2 - 1) * scores.misfit / norm)
-    return abs(trial.reach) * max(abs(size) + t_quantile(0.975, groups) * se, seen)
-
-
-def _confounding(current: Fit, windows: Windows, raw: Float[Tensor, "W n S"]) -> tuple[str, ...]:
-    """The free parameters whose sensitivities make up this one's, largest share first."""
-    projected = project(windows, current.lin)
-    c = projected.project(noise_rows(windows, raw[..., None])).flatten()
-    F = projected.columns.flatten(0, 1)
-    names = current.simulator.parameters.names
-    if not len(names) or float(c.norm()) == 0:
-        return ("nothing moves",) if float(c.norm()) == 0 else ()
-    shares = torch.linalg.lstsq(F / F.norm(dim=0).clamp_min(1e-300), c[:, None]).solution[:, 0].abs()
-    order = shares.argsort(descending=True)
-    return tuple(names[i] for i in order.tolist() if float(shares[i]) > 0.1 * float(shares.max()))

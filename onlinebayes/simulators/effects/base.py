@@ -179,6 +179,10 @@ class Effect(ABC):
         """Finite values from which screening also starts, for what is not small-signal linear; none by default."""
         return ()
 
+    def opposite(self, values: Mapping[str, float]) -> Mapping[str, float] | None:
+        """The values, if any, at which the effect is the exact opposite: of two such starts screening simulates one."""
+        return None
+
     @property
     def staged(self) -> bool:
         """Whether MuJoCo carries it between the engine's timesteps, which are then walked one by one."""

@@ -75,16 +75,22 @@ class Cogging(Effect):
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
-        """A grid of n, spaced by 0.4 periods over the travel of ``scaled``, and of three phases."""
+        """A grid of n, spaced by 0.4 periods over the travel of ``scaled``, and of two phases and their opposites."""
         steps = math.ceil((PERIODS[1] - PERIODS[0]) / SPACING - 1e-9)
         width = self.poles.high - self.poles.low
         size = 0.02 * self.amplitude.high
-        phases = [self.phase.low + part * (self.phase.high - self.phase.low) for part in (1 / 6, 7 / 18, 11 / 18)]
+        first = self.phase.low + (self.phase.high - self.phase.low) / 6
+        phases = [first + quarter * math.pi / 2 for quarter in range(4)]
+        phases = [phase for phase in phases if phase <= self.phase.high]
         return tuple(
             {"amplitude": size, "poles": self.poles.low + width * k / steps, "phase": phase}
             for k in range(steps + 1)
             for phase in phases
         )
+
+    def opposite(self, values: Mapping[str, float]) -> Mapping[str, float]:
+        """Half a turn of phase back."""
+        return {**values, "phase": values["phase"] - math.pi}
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """A sin(n q + phase) [N, N m]."""
