@@ -13,8 +13,9 @@ from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.testing import check_simulator
 from tests.criticism import rigs
-from tests.criticism.tumbling import POSE, TRUTH, Block, measure, measurement, model, table
+from tests.criticism.tumbling import BLOCK, FREE, POSE, TRUTH, Block, measure, measurement, model, table
 
 CHAIN = """
 <mujoco><option timestep="0.01" integrator="RK4"/><worldbody><body>
@@ -66,6 +67,12 @@ def test_names_and_their_velocities() -> None:
     assert {turned.signals[k].unit for k in (1, 2, 3, 8, 9, 10)} == {"rad"}
     assert chart.targets("joint") == ("rail", "tip")
     assert "qpos.ball.3" not in chart.targets("signal")
+
+
+def test_it_is_a_simulator() -> None:
+    mass = FREE.subspace(["body.block.mass"])
+    simulator, _ = charted(MujocoSimulator(BLOCK, mass, worlds=3, threads=1), measure(Block(), runs=1))
+    check_simulator(simulator)
 
 
 def test_slides_with_dotted_names_are_no_ball_joint() -> None:
