@@ -8,6 +8,7 @@ from tensordict import TensorDict
 from onlinebayes.criticism.chart import positions, turns
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.coordinates import rotations, velocity
+from onlinebayes.criticism.hypotheses import hypotheses
 from onlinebayes.criticism.replay import replay, rollout
 from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
@@ -155,6 +156,16 @@ def test_one_replay_of_many_is_the_replay_of_one() -> None:
     some = torch.tensor([3, 1])
     few, _ = replay(simulator, windows.select(some), thetas, starts[:, some])
     assert torch.equal(few, together[:, some])
+
+
+def test_of_an_orientation_only_the_velocity_may_be_wired_wrongly() -> None:
+    runs = table(Block(), runs=1, seconds=1.0)
+    runs["run0"] |= {f"qvel.pose.{k}": np.zeros(101) for k in range(3, 6)}
+    measured = Measurement.from_runs(runs, commands=["thruster"])
+    lines = [fault.lines for fault in hypotheses(*charted(model(), measured))]
+    assert not any(".rx" in line or ".ry" in line or ".rz" in line for line in lines)
+    assert '[signals."qpos.pose.0"]\nsign = -1' in lines
+    assert "\n".join(f'[signals."qvel.pose.{k}"]\nscale = 0.0174532925' for k in range(3, 6)) in lines
 
 
 @pytest.mark.parametrize(
