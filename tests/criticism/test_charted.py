@@ -8,13 +8,15 @@ from tensordict import TensorDict
 from onlinebayes.criticism.chart import positions, turns
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.coordinates import rotations, velocity
+from onlinebayes.criticism.hypotheses import hypotheses
 from onlinebayes.criticism.replay import replay, rollout
 from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.testing import check_simulator
 from tests.criticism import rigs
-from tests.criticism.tumbling import POSE, TRUTH, Block, measure, measurement, model, table
+from tests.criticism.tumbling import BLOCK, FREE, POSE, TRUTH, Block, measure, measurement, model, table
 
 CHAIN = """
 <mujoco><option timestep="0.01" integrator="RK4"/><worldbody><body>
@@ -66,6 +68,12 @@ def test_names_and_their_velocities() -> None:
     assert {turned.signals[k].unit for k in (1, 2, 3, 8, 9, 10)} == {"rad"}
     assert chart.targets("joint") == ("rail", "tip")
     assert "qpos.ball.3" not in chart.targets("signal")
+
+
+def test_it_is_a_simulator() -> None:
+    mass = FREE.subspace(["body.block.mass"])
+    simulator, _ = charted(MujocoSimulator(BLOCK, mass, worlds=3, threads=1), measure(Block(), runs=1))
+    check_simulator(simulator)
 
 
 def test_slides_with_dotted_names_are_no_ball_joint() -> None:
@@ -148,6 +156,16 @@ def test_one_replay_of_many_is_the_replay_of_one() -> None:
     some = torch.tensor([3, 1])
     few, _ = replay(simulator, windows.select(some), thetas, starts[:, some])
     assert torch.equal(few, together[:, some])
+
+
+def test_of_an_orientation_only_the_velocity_may_be_wired_wrongly() -> None:
+    runs = table(Block(), runs=1, seconds=1.0)
+    runs["run0"] |= {f"qvel.pose.{k}": np.zeros(101) for k in range(3, 6)}
+    measured = Measurement.from_runs(runs, commands=["thruster"])
+    lines = [fault.lines for fault in hypotheses(*charted(model(), measured))]
+    assert not any(".rx" in line or ".ry" in line or ".rz" in line for line in lines)
+    assert '[signals."qpos.pose.0"]\nsign = -1' in lines
+    assert "\n".join(f'[signals."qvel.pose.{k}"]\nscale = 0.0174532925' for k in range(3, 6)) in lines
 
 
 @pytest.mark.parametrize(

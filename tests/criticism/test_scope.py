@@ -8,6 +8,7 @@ import torch
 
 from onlinebayes.criticism import Scope, compare, refine
 from onlinebayes.criticism.blocks import leave_one_out, make_blocks
+from onlinebayes.criticism.charted import ChartedSimulator
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.own import held_out_model, lent
@@ -60,11 +61,13 @@ def test_the_map(loaded) -> None:
     assert simulator.nominal.tolist() == [2.0, 2.0, 1.0]
 
 
-def test_no_hook_of_a_simulator_stays_behind() -> None:
+@pytest.mark.parametrize("around", [ScopedSimulator, ChartedSimulator])
+def test_no_hook_of_a_simulator_stays_behind(around: type[Simulator]) -> None:
     """What a simulator may override is passed through, or the base class's answer would hide the physics' own."""
     hooks = {name for name, value in vars(Simulator).items() if not name.startswith("_") and name != "parameters"}
     assert {"with_gravity_compensation", "actuator_gains"} <= hooks
-    assert hooks - vars(ScopedSimulator).keys() == set()
+    passed = {name for base in around.__mro__[: around.__mro__.index(Simulator)] for name in vars(base)}
+    assert hooks - passed == set()
 
 
 def test_the_typical_world_is_a_simulator(loaded) -> None:
