@@ -19,6 +19,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.criticism.scoped import effect_entries, physics
+from onlinebayes.criticism.timed import instants
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -131,6 +132,10 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
     if kind == "signal":
         return _signal_scales(simulator, windows, target, time)
+    if kind == "parameter":
+        begin, end = instants(windows)
+        span = (float(begin.min()), float(end.max()))
+        return Scales(1.0, 1.0, 1.0, time, bounds=physics(simulator).parameters[target], span=span)
     if kind == "geom":
         return Scales(force=1.0, speed=1.0, travel=1.0, time=time, contact=simulator.contacts[target])
     if kind in ("body", "world"):
