@@ -21,6 +21,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.motion import SeenBy, seen_by
 from onlinebayes.criticism.scoped import effect_entries, unscoped
+from onlinebayes.criticism.timed import instants
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -153,6 +154,10 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
     if kind == "signal":
         return _signal_scales(simulator, windows, target, time)
+    if kind == "parameter":
+        begin, end = instants(windows)
+        span = (float(begin.min()), float(end.max()))
+        return Scales(1.0, 1.0, 1.0, time, bounds=unscoped(simulator).parameters[target], span=span)
     if kind == "geom":
         return Scales(force=1.0, speed=1.0, travel=1.0, time=time, contact=simulator.contacts[target])
     if kind in ("body", "world"):

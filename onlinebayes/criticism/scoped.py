@@ -19,6 +19,7 @@ from torch import Tensor
 from onlinebayes.criticism.around import Around
 from onlinebayes.criticism.scope import Scope, address_of, own_name
 from onlinebayes.criticism.split import origin
+from onlinebayes.criticism.timed import in_time
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -119,8 +120,9 @@ class ScopedSimulator(Around):
         return self.physics.joint_kinds
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """Those of the physics."""
-        return self.physics.targets(kind)
+        """Those of the physics; of the parameters those that are fitted."""
+        found = self.physics.targets(kind)
+        return tuple(name for name in found if kind != "parameter" or name not in self.scope.unfitted)
 
     @property
     def nominal(self) -> Float[Tensor, " F"]:
@@ -217,8 +219,8 @@ def unfold(
 ) -> tuple[Simulator, Float[Tensor, "M W P"]]:
     """What is replayed, and every window's theta."""
     if isinstance(simulator, ScopedSimulator):
-        return simulator.physics, simulator.of_windows(theta, windows)
-    return simulator, theta[:, None].expand(len(theta), windows.count, theta.shape[1])
+        return simulator.physics, in_time(simulator.physics, windows, simulator.of_windows(theta, windows))
+    return simulator, in_time(simulator, windows, theta[:, None].expand(len(theta), windows.count, theta.shape[1]))
 
 
 def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:

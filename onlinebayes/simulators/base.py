@@ -70,6 +70,8 @@ class Simulator(ABC):
             return self.commands
         if kind == "signal":
             return self.signals
+        if kind == "parameter":
+            return tuple(name for name in self.parameters if "@" not in name)
         names = (name.removeprefix("qpos.") for name in self.signals if name.startswith("qpos."))
         return tuple(names) if kind == "joint" else ()
 

@@ -233,7 +233,7 @@ class TorchSimulator(Simulator):
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
         own = type(effect) in self.laws
-        if effect.target_kind not in ("joint", "actuator", "signal") and not own:
+        if effect.target_kind not in ("joint", "actuator", "signal", "parameter") and not own:
             raise BadInput(
                 f"{effect.key} has no form in torch",
                 "a torch system has joints, actuators and signals, and the laws that its equations hold",
@@ -246,7 +246,8 @@ class TorchSimulator(Simulator):
             )
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
-        if not own and not effect.has_command and not effect.has_force and effect.target_kind != "signal":
+        outside = effect.target_kind in ("signal", "parameter")
+        if not (own or effect.has_command or effect.has_force or outside):
             raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")
         grown = copy.copy(self)
         grown.effects = (*self.effects, effect)

@@ -35,7 +35,7 @@ ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4, output=2
 def _effects() -> list[Effect]:
     # The arm is planar: the centre of mass moves along one axis that matters.
     places = {"joint": "elbow", "actuator": "bend", "body": "fore", "world": "world", "signal": "qpos.elbow"}
-    # Nothing of it touches anything in a few steps; effects on contacts have a test of their own.
+    # Nothing of it touches anything in a few steps; effects on contacts and on parameters have tests of their own.
     tried = [cls for cls in EFFECTS.values() if cls.target_kind in places]
     return [cls.scaled("fore.x" if cls is ComOffset else places[cls.target_kind], ELBOW) for cls in tried]
 
@@ -85,6 +85,8 @@ def test_the_registry_holds_the_contracts_names() -> None:
         "sensor_delay",
         "contact_friction",
         "contact_softness",
+        "parameter_drift",
+        "parameter_step",
     )
     assert all(cls.name == name for name, cls in EFFECTS.items())
 

@@ -20,6 +20,8 @@ from onlinebayes.simulators.effects.dry_friction import DryFriction
 from onlinebayes.simulators.effects.gravity_tilt import GravityTilt
 from onlinebayes.simulators.effects.joint_stiffness import JointStiffness
 from onlinebayes.simulators.effects.load_dependent_friction import LoadDependentFriction
+from onlinebayes.simulators.effects.parameter_drift import ParameterDrift
+from onlinebayes.simulators.effects.parameter_step import ParameterStep
 from onlinebayes.simulators.effects.payload import Payload
 from onlinebayes.simulators.effects.quadratic_drag import QuadraticDrag
 from onlinebayes.simulators.effects.sensor_bias import SensorBias
@@ -61,6 +63,8 @@ EFFECTS: dict[str, type[Effect]] = {
         SensorDelay,
         ContactFriction,
         ContactSoftness,
+        ParameterDrift,
+        ParameterStep,
     )
 }
 """Every known effect by the contract's name; a module of one's own adds to it."""
@@ -88,6 +92,8 @@ __all__ = [
     "GravityTilt",
     "JointStiffness",
     "LoadDependentFriction",
+    "ParameterDrift",
+    "ParameterStep",
     "Payload",
     "QuadraticDrag",
     "Reading",

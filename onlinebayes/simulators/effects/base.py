@@ -11,6 +11,7 @@ An effect is written ``name@target``, e.g. ``dry_friction@carriage``; its parame
 | ``force``, ``friction_bound``, ``advance`` | both | force stage: a force, a dry friction's bound, hidden state |
 | ``command``, ``rest``, ``trace`` | both | the input stage, with its hidden state                              |
 | ``sense``, ``unsense``        | both    | what a sensor shows of the motion, and the state behind what it showed |
+| ``shift``                     | neither | a parameter that changes in time: criticism replays each window so     |
 
 On MuJoCo an effect with ``fields`` is carried natively: its ``command`` and its force stage are not called there.
 """
@@ -28,10 +29,10 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 
-TargetKind = Literal["joint", "actuator", "body", "geom", "world", "signal"]
-"""What an effect acts on; a world has one target, ``"world"``."""
+TargetKind = Literal["joint", "actuator", "body", "geom", "world", "signal", "parameter"]
+"""What an effect acts on; a world has one target, ``"world"``, a parameter's is its address."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +50,10 @@ class Contact:
     damping_ratio: float = 1.0
 
 
+ANY = Parameter(0.0, 1.0)
+"""Bounds where none are known."""
+
+
 @dataclass(frozen=True)
 class Scales:
     """Typical sizes at a target, from which an effect takes the bounds of its parameters.
@@ -64,6 +69,8 @@ class Scales:
         length: size of a body [m].
         output: largest force of an actuator itself, before its gear [N, N m].
         contact: of a geom, how the model has its contacts.
+        bounds: of a parameter, its own.
+        span: of a parameter, the first and the last instant of what was measured [s].
     """
 
     force: float
@@ -76,6 +83,8 @@ class Scales:
     length: float = 0.1
     output: float = 1.0
     contact: Contact = Contact()
+    bounds: Parameter = ANY
+    span: tuple[float, float] = (0.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -126,7 +135,7 @@ class Effect(ABC):
         target_kind: what ``target`` names.
         wider: other kinds that it may name, each for several of its own: the world for bodies, a body for its geoms.
         rare: criticism tries it where it is named, not among all.
-        target: name of the joint, actuator, body, geom or signal; ``"world"`` for what acts on all.
+        target: name of the joint, actuator, body, geom or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
@@ -263,6 +272,19 @@ class Effect(ABC):
     ) -> tuple[Float[Tensor, "*batch"], Float[Tensor, "*batch"]]:
         """The joint's position and velocity behind those that the sensor of its position shows."""
         return q, v
+
+    # --- parameters in time -------------------------------------------------------------------------------------
+
+    def shift(
+        self, parameters: Mapping[str, Tensor], begin: Float[Tensor, " W"], end: Float[Tensor, " W"]
+    ) -> Float[Tensor, "*batch W"] | None:
+        """By how much the target parameter differs, on average, from its fitted value between two instants.
+
+        Args:
+            parameters: short name -> values (*batch, W).
+            begin, end: instants on the measurements' clock [s].
+        """
+        return None
 
     # --- hidden state and input stage ---------------------------------------------------------------------------
 

@@ -45,12 +45,12 @@ def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
 def foreign(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
     """Keys of the effects that have no place in MJCF at these parameters, so that plain MuJoCo lacks them.
 
-    Force stages and sensor effects have none. Input stages have none but a delay of zero, or of at least one
-    timestep: MuJoCo reads its buffer before the present command enters it, which makes a shorter delay a whole
-    timestep.
+    Force stages, sensor effects and parameters that change have none. Input stages have none but a delay of zero, or of
+    at least one timestep: MuJoCo reads its buffer before the present command enters it, which makes a shorter delay a
+    whole timestep.
     """
     keys = [e.key for e in system.effects if e.fields and not set(e.fields) <= set(SPEC)]
-    keys += [e.key for e in system.effects if e in system.staged or e.target_kind == "signal"]
+    keys += [e.key for e in system.effects if e in system.staged or e.target_kind in ("signal", "parameter")]
     for effect in system.stages:
         target = system.model.actuator(effect.target).id
         native = isinstance(effect, ActuatorDelay) and not system.model.actuator_delay[target]

@@ -115,7 +115,7 @@ class MujocoSystem:
         self.spec = source.copy()
         self.parameters = parameters
         for effect in self.effects:
-            _check_target(base, effect, sensors)
+            _check_target(base, effect, sensors, self.parameters)
             if clash := [address for address in effect.excludes if address in parameters]:
                 raise BadInput(f"{effect.key} cannot stand beside a free {' or '.join(clash)}", "leave one of them out")
             effect.edit(self.spec)
@@ -282,16 +282,17 @@ def _grown(effect: Effect) -> ParameterSpace:
     return ParameterSpace({f"{effect.key}.{name}": parameter for name, parameter in effect.parameters.items()})
 
 
-def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str]) -> None:
+def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str], parameters: ParameterSpace) -> None:
     if "world" in effect.wider and effect.element == "world":
         pass
     elif effect.target_kind == "joint":
         scalar_joint(model, effect.target)
-    elif effect.target_kind == "signal":
-        known = (*_signals(model), *sensors)
+    elif effect.target_kind in ("signal", "parameter"):
+        known = (*_signals(model), *sensors) if effect.target_kind == "signal" else parameters.names
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
-            raise BadInput(f"signal '{effect.target}' of {effect.key} is unknown", f"nearest: {', '.join(near)}")
+            problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"
+            raise BadInput(problem, f"nearest: {', '.join(near) or 'none'}")
         return
     elif effect.target_kind == "body":
         movable_body(model, effect.element)
