@@ -96,8 +96,9 @@ def declared(top: Section, effects: Section) -> Declared:
         BadInput: nothing to fit, or bounds, a scope or a constant that cannot be used.
     """
     section = top.section("parameters")
-    if not section.values:
-        raise BadInput("[parameters] is missing or empty", "name what may be inferred, with bounds", where=top.file)
+    if "parameters" not in top:
+        cure = "name what may be inferred, with bounds; leave the table empty where nothing may"
+        raise BadInput("[parameters] is missing", cure, where=top.file)
     read = {key: _parameter(section, key, value) for key, value in section.values.items()}
     per_run = [key for key, (_, _, scope) in read.items() if scope == "per_run"]
     scopes = effects.section("scope")

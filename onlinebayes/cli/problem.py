@@ -34,7 +34,7 @@ DATA = "$ONLINEBAYES_DATA"
 """As the first part of a table's path: the folder that this variable of the environment names. No other is looked at."""
 
 TOP = (
-    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "groups", "parameters"),
+    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "parameters"),
     *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
@@ -87,7 +87,7 @@ def load_problem(
     parameters = declared(top, effects)
     import_modules(effects)
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
-    measurement = _without(top, _read_tables(top, tables, simulator, note))
+    measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
     _check_clock(measurement, selection, path)
@@ -190,6 +190,16 @@ def _located(top: Section, table: str) -> Path:
     if not (data := os.environ.get(DATA[1:])):
         raise top.error("measurements", f"{DATA[1:]} is not set", f"set it to the folder that holds '{rest}'")
     return Path(data) / rest
+
+
+def _begun(top: Section, measurement: Measurement) -> Measurement:
+    """The runs without what comes before the motion that counts."""
+    if not (seconds := top.number("skip_s", 0.0)):
+        return measurement
+    if seconds < 0:
+        raise top.error("skip_s", f"{seconds:g} s is no time", "give the seconds to leave out, 0 or more")
+    with top.at("skip_s"):
+        return measurement.after(seconds)
 
 
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:

@@ -123,8 +123,8 @@ def _sensitivities(
     current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
     raw = _raw(current, windows, effects, tried)
-    if isinstance(current.simulator, ScopedSimulator) and int(groups.max()) >= len(current.simulator.owners):
-        raw, tried = _run_by_run(current.simulator, windows, effects, raw, tried)
+    if isinstance(current.simulator, ScopedSimulator):
+        raw, tried = _run_by_run(current.simulator, windows, groups, effects, raw, tried)
     horizons = []
     for pieces in (1, PIECES):
         projected = project(windows, current.lin, current.projected.weight, pieces)
@@ -136,18 +136,22 @@ def _sensitivities(
 def _run_by_run(
     simulator: ScopedSimulator,
     windows: Windows,
+    groups: Int[Tensor, " W"],
     effects: Sequence[Effect],
     raw: Float[Tensor, "C W n S"],
     tried: tuple[Trial, ...],
 ) -> tuple[Float[Tensor, "D W n S"], tuple[Trial, ...]]:
     """Besides, an effect of one size a run in each run alone: sizes of either sign may cancel in all together.
 
-    Only where runs hold several groups of windows: in a single one, flips cannot tell a size from chance.
+    Only in runs of 7 groups at least: one of g groups keeps its signs in 2^-g of the flips, so that a smaller run could
+    never be significant, and would only stand in the way of all together.
     """
     own = [k for k, t in enumerate(tried) if _owned(simulator, effects[t.candidate])]
     owner = simulator.owner_of(windows)
-    alone = [raw[own] * (owner == who).to(raw)[:, None, None] for who in range(len(simulator.owners))]
-    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in simulator.owners for k in own))
+    masks = [owner == who for who in range(len(simulator.owners))]
+    masks = [mask for mask in masks if len(torch.unique(groups[mask])) >= FEWEST]
+    alone = [raw[own] * mask.to(raw)[:, None, None] for mask in masks]
+    return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in masks for k in own))
 
 
 def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:

@@ -164,6 +164,20 @@ class Measurement:
         alone = self.select([run])
         return replace(alone, data=alone.data[:, start:stop], runs=(name or run,))
 
+    def after(self, seconds: float) -> Measurement:
+        """Every run without its first ``seconds`` [s].
+
+        Raises:
+            BadInput: a run that does not last so long.
+        """
+        parts = []
+        for run, time, rows in zip(self.runs, self.data["time"], self.lengths.tolist(), strict=True):
+            first = int((time[:rows] < time[0] + seconds).sum())
+            if rows - first < 2:
+                raise BadInput(f"run '{run}' has nothing after its first {seconds:g} s", "leave less out")
+            parts.append(self.rows(run, first, rows))
+        return concatenate(parts)
+
     def with_signals(self, signals: Iterable[Signal]) -> Measurement:
         """The same values with other signal descriptions (sd, resolution, unit) for the signals of these names."""
         given = {signal.name: signal for signal in signals}

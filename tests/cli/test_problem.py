@@ -204,6 +204,13 @@ def test_the_line_of_a_wiring_fault_does_what_the_check_tried(folder, fault):
     assert torch.allclose(written.data["signal"], asked.data["signal"], rtol=1e-12, atol=1e-15)
 
 
+def test_the_beginning_of_runs_may_be_skipped(folder):
+    late = load_problem(write(folder, PROBLEM.replace("holdout", "skip_s = 0.5\nholdout"))).measurement
+    assert late.data["time"][:, 0].tolist() == [0.5, 0.5]
+    with pytest.raises(BadInput, match="skip_s: -1 s is no time"):
+        load_problem(write(folder, PROBLEM.replace("holdout", "skip_s = -1\nholdout")))
+
+
 def test_measurements_may_lie_in_the_folder_of_data(folder, tmp_path_factory, monkeypatch):
     data = tmp_path_factory.mktemp("data")
     (folder / "carriage.csv").rename(data / "carriage.csv")

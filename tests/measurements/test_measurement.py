@@ -21,6 +21,18 @@ def two_runs() -> Measurement:
     )
 
 
+def test_the_beginning_of_every_run_may_be_left_out() -> None:
+    runs = {"a": np.arange(0.0, 1.0, 0.1), "b": 5.0 + np.arange(0.0, 0.5, 0.1)}
+    whole = Measurement.from_runs({name: {"time": t, "qpos.x": t} for name, t in runs.items()})
+    late = whole.after(0.25)
+    assert late.lengths.tolist() == [7, 2]
+    assert late.data["time"][:, 0].tolist() == pytest.approx([0.3, 5.3])
+    assert late.data["signal"][0, :, 0].tolist() == pytest.approx(runs["a"][3:].tolist())
+    assert torch.equal(whole.after(0.0).data["signal"], whole.data["signal"])
+    with pytest.raises(BadInput, match=r"run 'b' has nothing after its first 0\.4 s"):
+        whole.after(0.4)
+
+
 def test_runs_are_padded_and_told_apart():
     m = two_runs()
     assert m.runs == ("a", "b")

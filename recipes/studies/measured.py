@@ -1,0 +1,64 @@
+"""``make measured``: every measured machine refined as a user would, against what is known of it.
+
+    ONLINEBAYES_DATA=/path/to/data python -m recipes.studies.measured [--sets xl330 ...]    -> docs/results/measured.json
+
+The sets are the modules of ``recipes.studies.measured_sets``; two run at a time, each command in a process of its own.
+Held out are whole runs.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import pkgutil
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from onlinebayes.runs import BadInput, ResultTable, Row
+from recipes.studies import measured_sets
+
+PROCESSES = 2
+
+
+def sets() -> tuple[str, ...]:
+    """Names of all sets."""
+    return tuple(module.name for module in pkgutil.iter_modules(measured_sets.__path__))
+
+
+def judge(name: str, data: Path) -> tuple[Row, ...]:
+    """The rows of one set."""
+    return importlib.import_module(f"{measured_sets.__name__}.{name}").judge(data)
+
+
+def table(names: Sequence[str], data: Path) -> ResultTable:
+    """All rows, set by set."""
+    results = ResultTable("measured", "make measured", [0])
+    with ThreadPoolExecutor(PROCESSES) as pool:
+        for rows in pool.map(lambda name: judge(name, data), names):
+            results.rows += rows
+    return results
+
+
+def main() -> None:
+    """Run the study and write its figures."""
+    arguments = argparse.ArgumentParser(prog="python -m recipes.studies.measured", description=__doc__)
+    arguments.add_argument("--sets", nargs="+", choices=sets(), default=list(sets()), help="which; all by default")
+    arguments.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the table")
+    given = arguments.parse_args()
+    if not (data := os.environ.get("ONLINEBAYES_DATA")):
+        raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds the measured sets")
+    results = table(given.sets, Path(data))
+    print(results.to_markdown())
+    print(results.write(given.results))
+    if not results.holds:
+        raise SystemExit("a goal was missed")
+
+
+if __name__ == "__main__":
+    try:
+        main()
+    except BadInput as error:
+        sys.exit(f"measured: {error}")
