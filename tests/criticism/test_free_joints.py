@@ -51,7 +51,7 @@ def test_a_hidden_offset_is_named_and_sized(mended: Criticism) -> None:
 
 def test_the_recording_shows_the_measured_orientation(mended: Criticism) -> None:
     (run,) = [run for run in mended.final.replays if run.run == "run7"]
-    _, poses = fly(Block(centre=(OFFSET, 0.0, 0.0)), 9, 2.0, 0)
+    _, poses, _ = fly(Block(centre=(OFFSET, 0.0, 0.0)), 9, 2.0, 0)
     simulator = mended.final.simulator.physics  # type: ignore[attr-defined]
     measured, qpos = run.measured.numpy(), run.qpos.numpy()
     drawn = measured_qpos(simulator.model, mended.signals, measured, qpos)
@@ -77,7 +77,7 @@ def test_fitted_starts_are_the_true_ones() -> None:
     simulator, turned = charted(model(), measure(Block(), runs=4, seconds=2.0))
     grounds = ground(simulator, turned, Selection())
     windows, lin = grounds.windows, grounds.fitted.lin
-    _, poses = fly(Block(), 4, 2.0, 0)
+    _, poses, _ = fly(Block(), 4, 2.0, 0)
     path = rollout(grounds.fitted.simulator, windows, grounds.fitted.theta[None], lin.starts[None])[0]
     rows = windows.first[:, None] + torch.arange(1, windows.rows + 1)
     true = torch.from_numpy(poses)[windows.run[:, None], (rows * windows.step / ROW).round().long()]
