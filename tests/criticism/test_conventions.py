@@ -112,6 +112,7 @@ def test_velocities_in_other_axes_are_named(linear: bool, angular: bool, says: s
     assert found.error_after < 2  # turned by measured orientations, whose noise comes with the speed
 
 
+@pytest.mark.slow
 def test_nothing_is_found_where_nothing_is_wrong() -> None:
     found = compare(model(), Measurement.from_runs(runs_with(False, False), commands=["thruster"]))
     assert found.wiring is None
