@@ -15,7 +15,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.around import Around
 from onlinebayes.criticism.chart import POSE, Chart, positions, turns
-from onlinebayes.criticism.coordinates import renamed, rotations
+from onlinebayes.criticism.coordinates import Rotation, renamed, rotations
 from onlinebayes.criticism.courses import Course, course, unrolled
 from onlinebayes.criticism.split import origin
 from onlinebayes.criticism.windows import Windows
@@ -155,6 +155,25 @@ def charted(simulator: Simulator, measurement: Measurement) -> tuple[Simulator, 
     for b, one in enumerate(turning):
         measurement = unrolled(measurement, one, [courses[run][b] for run in measurement.runs])
     return ChartedSimulator(simulator, courses), measurement
+
+
+def courses_of(simulator: Simulator) -> tuple[tuple[Rotation, ...], Mapping[str, tuple[Course, ...]]]:
+    """The free and ball joints whose orientations became turns, and run -> the measured course of each."""
+    while isinstance(simulator, Around):
+        if isinstance(simulator, ChartedSimulator):
+            return simulator.turning, simulator.courses
+        simulator = simulator.physics
+    return (), {}
+
+
+def with_courses(simulator: Simulator, joint: str, courses: Mapping[str, Course]) -> Simulator:
+    """The simulator with other courses (run -> course) for one of its free and ball joints."""
+    if not isinstance(simulator, ChartedSimulator):
+        assert isinstance(simulator, Around)
+        return simulator.around(with_courses(simulator.physics, joint, courses))
+    b = [one.joint for one in simulator.turning].index(joint)
+    own = simulator.courses.items()
+    return ChartedSimulator(simulator.physics, {run: (*c[:b], courses[run], *c[b + 1 :]) for run, c in own})
 
 
 def chart_of(simulator: Simulator, windows: Windows) -> Chart:

@@ -80,10 +80,13 @@ def course(measurement: Measurement, run: str, rotation: Rotation) -> Course:
             f"measure {', '.join(rotation.quaternion)} in every run, or weld the body",
             where=f"run '{run}'",
         )
-    q = quaternion[rows]
-    steps = logarithm(product(inverse(q[:-1]), q[1:]))
-    turn = torch.cat([torch.zeros_like(steps[:1]), steps.cumsum(0)])
-    return Course(rows, data["time"][rows], q, turn)
+    return followed(rows, data["time"][rows], quaternion[rows])
+
+
+def followed(rows: Int[Tensor, " N"], time: Float[Tensor, " N"], quaternion: Float[Tensor, "N 4"]) -> Course:
+    """The course of unit quaternions, whatever their signs; arguments as :class:`Course`."""
+    steps = logarithm(product(inverse(quaternion[:-1]), quaternion[1:]))
+    return Course(rows, time, quaternion, torch.cat([torch.zeros_like(steps[:1]), steps.cumsum(0)]))
 
 
 def unrolled(measurement: Measurement, rotation: Rotation, courses: Sequence[Course]) -> Measurement:

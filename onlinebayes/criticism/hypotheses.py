@@ -1,8 +1,9 @@
 """Which wiring faults are worth a look for these signals and commands.
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
-of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity. Per actuator: the
-command's sign and unit; per pair: swapped. And once: a controller that carries the weight.
+of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity, and what
+:mod:`.conventions` has. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller that
+carries the weight.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import math
 from collections.abc import Iterator
 from itertools import combinations
 
+from onlinebayes.criticism.conventions import conventions
 from onlinebayes.criticism.coordinates import velocity
 from onlinebayes.criticism.faults import (
     COMMAND,
@@ -39,6 +41,7 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
     measured = {signal.name for signal in measurement.signals}
     return (
         *_of_signals(simulator, measured),
+        *conventions(simulator, measured),
         *_of_commands(simulator),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
     )

@@ -4,6 +4,7 @@
 |---------------------------------|-------------------------------------------------------|---------------------|
 | first q, then p in q's frame    | q p = (w w' - u.u', w u' + w' u + u x u')             | :func:`product`     |
 | the way back                    | q^-1 = (w, -u)                                        | :func:`inverse`     |
+| from body axes to the world's   | R(q) x = x + 2 w u x x + 2 u x (u x x)                | :func:`rotated`     |
 | turned by r about its own axes  | exp r = (cos(a/2), sin(a/2) r / a),   a = abs(r)      | :func:`exponential` |
 | the shortest turn               | log q = 2 atan2(abs(u), w) u / abs(u),   w >= 0       | :func:`logarithm`   |
 
@@ -33,6 +34,13 @@ def product(q: Float[Tensor, "*#batch 4"], p: Float[Tensor, "*#batch 4"]) -> Flo
 def inverse(q: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
     """The opposite turn of a unit quaternion."""
     return q * q.new_tensor([1.0, -1.0, -1.0, -1.0])
+
+
+def rotated(q: Float[Tensor, "*#batch 4"], x: Float[Tensor, "*#batch 3"]) -> Float[Tensor, "*batch 3"]:
+    """What has the components x in the turned axes, in the axes from which q turns."""
+    u, x = torch.broadcast_tensors(q[..., 1:], x)
+    t = 2 * torch.linalg.cross(u, x)
+    return x + q[..., :1] * t + torch.linalg.cross(u, t)
 
 
 def exponential(r: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 4"]:

@@ -64,8 +64,8 @@ def slope(state: np.ndarray, u: np.ndarray, block: Block) -> np.ndarray:
 
 
 @cache
-def fly(block: Block, runs: int, seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Commands (runs, rows) [N] and exact poses (runs, rows, 7)."""
+def fly(block: Block, runs: int, seconds: float, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Commands (runs, rows) [N], exact poses (runs, rows, 7), exact velocities (runs, rows, 6) as MuJoCo has them."""
     draw = np.random.default_rng(seed)
     rows, per = round(seconds / ROW) + 1, round(ROW / STEP)
     t = np.arange(rows) * ROW
@@ -81,10 +81,13 @@ def fly(block: Block, runs: int, seconds: float, seed: int) -> tuple[np.ndarray,
         ],
         axis=1,
     )
-    poses = np.empty((runs, rows, 7))
+    poses, rates = np.empty((runs, rows, 7)), np.empty((runs, rows, 6))
+    centre = np.array(block.centre)[None]
     for k in range(rows):
         q = state[:, 6:10]
-        poses[:, k] = np.concatenate([state[:, :3] - rotated(q, np.array(block.centre)[None]), q], axis=1)
+        w = state[:, 10:]
+        poses[:, k] = np.concatenate([state[:, :3] - rotated(q, centre), q], axis=1)
+        rates[:, k] = np.concatenate([state[:, 3:6] - rotated(q, np.cross(w, centre)), w], axis=1)
         for _ in range(per):
             k1 = slope(state, u[:, k], block)
             k2 = slope(state + 0.5 * STEP * k1, u[:, k], block)
@@ -92,14 +95,14 @@ def fly(block: Block, runs: int, seconds: float, seed: int) -> tuple[np.ndarray,
             k4 = slope(state + STEP * k3, u[:, k], block)
             state = state + STEP / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         state[:, 6:10] /= np.linalg.norm(state[:, 6:10], axis=1, keepdims=True)
-    return u, poses
+    return u, poses, rates
 
 
 def table(
     block: Block, runs: int = 9, seconds: float = 3.0, seed: int = 0, noise: float = NOISE
 ) -> dict[str, dict[str, np.ndarray]]:
     """What the camera saw, run by run."""
-    u, poses = fly(block, runs, seconds, seed)
+    u, poses, _ = fly(block, runs, seconds, seed)
     seen = poses + noise * np.random.default_rng(seed + 1).normal(size=poses.shape)
     time = np.arange(u.shape[1]) * ROW
     return {
