@@ -19,7 +19,10 @@ from recipes.studies.effect_pages_picture import draw, fingerprint
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = DOCS / "effects"
-TARGETS = {"joint": "hinge", "actuator": "motor", "body": "bob", "world": "world", "signal": "qpos.hinge"}
+TARGETS = {
+    "joint": "hinge", "actuator": "motor", "body": "bob", "geom": "bob", "world": "world",
+    "signal": "qpos.hinge", "parameter": "body.bob.mass",
+}  # fmt: skip
 
 
 def page(name: str) -> str:
