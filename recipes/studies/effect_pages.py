@@ -92,11 +92,7 @@ def make(study: Study) -> list[Card]:
 
 def block(card: Card) -> str:
     """The printed part of a page, between its two marks."""
-    name, values = card.effect.name, card.effect.parameters
-    rows = [
-        f"| `{own}` | {quantities.text(card.specimen[own], p.unit)} | {_bound(p.low)} to {_bound(p.high, p.unit)} |"
-        for own, p in values.items()
-    ]
+    name = card.effect.name
     known = " with mass and damping known" if card.held else ""
     refit = (
         "Mass and damping can do the same on this machine: with them free nothing would be left to see, so that they "
@@ -116,7 +112,7 @@ def block(card: Card) -> str:
             "",
             "| parameter | shown here | bounds that `diagnose` gives it |",
             "|---|---|---|",
-            *rows,
+            *parameter_rows(card.effect, card.specimen),
             "",
             f"![What a model without {name} gets wrong: residual over time; missing torque over velocity, angle and "
             f"command](images/{name}.svg)",
@@ -130,6 +126,16 @@ def block(card: Card) -> str:
             END,
         ]
     )
+
+
+def parameter_rows(effect: Effect, specimen: Mapping[str, float]) -> list[str]:
+    """A row for each parameter: its value in the picture and its bounds, which share a unit."""
+    rows = []
+    for name, bounds in effect.parameters.items():
+        scale = quantities.scale_for(max(abs(bounds.low), abs(bounds.high)), bounds.unit)
+        shown = quantities.text(specimen[name], bounds.unit)
+        rows.append(f"| `{name}` | {shown} | {scale.number(bounds.low)} to {scale.text(bounds.high)} |")
+    return rows
 
 
 def written(page: str, content: str, where: str) -> str:
@@ -194,10 +200,6 @@ def _names() -> tuple[str, ...]:
 
 def _linked(names: list[str]) -> str:
     return " and ".join(f"[{name}]({name}.md)" for name in names)
-
-
-def _bound(value: float, unit: str = "") -> str:
-    return quantities.text(value, unit)
 
 
 if __name__ == "__main__":

@@ -12,14 +12,17 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
 from onlinebayes.simulators.mujoco.export import foreign
 from onlinebayes.simulators.mujoco.system import MujocoSystem
-from recipes.studies.effect_pages import BEGIN, END, name_of, written
+from recipes.studies.effect_pages import BEGIN, END, name_of, parameter_rows, written
 from recipes.studies.effect_pages_likeness import cosine, traces
 from recipes.studies.effect_pages_machine import BASE, SPECIMENS, machine, record, specimen_effects, windows_of
 from recipes.studies.effect_pages_picture import draw, fingerprint
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGES = DOCS / "effects"
-TARGETS = {"joint": "hinge", "actuator": "motor", "body": "bob", "world": "world", "signal": "qpos.hinge"}
+TARGETS = {
+    "joint": "hinge", "actuator": "motor", "body": "bob", "geom": "bob", "world": "world",
+    "signal": "qpos.hinge", "parameter": "body.bob.mass",
+}  # fmt: skip
 
 
 def page(name: str) -> str:
@@ -112,6 +115,12 @@ def test_specimens_lie_within_what_diagnose_would_try(bare) -> None:
     assert set(effects) == set(SPECIMENS)
     for key, effect in effects.items():
         effect.parameters.check(effect.parameters.vector(SPECIMENS[key]))
+
+
+def test_the_bounds_on_the_pages_are_those_that_diagnose_would_give(bare) -> None:
+    for key, effect in specimen_effects(bare).items():
+        rows = parameter_rows(effect, SPECIMENS[key])
+        assert set(rows) <= set(page(name_of(key)).splitlines())
 
 
 def test_what_is_the_same_has_a_cosine_of_one_and_what_is_free_is_confounded(bare) -> None:

@@ -65,6 +65,16 @@ def test_lines_break_at_nan() -> None:
     assert d.count("M") == 2
 
 
+def test_dots_stand_alone_in_any_order() -> None:
+    x, y = np.array([3.0, 1.0, 2.0, 0.0]), np.array([0.0, 1.0, np.nan, 2.0])
+    text = chart([Panel([Curve(x, y, "after", "a", dots=True)], "y", 100)], "x")
+    (d,) = re.findall(r'class="dots after" d="([^"]*)"', text)
+    places = re.findall(r"M([\d.]+) [\d.]+h0", d)
+    assert d.count("L") == 0
+    assert [float(place) for place in places] == sorted(map(float, places), reverse=True)
+    assert len(places) == 3
+
+
 @pytest.mark.parametrize("y", [np.full(5, np.nan), np.zeros(5), np.empty(0), np.full(5, 1e-9)])
 def test_odd_data_still_give_a_drawing(y: np.ndarray) -> None:
     text = chart(
