@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import os
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +10,8 @@ from envs.measured import FOLDER
 from onlinebayes.cli.problem import load_problem
 from recipes.studies.measured import sets
 from recipes.studies.measured_rows import Refined
+
+PROBLEMS = sorted(FOLDER.rglob("problem.toml"))
 
 REPORT = {
     "verdict": "missing_effect",
@@ -47,12 +49,12 @@ def test_the_rows_of_a_report() -> None:
 
 def test_every_study_has_a_problem() -> None:
     assert sets()
-    assert all((FOLDER / name / "problem.toml").is_file() for name in sets())
+    assert all(any((FOLDER / name).rglob("problem.toml")) for name in sets())
 
 
-@pytest.mark.skipif(not os.environ.get("ONLINEBAYES_DATA"), reason="needs ONLINEBAYES_DATA")
-@pytest.mark.parametrize("name", sets())
-def test_the_problem_loads(name: str) -> None:
-    problem = load_problem(FOLDER / name / "problem.toml")
+@pytest.mark.parametrize("path", PROBLEMS, ids=[path.parent.name for path in PROBLEMS])
+def test_the_problem_loads(path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ONLINEBAYES_DATA", str(data))
+    problem = load_problem(path)
     assert problem.holdout
     assert set(problem.holdout) < set(problem.measurement.runs)
