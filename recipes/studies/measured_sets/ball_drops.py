@@ -13,8 +13,8 @@ from recipes.studies.measured_rows import Refined, refine
 
 NAME = "ball_drops"
 DRAG = ("viscous_friction@height", "quadratic_drag@height")
-SLOWED = ("whiffle_ball_1", "whiffle_ball_2", "yellow_whiffle_ball", "orange_whiffle_ball", "tennis_ball")
-SLOWED = (*SLOWED, "blue_basketball")
+WHIFFLE = ("whiffle_ball_1", "whiffle_ball_2", "yellow_whiffle_ball", "orange_whiffle_ball")
+SLOWED = (*WHIFFLE, "tennis_ball", "blue_basketball")
 INNOCENT = ("bowling_ball", "golf_ball", "baseball")
 
 
