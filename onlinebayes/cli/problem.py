@@ -31,7 +31,7 @@ LARGEST, MOST_DOTS = 2**20, 2000
 """Bytes of a problem file, and dots in one of its lines."""
 
 DATA = "$ONLINEBAYES_DATA"
-"""As the first part of a table's path: the folder that this variable of the environment names. No other is looked at."""
+"""As the first part of a table's path: the folder that this variable of the environment names; no other is read."""
 
 TOP = (
     *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "parameters"),

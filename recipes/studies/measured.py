@@ -1,6 +1,6 @@
 """``make measured``: every measured machine refined as a user would, against what is known of it.
 
-    ONLINEBAYES_DATA=/path/to/data python -m recipes.studies.measured [--sets xl330 ...]    -> docs/results/measured.json
+    ONLINEBAYES_DATA=/path/to/data python -m recipes.studies.measured [--sets xl330 ...]  -> docs/results/measured.json
 
 The sets are the modules of ``recipes.studies.measured_sets``; two run at a time, each command in a process of its own.
 Held out are whole runs.

@@ -4,9 +4,9 @@ A set has three parts:
 
 | where                                 | what                                                                      |
 |---------------------------------------|---------------------------------------------------------------------------|
-| ``envs/measured/SET/``                | ``model.xml``, ``problem.toml`` and ``README.md``                         |
-| ``recipes/studies/measured_sets/SET`` | ``judge(data: Path) -> tuple[Row, ...]``: runs the problem, holds it against its goals |
-| ``$ONLINEBAYES_DATA``                 | the measurements, as ``measurements = ["$ONLINEBAYES_DATA/SET/log.csv"]``  |
+| ``envs/measured/SET/``                | ``model.xml``, ``problem.toml``, ``README.md``                            |
+| ``recipes/studies/measured_sets/SET`` | ``judge(data: Path) -> tuple[Row, ...]``: refines, holds it against goals |
+| ``$ONLINEBAYES_DATA``                 | the measurements: ``measurements = ["$ONLINEBAYES_DATA/SET/log.csv"]``    |
 
 ``make measured`` finds every module of ``measured_sets``.
 """
@@ -14,11 +14,12 @@ A set has three parts:
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,8 +54,18 @@ class Refined:
         """Held-out error of one signal: ``"before"``, ``"after"`` or its ``"noise_floor"`` [the signal's unit]."""
         return float(self.report["heldout_error"][which][signal])
 
+    def by_run(self, signal: str) -> dict[str, tuple[float, float]]:
+        """Held-out run -> RMS of its windows' errors before and after [the signal's unit]."""
+        squares: dict[str, list[tuple[float, float]]] = {}
+        for window in self.report["detail"]["windows"]:
+            if window["held_out"] and window["signal"] == signal:
+                squares.setdefault(window["run"], []).append((window["before"] ** 2, window["after"] ** 2))
+        return {
+            run: (_root_mean(a for a, _ in pairs), _root_mean(b for _, b in pairs)) for run, pairs in squares.items()
+        }
+
     def rows(self, goal: str, holds: bool, units: Mapping[str, str]) -> tuple[Row, ...]:
-        """Verdict, effects, held-out errors with their floors, parameters and time.
+        """Verdict, effects, held-out errors with their floors (which must not rise), parameters and time.
 
         Args:
             goal, holds: what should have been accepted, in words, and whether it was.
@@ -71,10 +82,19 @@ class Refined:
             for which in ("before", "after", "noise_floor"):
                 name = f"{self.name}: held-out {signal} over {horizon:.3g} s, {which.replace('_', ' ')}"
                 found.append(Row(name, factor * self.error(which, signal), unit=shown))
+            fall = self.error("before", signal) / self.error("after", signal)
+            found.append(
+                Row(f"{self.name}: fall of that error", fall, unit="times", goal="none rises", holds=fall >= 1)
+            )
         for address, value in self.report["parameters"].items():
             found.append(Row(f"{self.name}: {address}", value["mean"], value["sd"], value["unit"]))
         found.append(Row(f"{self.name}: time of refine, start-up included", self.seconds, unit="s"))
         return tuple(found)
+
+
+def _root_mean(squares: Iterable[float]) -> float:
+    values = list(squares)
+    return math.sqrt(sum(values) / len(values))
 
 
 def refine(name: str, data: Path, out: Path = OUT) -> Refined:

@@ -218,7 +218,7 @@ def test_measurements_may_lie_in_the_folder_of_data(folder, tmp_path_factory, mo
     monkeypatch.setenv("ONLINEBAYES_DATA", str(data))
     assert load_problem(path).measurement.runs == ("first", "second")
     monkeypatch.delenv("ONLINEBAYES_DATA")
-    with pytest.raises(BadInput, match="measurements: ONLINEBAYES_DATA is not set; .*holds 'carriage.csv'"):
+    with pytest.raises(BadInput, match=r"measurements: ONLINEBAYES_DATA is not set; .*holds 'carriage.csv'"):
         load_problem(path)
     with pytest.raises(BadInput, match=r"\$HOME/carriage.csv: no such file"):
         load_problem(write(folder, PROBLEM.replace('"carriage.csv"', '"$HOME/carriage.csv"')))

@@ -120,7 +120,7 @@ def test_a_switch_may_have_a_name_of_its_own(tmp_path):
     m = read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.torque_enable")])
     assert m.commands == ("motor",)
     assert m.data["enable"].flatten().tolist() == [1.0, 0.0]
-    with pytest.raises(BadInput, match="no column 'ctrl.enabled', which switches the actuator 'motor'"):
+    with pytest.raises(BadInput, match=r"no column 'ctrl\.enabled', which switches the actuator 'motor'"):
         read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.enabled")])
 
 

@@ -1,0 +1,25 @@
+"""A servo at four gains: friction that grows with the load, which the middle gains show and the others do not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from onlinebayes.runs import Row
+from recipes.studies.measured_rows import refine
+
+NAME = "xl330"
+WANTED = "load_dependent_friction@servo"
+SIGNAL = "qpos.servo"
+
+
+def judge(data: Path) -> tuple[Row, ...]:
+    """Refine the problem; the held-out error gain by gain, one run of each."""
+    refined = refine(NAME, data)
+    rows = list(refined.rows(f"{WANTED} among them", WANTED in refined.accepted, {SIGNAL: "rad"}))
+    for run, (before, after) in refined.by_run(SIGNAL).items():
+        gain = run.partition("-")[0]
+        rows.append(Row(f"{NAME}: held-out error at {gain}, before", 1e3 * before, unit="mrad"))
+        middle = gain in ("kp200", "kp400")
+        goal, holds = ("falls", after < before) if middle else (None, None)
+        rows.append(Row(f"{NAME}: held-out error at {gain}, after", 1e3 * after, unit="mrad", goal=goal, holds=holds))
+    return tuple(rows)

@@ -1,0 +1,60 @@
+"""The study of measured machines: what it reports of a refine, and that every problem file loads."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from envs.measured import FOLDER
+from onlinebayes.cli.problem import load_problem
+from recipes.studies.measured import sets
+from recipes.studies.measured_rows import Refined
+
+PROBLEMS = sorted(FOLDER.rglob("problem.toml"))
+
+REPORT = {
+    "verdict": "missing_effect",
+    "accepted": ["dry_friction@servo"],
+    "heldout_error": {
+        "before": {"qpos.servo": 0.06},
+        "after": {"qpos.servo": 0.02},
+        "noise_floor": {"qpos.servo": 0.001},
+        "horizon_s": {"qpos.servo": 1.0},
+    },
+    "parameters": {"joint.servo.damping": {"mean": 0.1, "sd": 0.01, "unit": "N m s/rad"}},
+    "detail": {
+        "windows": [
+            {"signal": "qpos.servo", "run": "a", "held_out": True, "before": 0.03, "after": 0.01},
+            {"signal": "qpos.servo", "run": "a", "held_out": True, "before": 0.04, "after": 0.07},
+            {"signal": "qpos.servo", "run": "b", "held_out": False, "before": 9.0, "after": 9.0},
+        ]
+    },
+}
+
+
+def test_the_rows_of_a_report() -> None:
+    refined = Refined("xl330", REPORT, 12.0)
+    rows = {row.name: row for row in refined.rows("dry_friction", True, {"qpos.servo": "rad"})}
+    assert rows["xl330: effects accepted, in order"].value == "dry_friction@servo"
+    error = rows["xl330: held-out qpos.servo over 1 s, before"]
+    assert (error.value, error.unit) == (pytest.approx(60.0), "mrad")
+    assert rows["xl330: fall of that error"].value == pytest.approx(3.0)
+    assert rows["xl330: fall of that error"].holds is True
+    assert rows["xl330: joint.servo.damping"].spread == 0.01
+    (before, after), *others = refined.by_run("qpos.servo").values()
+    assert (before, after) == (pytest.approx((0.5 * 25e-4) ** 0.5), pytest.approx((0.5 * 50e-4) ** 0.5))
+    assert not others
+
+
+def test_every_study_has_a_problem() -> None:
+    assert sets()
+    assert all(any((FOLDER / name).rglob("problem.toml")) for name in sets())
+
+
+@pytest.mark.parametrize("path", PROBLEMS, ids=[path.parent.name for path in PROBLEMS])
+def test_the_problem_loads(path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ONLINEBAYES_DATA", str(data))
+    problem = load_problem(path)
+    assert problem.holdout
+    assert set(problem.holdout) < set(problem.measurement.runs)
