@@ -17,8 +17,7 @@ from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.experiment.rivals import Pair, explanation
 from onlinebayes.criticism.experiment.separation import refitted, separations
 from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.numerics import DEAD_TIME
-from onlinebayes.criticism.windows import make_windows
+from onlinebayes.criticism.windows import MEMORY, make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -58,7 +57,7 @@ def load_pair() -> tuple[Pair, Measurement, tuple]:
     """A load of 0.3 N that may be missing, a base model that may adapt, and some inputs."""
     model = sprung.model()
     measured = sprung.measurement(sprung.small_runs(model, sprung.TRUTH, 0.4))
-    windows = make_windows(model, measured, 1.0, DEAD_TIME)
+    windows = make_windows(model, measured, 1.0, MEMORY)
     base = explanation("base", fit(model, windows, torch.tensor(sprung.TRUTH, dtype=torch.float64)), windows)
     limits = find_limits(model, measured, windows, replace(WIDE, seconds=4.0), 0.0)
     inputs = (
