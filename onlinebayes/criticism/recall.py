@@ -7,11 +7,14 @@ One pass a run, however many windows it has and however long its effects remembe
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.criticism.coordinates import velocity
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import unsense
@@ -48,18 +51,21 @@ def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDi
             return None
         # Rows after a run's end are never picked.
         line = past.motion[torch.arange(longest).clamp_max(past.motion.batch_size[0] - 1)]
+        positions = [f"qpos.{joint}" for joint in past.joints]
+        rates = [velocity(joint, simulator.signals) for joint in past.joints]
         state = {
-            key: _placed(simulator, f"{key}.", past.joints, line[name]) for key, name in (("qpos", "q"), ("qvel", "v"))
+            "qpos": _placed(simulator, "qpos.", positions, line["q"]),
+            "qvel": _placed(simulator, "qvel.", rates, line["v"]),
         }
         lines.append(TensorDict({**state, "command": line["command"], "enable": line["enable"]}, batch_size=[longest]))
     return TensorDict.stack(lines)
 
 
 def _placed(
-    simulator: Simulator, prefix: str, joints: tuple[str, ...], values: Float[Tensor, "K J"]
+    simulator: Simulator, prefix: str, signals: Sequence[str | None], values: Float[Tensor, "K J"]
 ) -> Float[Tensor, "K n"]:
-    """The joints' columns among all of the state's that begin with ``prefix``; those of other joints are 0."""
+    """The signals' columns among all of the state's that begin with ``prefix``; those of other joints are 0."""
     names = [name for name in simulator.signals if name.startswith(prefix)]
     state = values.new_zeros(len(values), len(names))
-    state[:, [names.index(f"{prefix}{joint}") for joint in joints]] = values
+    state[:, [names.index(name) for name in signals if name is not None]] = values
     return state

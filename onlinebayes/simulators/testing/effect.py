@@ -8,7 +8,7 @@ import torch
 
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect, Scales
+from onlinebayes.simulators.effects import Effect, Scales, Seen
 from onlinebayes.simulators.sensing import sense, unsense
 from onlinebayes.simulators.testing.simulator import check_simulator
 from onlinebayes.simulators.testing.trials import Trial, require, require_same
@@ -20,8 +20,9 @@ def check_effect(
     """Raise AssertionError unless the effect keeps the contract of :class:`Effect` on this simulator.
 
     Checked: its parameters join the space under its key; at its neutral value it changes not a bit; elsewhere it acts;
-    with it the simulator passes :func:`check_simulator`, hidden states included; starting values and the bounds for
-    screening are admissible; an unknown target and a second copy are refused.
+    with it the simulator passes :func:`check_simulator`, hidden states included; its hidden states along many rows at
+    once are those of one row after the other; starting values and the bounds for screening are admissible; an unknown
+    target and a second copy are refused.
 
     Args:
         simulator: without the effect; it is not touched.
@@ -32,6 +33,7 @@ def check_effect(
         seed: of parameters and commands.
     """
     _check_declared(effect)
+    _check_along(effect, seed)
     grown = simulator.with_effect(effect)
     names = tuple(f"{effect.key}.{name}" for name in effect.parameters)
     require(grown.parameters.names == (*simulator.parameters.names, *names), f"the space is {grown.parameters.names}")
@@ -60,6 +62,22 @@ def _check_declared(effect: Effect) -> None:
         for start in each.starts:
             require(bool(each.parameters.contains(each.parameters.vector(start))), f"start {start} is out of bounds")
             require(start != dict(each.neutral), "a start is the neutral value")
+
+
+def _check_along(effect: Effect, seed: int, worlds: int = 3, rows: int = 9, timestep: float = 0.01) -> None:
+    """A force stage's hidden states along given rows are those of walking through them."""
+    generator = torch.Generator().manual_seed(seed)
+    rest = effect.rest(worlds, timestep, torch.zeros((), dtype=torch.float64))
+    if rest is None or not effect.has_force:
+        return
+    unit = torch.rand(worlds, len(effect.parameters), generator=generator, dtype=torch.float64)
+    own = effect.parameters.view(effect.parameters.from_unit(unit))
+    q, v, drive, command = torch.randn(4, worlds, rows, generator=generator, dtype=torch.float64)
+    seen = Seen(q, v, drive, command, rest, timestep)
+    together, walked = effect.along(own, seen), Effect.along(effect, own, seen)
+    if together is None or walked is None:
+        raise AssertionError(f"{effect.key} has a hidden state, and none along a motion")
+    require_same(together, walked, 1e-12, "the hidden state along rows at once against row by row")
 
 
 def _check_neutral(simulator: Simulator, grown: Simulator, steps: int, scale: float, seed: int) -> None:
