@@ -88,6 +88,24 @@ class Scales:
 
 
 @dataclass(frozen=True)
+class Servo:
+    """The position servo of a joint: f(q, v) = clip(force - stiffness (q' - q) - damping (v' - v)) at q', v'.
+
+    Args:
+        force: at the joint's present position and velocity, before the limits (N,) [N, N m].
+        stiffness: kp, on the joint (N,) [N/m, N m/rad].
+        damping: kv, on the joint (N,) [N s/m, N m s/rad].
+        low, high: its limits (N,) [N, N m]; both 0 while it is off.
+    """
+
+    force: Float[Tensor, " N"]
+    stiffness: Float[Tensor, " N"]
+    damping: Float[Tensor, " N"]
+    low: Float[Tensor, " N"]
+    high: Float[Tensor, " N"]
+
+
+@dataclass(frozen=True)
 class Seen:
     """What an effect sees of every world at the start of an integration step, where it acts.
 
@@ -100,6 +118,7 @@ class Seen:
         command: u, the command after the input stages, summed over a joint's actuators (N,) [command units].
         hidden: the effect's own hidden state, see :meth:`Effect.rest`.
         timestep: length h of the step [s].
+        servo: the joint's position servo, for an effect that says it ``needs_servo``.
     """
 
     q: Float[Tensor, " N"]
@@ -108,6 +127,7 @@ class Seen:
     command: Float[Tensor, " N"]
     hidden: TensorDict | None
     timestep: float
+    servo: Servo | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +159,7 @@ class Effect(ABC):
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
+        needs_servo: whether it reads the joint's position servo, of which there must be one (``Seen.servo``).
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
@@ -152,6 +173,7 @@ class Effect(ABC):
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
+    needs_servo: ClassVar[bool] = False
     excludes: ClassVar[tuple[str, ...]] = ()
     contains: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()

@@ -129,7 +129,8 @@ class ForceStage:
                 force = actuator.force(self._fields, self._ctrl, q, v, on)
                 whole = place.effect.target_kind == "joint"
                 drive = drive + (force * actuator.gear(self._fields) if whole else force)
-        return Seen(q, v, drive, command, self.hidden.get(place.effect.key), self._timestep)
+        servo = place.actuators[0].servo(self._fields, self._ctrl, q, v, on) if place.effect.needs_servo else None
+        return Seen(q, v, drive, command, self.hidden.get(place.effect.key), self._timestep, servo)
 
 
 def _keep(before: TensorDict, after: TensorDict, alive: np.ndarray) -> TensorDict:
