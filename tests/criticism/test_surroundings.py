@@ -99,7 +99,7 @@ def test_a_slippery_foot() -> None:
         runs.append(_table(np.array([path, np.zeros(301)]).T, ["x", "z"], noise, r, push=u))
     model = test_contact_effects.SLEDGE.replace(' pos="0 0 .1"', ' pos="0 0 .09999"')
     free = {"joint.x.damping": Parameter(0.0, 20.0, "N s/m")}
-    names = ["contact_friction", "dry_friction@x", "quadratic_drag@x", "actuator_gain"]
+    names = ["contact_friction", "dry_friction@x", "quadratic_drag@x", "constant_load@x"]
     result = _judged(model, free, runs, noise, "m", names)
     assert result.accepted == ("contact_friction@runner",)
     assert result.parameters["contact_friction@runner.friction"].mean == pytest.approx(mu, rel=0.03)
@@ -131,7 +131,7 @@ def test_a_soft_floor() -> None:
 
 def test_play_in_a_servos_gear() -> None:
     gap, noise, runs = 0.08, 1e-4, []
-    for r in range(9):
+    for r in range(12):
         t = test_backlash.H * np.arange(2000)
         goals = 0.4 * np.sin((2.0 + 0.4 * r) * t + r) + 0.2 * np.sin(7.1 * t)
         goals = np.repeat(goals[::10], 10)  # a command a row

@@ -93,6 +93,16 @@ def test_limits_act_behind_the_play() -> None:
     assert float(far[1]) == pytest.approx(float(far[0]), rel=0.02)
 
 
+def test_a_motor_that_is_off_stays_where_it_is() -> None:
+    simulator = MujocoSimulator(SERVO).with_effect(Backlash("hinge", GAP))
+    start = TensorDict({"qpos": torch.zeros(1, 1), "qvel": torch.full((1, 1), 0.1)}, batch_size=[1]).double()
+    off = TensorDict({"command": torch.ones(1, 50, 1), "enable": torch.zeros(1, 50, 1)}, batch_size=[1, 50])
+    path = simulator.rollout(torch.tensor([[0.2]]).double(), start, off, H * torch.arange(1, 51).double())[0]
+    motor = path["qpos"][:, 0] + path["effects", "backlash@hinge", "offset"]
+    assert motor.abs().max() < 1e-5
+    assert float(path["qvel"][-1, 0]) == pytest.approx(0.1 * math.exp(-DAMPING / INERTIA * 50 * H), rel=0.02)
+
+
 def test_conformance_with_a_fast_servo() -> None:
     # Without kv the motor is at its goal at once.
     check_effect(MujocoSimulator(SERVO.replace(f'kv="{KV}"', 'kv="0"')), Backlash("hinge", GAP), scale=0.5, steps=8)

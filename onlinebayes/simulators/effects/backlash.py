@@ -104,7 +104,8 @@ def _freely(seen: Seen) -> Float[Tensor, " N"]:
     goal = (servo.force + servo.damping * seen.v) / stiffness  # less q: where the servo at rest gives no force
     # Without damping the motor is at its goal at once; 1e-9 of a step stands for none.
     kept = torch.exp(-seen.timestep * stiffness / servo.damping.clamp_min(1e-9 * seen.timestep * stiffness))
-    return goal + (offset - goal) * kept - seen.timestep * seen.v
+    followed = torch.where(servo.low < servo.high, goal + (offset - goal) * kept, offset)  # a motor that is off stays
+    return followed - seen.timestep * seen.v
 
 
 def _servo(seen: Seen) -> Servo:
