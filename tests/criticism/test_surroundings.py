@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from onlinebayes.criticism import Criticism, refine
+from onlinebayes.criticism import Criticism, Selection, refine
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -28,7 +28,13 @@ def _table(
 
 
 def _judged(
-    model: str, free: dict[str, Parameter], runs: list[dict], noise: float, unit: str, candidates: list[str]
+    model: str,
+    free: dict[str, Parameter],
+    runs: list[dict],
+    noise: float,
+    unit: str,
+    candidates: list[str],
+    horizon: float = 1.0,
 ) -> Criticism:
     joints = [name for name in runs[0] if name.startswith("qpos.")]
     commands = [name.removeprefix("ctrl.") for name in runs[0] if name.startswith("ctrl.")]
@@ -37,7 +43,8 @@ def _judged(
         signals=[Signal(name, unit, sd=noise) for name in joints],
         commands=commands,
     )
-    return refine(MujocoSimulator(model, ParameterSpace(free), threads=1), measured, candidates=candidates)
+    simulator = MujocoSimulator(model, ParameterSpace(free), threads=1)
+    return refine(simulator, measured, candidates=candidates, selection=Selection(horizon_s=horizon))
 
 
 def test_air_drag_of_a_thrown_ball() -> None:
@@ -121,7 +128,7 @@ def test_a_soft_floor() -> None:
         runs.append(_table(path.T, ["z"], noise, r, push=u))
     free = {"joint.z.damping": Parameter(0.0, 20.0, "N s/m")}
     names = ["contact_softness", "dry_friction", "joint_stiffness", "viscous_friction"]
-    result = _judged(test_contact_effects.BALL, free, runs, noise, "m", names)
+    result = _judged(test_contact_effects.BALL, free, runs, noise, "m", names, horizon=0.3)
     assert result.accepted == ("contact_softness@ball",)
     found = {
         name: result.parameters[f"contact_softness@ball.{name}"].mean for name in ("time_constant", "damping_ratio")
