@@ -97,7 +97,7 @@ def test_air_and_contacts_are_tried_where_they_are_something_of_their_own(window
     assert [wind.key for wind in winds] == ["wind@cart.x", "wind@cart.y"]
     assert contained(winds[0]) == {"air_drag@cart"}
     speed = target_scales(model(), windows, "joint", "rail").speed
-    assert drag.parameters["drag"].high == world.parameters["drag"].high == pytest.approx(9.81 * 2.0 / speed**2)
+    assert drag.parameters["drag"].high == world.parameters["drag"].high == pytest.approx(98.1 * 2.0 / speed**2)
     floor = '<worldbody><geom type="plane" pos="0 0 -.1" size="9 9 .1" friction=".6"/>'
     grounded = SLIDE.replace("<worldbody>", floor).replace(
         "</body>", '<geom name="foot" size=".1" friction=".5"/></body>'

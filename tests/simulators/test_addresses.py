@@ -8,6 +8,7 @@ import pytest
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import EFFECTS
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.addresses import resolve
 from onlinebayes.simulators.mujoco.fields import FIELDS, SPEC
@@ -109,4 +110,4 @@ def test_says_what_is_wrong_and_what_is_near(arm: mujoco.MjModel, name: str, say
 
 def test_every_field_can_be_exported() -> None:
     arrays = {column.array for fields in FIELDS.values() for columns in fields.values() for column in columns}
-    assert arrays == set(SPEC)
+    assert arrays | {array for effect in EFFECTS.values() for array in effect.fields} == set(SPEC)

@@ -66,6 +66,7 @@ def test_the_registry_holds_the_contracts_names() -> None:
         "joint_stiffness",
         "cubic_stiffness",
         "constant_load",
+        "backlash",
         "cogging",
         "armature",
         "payload",

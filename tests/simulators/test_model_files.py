@@ -80,12 +80,12 @@ def folder(tmp_path: Path) -> Path:
 def test_a_hostile_model_is_one_line(folder, name):
     text, message = BAD[name]
     (folder / "model.xml").write_text(text.replace("{outside}", str(folder.parent)))
-    before, start = sorted(folder.rglob("*")), time.monotonic()
+    before, start = sorted(folder.rglob("*")), time.process_time()
     with pytest.raises(BadInput) as caught:
         compile_spec(load_spec(folder / "model.xml", root=folder))
     assert re.search(message, str(caught.value)), caught.value
     assert "\n" not in str(caught.value)
-    assert time.monotonic() - start < 5
+    assert time.process_time() - start < 5
     assert sorted(folder.rglob("*")) == before
 
 

@@ -9,7 +9,8 @@ from onlinebayes.simulators.effects.air_drag import AirDrag
 from onlinebayes.simulators.effects.armature import Armature
 from onlinebayes.simulators.effects.asymmetric_friction import AsymmetricFriction
 from onlinebayes.simulators.effects.back_emf import BackEmf
-from onlinebayes.simulators.effects.base import Contact, Effect, Reading, Scales, Seen, TargetKind
+from onlinebayes.simulators.effects.backlash import Backlash
+from onlinebayes.simulators.effects.base import Contact, Effect, Reading, Scales, Seen, Servo, TargetKind
 from onlinebayes.simulators.effects.cogging import Cogging
 from onlinebayes.simulators.effects.com_offset import ComOffset
 from onlinebayes.simulators.effects.constant_load import ConstantLoad
@@ -44,6 +45,7 @@ EFFECTS: dict[str, type[Effect]] = {
         JointStiffness,
         CubicStiffness,
         ConstantLoad,
+        Backlash,
         Cogging,
         Armature,
         Payload,
@@ -80,6 +82,7 @@ __all__ = [
     "Armature",
     "AsymmetricFriction",
     "BackEmf",
+    "Backlash",
     "Cogging",
     "ComOffset",
     "ConstantLoad",
@@ -102,6 +105,7 @@ __all__ = [
     "SensorBias",
     "SensorDelay",
     "SensorScale",
+    "Servo",
     "StribeckFriction",
     "TargetKind",
     "ThermalDerating",

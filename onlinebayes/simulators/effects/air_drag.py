@@ -68,5 +68,5 @@ class AirDrag(Effect):
 
 
 def largest_drag(scales: Scales) -> Parameter:
-    """Bounds of c up to the drag that carries the body's weight at about the speed it moves with."""
-    return Parameter(0.0, GRAVITY * scales.inertia / scales.speed**2, "N s2/m2")
+    """Bounds of c up to the drag of ten times the body's weight at about the speed it moves with."""
+    return Parameter(0.0, 10 * GRAVITY * scales.inertia / scales.speed**2, "N s2/m2")

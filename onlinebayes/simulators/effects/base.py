@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, Literal, Self
 
 import mujoco
@@ -88,6 +88,30 @@ class Scales:
 
 
 @dataclass(frozen=True)
+class Servo:
+    """The position servo of a joint: f(q, v) = clip(force - stiffness (q' - q) - damping (v' - v)) at q', v'.
+
+    As in :class:`Seen`, (N,) stands for (N, K) of K rows at once.
+
+    Args:
+        force: at the joint's present position and velocity, before the limits (N,) [N, N m].
+        stiffness: kp, on the joint (N,) [N/m, N m/rad].
+        damping: kv, on the joint (N,) [N s/m, N m s/rad].
+        low, high: its limits (N,) [N, N m]; both 0 while it is off.
+    """
+
+    force: Float[Tensor, "*batch"]
+    stiffness: Float[Tensor, "*batch"]
+    damping: Float[Tensor, "*batch"]
+    low: Float[Tensor, "*batch"]
+    high: Float[Tensor, "*batch"]
+
+    def row(self, k: int) -> Servo:
+        """Row k of K at once."""
+        return Servo(*(getattr(self, field.name)[:, k] for field in fields(self)))
+
+
+@dataclass(frozen=True)
 class Seen:
     """What an effect sees of every world at the start of an integration step, where it acts; (N, K) of K rows at once.
 
@@ -100,6 +124,7 @@ class Seen:
         command: u, the command after the input stages, summed over a joint's actuators (N,) [command units].
         hidden: the effect's own hidden state, see :meth:`Effect.rest`.
         timestep: length h of the step [s].
+        servo: the joint's position servo, for an effect that says it ``needs_servo``.
     """
 
     q: Float[Tensor, "*batch"]
@@ -108,6 +133,12 @@ class Seen:
     command: Float[Tensor, "*batch"]
     hidden: TensorDict | None
     timestep: float
+    servo: Servo | None = None
+
+    def row(self, k: int, hidden: TensorDict | None) -> Seen:
+        """Row k of K at once, with the hidden state before it."""
+        servo = None if self.servo is None else self.servo.row(k)
+        return Seen(self.q[:, k], self.v[:, k], self.drive[:, k], self.command[:, k], hidden, self.timestep, servo)
 
 
 @dataclass(frozen=True)
@@ -139,6 +170,7 @@ class Effect(ABC):
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
+        needs_servo: whether it reads the joint's position servo, of which there must be one (``Seen.servo``).
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
@@ -153,6 +185,7 @@ class Effect(ABC):
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
     needs_drive: ClassVar[bool] = False
+    needs_servo: ClassVar[bool] = False
     excludes: ClassVar[tuple[str, ...]] = ()
     needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
@@ -256,8 +289,7 @@ class Effect(ABC):
         """
         states, hidden = [], seen.hidden
         for k in range(seen.q.shape[1]):
-            row = Seen(seen.q[:, k], seen.v[:, k], seen.drive[:, k], seen.command[:, k], hidden, seen.timestep)
-            hidden = self.advance(parameters, row)
+            hidden = self.advance(parameters, seen.row(k, hidden))
             states.append(hidden)
         return None if hidden is None else TensorDict.stack(states, dim=1)
 

@@ -55,6 +55,13 @@ class ContactFriction(Effect):
         """mu is the model's own."""
         return {"friction": self.own}
 
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """Well below and above the model's own: what sticks does not show how little it might rub."""
+        low, high = self.friction.low, self.friction.high
+        parts = (low + 0.3 * (self.own - low), low + 0.7 * (self.own - low), self.own + 0.3 * (high - self.own))
+        return tuple({"friction": mu} for mu in parts)
+
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]
     ) -> None:

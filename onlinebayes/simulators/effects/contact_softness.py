@@ -65,10 +65,11 @@ class ContactSoftness(Effect):
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
-        """Contacts twice as soft, well damped and hardly."""
-        time = min(2 * self.own[0], self.time_constant.high)
+        """Contacts that decay twice and five times as slowly, hardly and well damped."""
+        times = [min(factor * self.own[0], self.time_constant.high) for factor in (2, 5)]
         low, high = self.damping_ratio.low, self.damping_ratio.high
-        return tuple({"time_constant": time, "damping_ratio": low + part * (high - low)} for part in (0.1, 0.4))
+        ratios = [low + part * (high - low) for part in (0.1, 0.4)]
+        return tuple({"time_constant": time, "damping_ratio": ratio} for time in times for ratio in ratios)
 
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]

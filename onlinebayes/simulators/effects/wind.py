@@ -82,7 +82,7 @@ class Wind(Effect):
         for name in self._velocities(self.target):
             bounds: Parameter = getattr(self, name)
             for part in (0.2, 0.4, 0.6, 0.8):
-                drag = self.drag.low + 0.02 * (self.drag.high - self.drag.low)
+                drag = self.drag.low + 0.002 * (self.drag.high - self.drag.low)
                 found.append({**self.neutral, "drag": drag, name: bounds.low + part * (bounds.high - bounds.low)})
         return tuple(found)
 

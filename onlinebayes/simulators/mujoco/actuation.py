@@ -8,6 +8,7 @@ that of the timestep before, which is no part of the state; effects need the one
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -17,6 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import Servo
 
 _GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
 _BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
@@ -90,6 +92,33 @@ class JointActuator:
 
         With K rows of each world at once ctrl, q, v and on are (N, K, ...), the fields (N, 1, ...).
         """
+        force = self._unlimited(fields, ctrl, q, v)
+        if self.force_limited:
+            force = _clip(force, fields["actuator_forcerange"][..., self.actuator, :])
+        return force * on[..., self.column]
+
+    def servo(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor, on: Tensor) -> Servo:
+        """The position servo that it is, on its joint; arguments as :meth:`force`."""
+        i, gear, works = self.actuator, self.gear(fields), on[..., self.column] > 0
+        bias, force = fields["actuator_biasprm"][..., i, :], self._unlimited(fields, ctrl, q, v)
+        # As many rows as worlds, though the fields may be one for all.
+        low, high = torch.full_like(force, -math.inf), torch.full_like(force, math.inf)
+        if self.force_limited:
+            ends = (gear[..., None] * fields["actuator_forcerange"][..., i, :]).sort(dim=-1).values
+            low, high = ends[..., 0].expand_as(force), ends[..., 1].expand_as(force)
+        none = torch.zeros_like(force)
+        stiffness, damping = ((-gear.square() * bias[..., k]).expand_as(force) for k in (1, 2))
+        return Servo(gear * force, stiffness, damping, torch.where(works, low, none), torch.where(works, high, none))
+
+    def check_servo(self, model: mujoco.MjModel, key: str) -> None:
+        """Raise :class:`BadInput` where the actuator's force does not hold a position."""
+        self.check(model, key)
+        if self.affine_gain or not self.affine_bias or not model.actuator_biasprm[self.actuator, 1] < 0:
+            problem = f"{key}: actuator '{model.actuator(self.actuator).name}' is no position servo"
+            raise BadInput(problem, "make it a <position>: a motor under a force alone cannot cross its play")
+
+    def _unlimited(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor) -> Float[Tensor, " N"]:
+        """f before its limits."""
         i = self.actuator
         gear, gain, bias = (
             self.gear(fields),
@@ -106,9 +135,7 @@ class JointActuator:
         force = slope * u
         if self.affine_bias:
             force = force + bias[..., 0] + bias[..., 1] * length + bias[..., 2] * speed
-        if self.force_limited:
-            force = _clip(force, fields["actuator_forcerange"][..., i, :])
-        return force * on[..., self.column]
+        return force
 
 
 def _clip(x: Tensor, bounds: Tensor) -> Tensor:

@@ -72,7 +72,8 @@ class Place:
                 force = actuator.force(fields, ctrl, q, v, on)
                 whole = self.effect.target_kind == "joint"
                 drive = drive + (force * actuator.gear(fields) if whole else force)
-        return Seen(q, v, drive, command, hidden, timestep)
+        servo = self.actuators[0].servo(fields, ctrl, q, v, on) if self.effect.needs_servo else None
+        return Seen(q, v, drive, command, hidden, timestep, servo)
 
 
 class ForceStage:

@@ -323,6 +323,12 @@ def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], eff
     if effect.needs_drive:
         for actuator in mine:
             actuator.check(model, effect.key)
+    if effect.needs_servo:
+        if len(mine) != 1:
+            raise BadInput(
+                f"{effect.key}: joint '{effect.target}' has {len(mine)} actuators", "it needs a single servo"
+            )
+        mine[0].check_servo(model, effect.key)
 
 
 def _joint_actuators(model: mujoco.MjModel, commands: Sequence[Command]) -> tuple[JointActuator, ...]:
