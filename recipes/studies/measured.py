@@ -35,7 +35,8 @@ def judge(name: str, data: Path) -> tuple[Row, ...]:
 
 def table(names: Sequence[str], data: Path) -> ResultTable:
     """All rows, set by set."""
-    results = ResultTable("measured", "make measured", [0])
+    some = "" if set(names) == set(sets()) else f" ({', '.join(names)})"
+    results = ResultTable("measured", f"make measured{some}", [0])
     with ThreadPoolExecutor(PROCESSES) as pool:
         for rows in pool.map(lambda name: judge(name, data), names):
             results.rows += rows
