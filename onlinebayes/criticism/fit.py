@@ -3,8 +3,8 @@
     min over theta in bounds of |r~(theta)|^2,     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high
 
 with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an
-accepted one costs a single rollout; where it is rejected, all dampings are tried in one rollout of their own. A world
-that diverges rejects its step.
+accepted one costs a single rollout; where it is rejected, all dampings are tried in one rollout of their own, and far
+from the optimum parts of the step of theta and starts together. A world that diverges rejects its step.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ STEPS = 40
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
+FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
+PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
 
 
@@ -98,7 +100,10 @@ def fit(
                 step, centred = torch.zeros_like(step), True
             moved, trial = step_to(simulator, windows, lin, current, step)
             if not moved.valid or (trial.objective > total and bool(step.any())):
-                return Fit(simulator, lin, current, True)
+                back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
+                if back is None:
+                    return Fit(simulator, lin, current, True)
+                moved, trial = back
             lin, current = moved, trial
             continue
         lin, current, centred = moved, trial, True
@@ -116,6 +121,27 @@ def best_damped(
     starts = torch.stack([lin.starts + start_shift(windows, lin, projected, step) for step in steps])
     error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
     return steps[int(error.argmin())]
+
+
+def backtracked(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+) -> tuple[Linearisation, Projected] | None:
+    """Theta and all starts moved together by part of the undamped step; None where no part lowers the error.
+
+    A damped step of theta still takes the starts all the way. Far from the truth, where they are to make up for what
+    the model lacks, that leads astray; along the joint step a small enough part always descends.
+    """
+    step, _ = bounded_step(simulator, projected, lin.theta, 0.0)
+    shift = start_shift(windows, lin, projected, step)
+    part = lin.theta.new_tensor(PARTS)
+    theta = simulator.parameters.clamp(lin.theta + part[:, None] * step)
+    starts = lin.starts + part[:, None, None] * shift
+    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
+    best = int(error.argmin())
+    if best == 0 or not bool(error[best] < (1 - SLACK) * error[0]):
+        return None
+    moved = linearise(simulator, windows, theta[best], starts[best], difference_steps(projected))
+    return (moved, project(windows, moved, projected.weight)) if moved.valid else None
 
 
 def step_to(
