@@ -8,9 +8,9 @@ r"""A car on a plane as a single track: two axles whose tyres push sideways, a m
 
 v_x, v_y velocity of the centre of mass in the car's axes [m/s], r yaw rate [rad/s], delta steering angle [rad], a and b
 distances of the axles from the centre of mass [m], W_i their loads [N], I = m a b. The 0.5 m/s keep slip angles finite
-near standstill, where tyres turn stiff and nothing is asked of them. The joints are the plane's x, y and yaw of the point that
-is tracked, ``AHEAD`` of the centre of mass. Textbook equations (H. B. Pacejka, "Tire and Vehicle Dynamics", ch. 1);
-dimensions as given by L. Lyons, T. Niesten and L. Ferranti, "DART: A Compact Platform for Autonomous Driving
+near standstill, where tyres turn stiff and nothing is asked of them. The joints are the plane's x, y and yaw of the
+point that is tracked, ``AHEAD`` of the centre of mass. Textbook equations (H. B. Pacejka, "Tire and Vehicle Dynamics",
+ch. 1); dimensions as given by L. Lyons, T. Niesten and L. Ferranti, "DART: A Compact Platform for Autonomous Driving
 Research", IEEE Intelligent Vehicles Symposium 2024.
 """
 
