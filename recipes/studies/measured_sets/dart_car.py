@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from onlinebayes.runs import Row
 from recipes.studies.measured_rows import refine
+
+from onlinebayes.runs import Row
 
 DRIVE = ("dry_friction@car", "actuator_dead_zone@throttle")
 TYRE = "tyre_saturation@front"

@@ -1,11 +1,12 @@
-"""A skid-steered vehicle: commands that were written down for another vehicle, and no law that is missing for certain."""
+"""A skid-steered vehicle: commands that were written down for another one, and no law that is missing for certain."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from onlinebayes.runs import Row
 from recipes.studies.measured_rows import refine
+
+from onlinebayes.runs import Row
 
 POSE = {"qpos.x": "m", "qpos.y": "m", "qpos.yaw": "rad"}
 SPEEDS = {"qvel.yaw": "rad/s", "qvel.left": "rad/s", "qvel.right": "rad/s"}
