@@ -1,12 +1,14 @@
-"""A 1/10 scale car: friction and dead zone on a straight, tyres that saturate in circles, grip that differs by floor."""
+"""A 1/10 scale car: friction and dead zone on a straight, tyres that saturate in circles, grip that differs by floor.
+
+``floor`` asks about a parameter and no law: its goal is a grip that differs and no effect that is accepted.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from recipes.studies.measured_rows import refine
-
 from onlinebayes.runs import Row
+from recipes.studies.measured_rows import refine
 
 DRIVE = ("dry_friction@car", "actuator_dead_zone@throttle")
 TYRE = "tyre_saturation@front"

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from recipes.studies.measured_rows import refine
-
 from onlinebayes.runs import Row
+from recipes.studies.measured_rows import refine
 
 POSE = {"qpos.x": "m", "qpos.y": "m", "qpos.yaw": "rad"}
 SPEEDS = {"qvel.yaw": "rad/s", "qvel.left": "rad/s", "qvel.right": "rad/s"}
