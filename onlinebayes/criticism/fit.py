@@ -5,7 +5,8 @@
 with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an
 accepted one costs a single rollout. Once one is rejected, no damping and all dampings are tried in one rollout before
 each step, until none is the best again: where a kink or a curved valley makes one undamped step too long it makes the
-next one, too. A world that diverges rejects its step.
+next one, too. Where all of these are refused far from the optimum, parts of the step of theta and starts together are
+tried. A world that diverges rejects its step.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
 CREEP = 0.05  # of the objective: what a step gains at least where there is hope
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
+FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
+PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
 
 
@@ -107,7 +110,10 @@ def fit(
                 return Fit(simulator, lin, current, False)
             searching = damped
         elif searching:
-            return Fit(simulator, lin, current, True)
+            back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
+            if back is None:
+                return Fit(simulator, lin, current, True)
+            lin, current = back
         elif centred:
             searching = True
         else:
@@ -134,6 +140,27 @@ def best_damped(
     error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
     best = int(error.argmin())
     return steps[best], best > 0
+
+
+def backtracked(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+) -> tuple[Linearisation, Projected] | None:
+    """Theta and all starts moved together by part of the undamped step; None where no part lowers the error.
+
+    A damped step of theta still takes the starts all the way. Far from the truth, where they are to make up for what
+    the model lacks, that leads astray; along the joint step a small enough part always descends.
+    """
+    step, _ = bounded_step(simulator, projected, lin.theta, 0.0)
+    shift = start_shift(windows, lin, projected, step)
+    part = lin.theta.new_tensor(PARTS)
+    theta = simulator.parameters.clamp(lin.theta + part[:, None] * step)
+    starts = lin.starts + part[:, None, None] * shift
+    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
+    best = int(error.argmin())
+    if best == 0 or not bool(error[best] < (1 - SLACK) * error[0]):
+        return None
+    moved = linearise(simulator, windows, theta[best], starts[best], difference_steps(projected))
+    return (moved, project(windows, moved, projected.weight)) if moved.valid else None
 
 
 def step_to(

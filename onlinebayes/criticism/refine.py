@@ -66,7 +66,7 @@ def compare(
 
     Args:
         simulator: the model; its parameters are free within their bounds.
-        measurement: runs of commands and signals; every joint needs its position.
+        measurement: runs of commands and signals; every joint needs its position or its velocity.
         holdout: runs kept for the reported error; None for the last third of the runs, or of the only run's time.
         selection: how effects are judged.
         scope: which parameters differ between runs; None for none.

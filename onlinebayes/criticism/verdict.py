@@ -18,9 +18,11 @@ import torch
 
 from onlinebayes.criticism.blocks import APART, FEWEST
 from onlinebayes.criticism.fit import Fit
+from onlinebayes.criticism.projection import row_weights, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict
 from onlinebayes.criticism.score import CrossValidated, score_gain
+from onlinebayes.criticism.strays import best_starts
 from onlinebayes.criticism.windows import Windows
 
 SAME = 0.01
@@ -32,10 +34,15 @@ AT_FLOOR = 1.2
 def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened: bool) -> dict[str, float]:
     """Start-projected RMS at the rows over the floor, by signal; 1 on null sets.
 
-    The fit's starts are the best ones, so that its own replay is the projected one. The integration error counts as
-    floor where it cannot be helped, not where the step was chosen coarse because the misfit is gross.
+    Replayed from each window's best start: the fit's own, or where its linearisation says that the best one is. The
+    integration error counts as floor where it cannot be helped, not where the step was chosen coarse because the misfit
+    is gross.
     """
-    signals, _ = replay(fitted.simulator, windows, fitted.theta[None], fitted.lin.starts[None])
+    shift = start_shift(windows, fitted.lin, fitted.projected, torch.zeros_like(fitted.theta))
+    candidates = fitted.lin.starts + torch.stack([torch.zeros_like(shift), shift])
+    weight = row_weights(windows, torch.ones_like(windows.noise))
+    starts = best_starts(fitted.simulator, windows, weight, fitted.theta, candidates)
+    signals, _ = replay(fitted.simulator, windows, fitted.theta[None], starts[None])
     seen = windows.observed
     square = torch.where(seen, windows.value - signals[0], torch.zeros_like(windows.value)).square()
     rms = (square.sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()

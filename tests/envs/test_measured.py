@@ -10,7 +10,7 @@ from envs.measured.dart_car import SingleTrack
 from envs.measured.dart_car.single_track import GRAVITY, MASS_FRONT, MASS_REAR, WHEELBASE
 from envs.measured.dart_car.tyres import TyreSaturation
 from envs.measured.skid_steer import SkidSteer
-from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip, WheelSaturation
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import TorchSimulator
@@ -32,7 +32,7 @@ def driven(system: TorchSimulator, command: list[float], seconds: float, speed: 
 
 @pytest.mark.parametrize(
     "system",
-    [SkidSteer(["radius", "track", "x_icr", "wheel_lag"]), SingleTrack(["steering_angle", "cornering_front", "gear"])],
+    [SkidSteer(["radius", "track", "x_icr", "wheel_lag"]), SingleTrack(["steering_trim", "cornering_front", "gear"])],
 )
 def test_they_keep_the_contract_of_simulators(system: TorchSimulator) -> None:
     check_simulator(system, atol=ROUNDING)
@@ -43,6 +43,7 @@ def test_they_keep_the_contract_of_simulators(system: TorchSimulator) -> None:
     [
         (SkidSteer(["radius"]), TurningSlip("vehicle", Parameter(0.0, 1.0, "s/rad"))),
         (SkidSteer(["radius"]), SideAsymmetry("vehicle", Parameter(-0.3, 0.3, "1"))),
+        (SkidSteer(["radius"]), WheelSaturation("vehicle", Parameter(0.1, 100.0, "rad/s"))),
         (SingleTrack(["steering_angle"]), TyreSaturation("front", CURVATURE)),
         (SingleTrack(["steering_angle"]), TyreSaturation("rear", CURVATURE)),
     ],
@@ -58,6 +59,15 @@ def test_a_law_belongs_to_its_own_system() -> None:
         SingleTrack(["gear"]).with_effect(TyreSaturation("fron", CURVATURE))
 
 
+def test_no_wheel_turns_faster_than_its_limit() -> None:
+    vehicle = SkidSteer(["travel_gain"]).with_effect(WheelSaturation("vehicle", Parameter(0.1, 100.0, "rad/s")))
+    theta = torch.tensor([[2.0, 6.0]]).double()
+    state = TensorDict({"qpos": torch.zeros(1, 5), "qvel": torch.zeros(1, 5)}, batch_size=(1,))
+    inputs = TensorDict({"command": torch.tensor([[[2.0, 4.0]]]).double()}, batch_size=(1, 1))
+    end = vehicle.rollout(theta, state.double(), inputs, torch.tensor([4.0]).double())[0, 0]
+    assert end["qvel"][:2].tolist() == pytest.approx([5.0, 6.0], abs=1e-6)  # told 5 and 7
+
+
 def test_wheels_that_turn_alike_drive_straight_and_others_turn_about_the_centre_of_rotation() -> None:
     vehicle = SkidSteer(["radius"])
     r, b = vehicle.defaults["radius"], vehicle.defaults["track"]
@@ -68,13 +78,20 @@ def test_wheels_that_turn_alike_drive_straight_and_others_turn_about_the_centre_
 
 
 def test_a_car_turns_as_its_understeer_gradient_says() -> None:
-    """Steady turn of a linear single track: r = v delta / (L + K v^2), K = (1 / c_f - 1 / c_r) / g."""
+    """Steady turn of a linear single track: r = v delta / (L + K v u), K = (1 / c_f - 1 / c_r) / g.
+
+    u is what slip angles are taken against, v itself but for the softening near standstill.
+    """
 
     class Steady(SingleTrack):
         defaults = {  # noqa: RUF012
             **SingleTrack.defaults,
-            **{"steering_angle": 0.02, "cornering_front": 4.0, "cornering_rear": 8.0, "gear": 0.0},
-            **{"damping": 0.0, "rolling": 0.0},
+            "steering_angle": 0.02,
+            "cornering_front": 4.0,
+            "cornering_rear": 8.0,
+            "gear": 0.0,
+            "damping": 0.0,
+            "rolling": 0.0,
         }
 
     end = driven(Steady(["grip"]), [0.0], 3.0, speed=1.0)
@@ -83,5 +100,4 @@ def test_a_car_turns_as_its_understeer_gradient_says() -> None:
     loads = (MASS_FRONT * WHEELBASE / 0.093, MASS_REAR * WHEELBASE / (WHEELBASE - 0.093))
     assert loads == pytest.approx((MASS_FRONT + MASS_REAR,) * 2, rel=2e-3)  # the weighed loads fit the centre of mass
     gradient = (1 / 4.0 - 1 / 8.0) / GRAVITY
-    u = math.hypot(v, 0.5)  # what slip angles are taken against
-    assert rate == pytest.approx(v * 0.02 / (WHEELBASE * v / u + gradient * v * v), rel=0.01)
+    assert rate == pytest.approx(v * 0.02 / (WHEELBASE + gradient * v * math.hypot(v, 0.5)), rel=0.01)

@@ -1,11 +1,13 @@
 r"""A skid-steered vehicle: two tracks of wheels, each driven at a commanded speed, and a body that follows them.
 
-    T_w d w_i / dt = u_i - w_i                           wheel speed of a side, i = left, right [rad/s]
+    w*_left, w*_right = g_v (u_left + u_right) / 2 -+ g_t (u_right - u_left) / 2
+    T_w d w_i / dt = w*_i - w_i                          wheel speed of a side, i = left, right [rad/s]
     v_k     = r (w_right + w_left) / 2                   forward [m/s]
     omega_k = r (w_right - w_left) / b                   yaw rate [rad/s]
     (dx, dy) / dt -> R(yaw) (v_k, -x_icr omega_k),   d yaw / dt -> omega_k,       each within T_g
 
-u_i commanded wheel speed [rad/s], r radius [m], b effective track [m], x_icr how far the instantaneous centre of
+u_i commanded wheel speed [rad/s], of which the driver makes g_v for travel and g_t for turning: commands that were
+written down for another radius and track arrive so. r radius [m], b effective track [m], x_icr how far the centre of
 rotation lies in front of the body's origin [m]. The wheels' grip draws the body to its kinematic velocity within T_g.
 After Mandow et al. (see ``laws``); the vehicle is the Clearpath Husky of D. Baril, S.-P. Deschenes, L. Coupal,
 C. Goffin, J. Lepine, P. Giguere and F. Pomerleau, "DRIVE: Data-driven Robot Input Vector Exploration", ICRA 2024.
@@ -19,7 +21,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip, WheelSaturation
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 
@@ -32,11 +34,21 @@ class SkidSteer(TorchSimulator):
             "radius": Parameter(0.01, 1.0, "m"),
             "track": Parameter(0.1, 10.0, "m"),
             "x_icr": Parameter(-2.0, 2.0, "m"),
+            "travel_gain": Parameter(0.0, 10.0, "1"),
+            "turn_gain": Parameter(0.0, 10.0, "1"),
             "wheel_lag": Parameter(0.02, 2.0, "s"),
             "grip_lag": Parameter(0.02, 2.0, "s"),
         }
     )
-    defaults = {"radius": 0.165, "track": 0.55, "x_icr": 0.0, "wheel_lag": 0.1, "grip_lag": 0.05}  # noqa: RUF012
+    defaults = {  # noqa: RUF012
+        "radius": 0.165,
+        "track": 0.55,
+        "x_icr": 0.0,
+        "travel_gain": 1.0,
+        "turn_gain": 1.0,
+        "wheel_lag": 0.1,
+        "grip_lag": 0.05,
+    }
     joints = (
         Joint("left", "hinge"),
         Joint("right", "hinge"),
@@ -46,7 +58,7 @@ class SkidSteer(TorchSimulator):
     )
     actuators = (Actuator("left", "left"), Actuator("right", "right"))
     bodies = {"vehicle": (50.0, 1.0)}  # noqa: RUF012
-    laws = (TurningSlip, SideAsymmetry)
+    laws = (TurningSlip, SideAsymmetry, WheelSaturation)
     timestep = 0.01
 
     def acceleration(
@@ -56,7 +68,7 @@ class SkidSteer(TorchSimulator):
         v: Float[Tensor, "J N"],
         tau: Float[Tensor, "J N"],
     ) -> Float[Tensor, "J N"]:
-        """Of wheels [rad/s^2] and body [m/s^2, rad/s^2]; ``tau`` of a wheel is what it is told to turn at [rad/s]."""
+        """Of wheels [rad/s^2] and body [m/s^2, rad/s^2]; ``tau`` of the wheels is their command [rad/s]."""
         uneven = parameters["side_asymmetry@vehicle.asymmetry"]
         left, right = v[0] * (1 - uneven), v[1] * (1 + uneven)
         forward = 0.5 * parameters["radius"] * (right + left)
@@ -64,9 +76,19 @@ class SkidSteer(TorchSimulator):
         rate = rate / (1 + parameters["turning_slip@vehicle.slip"] * rate.abs())
         aside = -parameters["x_icr"] * rate
         cos, sin = torch.cos(q[4]), torch.sin(q[4])
-        wheels = (tau[:2] - v[:2]) / parameters["wheel_lag"]
+        wheels = (_told(parameters, tau[0], tau[1]) - v[:2]) / parameters["wheel_lag"]
         kinematic = torch.stack((cos * forward - sin * aside, sin * forward + cos * aside, rate))
         return torch.cat((wheels, (kinematic - v[2:]) / parameters["grip_lag"] + tau[2:]))
+
+
+def _told(
+    parameters: Mapping[str, Tensor], left: Float[Tensor, " N"], right: Float[Tensor, " N"]
+) -> Float[Tensor, "2 N"]:
+    """Speeds that the driver asks of the wheels [rad/s]."""
+    travel = 0.5 * parameters["travel_gain"] * (left + right)
+    turn = 0.5 * parameters["turn_gain"] * (right - left)
+    limit = parameters["wheel_saturation@vehicle.limit"]
+    return torch.stack((travel - turn, travel + turn)).clamp(-limit, limit)
 
 
 def build(parameters: ParameterSpace) -> SkidSteer:
