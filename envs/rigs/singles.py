@@ -57,7 +57,7 @@ SLIDE_DRIVE = Rig(
         HiddenEffect("parameter_drift@joint.carriage.damping", {"rate": 1.7}),
     ),
     outside=(
-        HiddenEffect("flexible_mode@carriage", {"mass": 0.99}, {"frequency": 7.0}),
+        HiddenEffect("flexible_mode@carriage", {"mass": 0.99}, {"frequency": 1.5}),
         HiddenEffect("periodic@carriage", {"amplitude": 0.62}, {"frequency": 1.7, "phase": 0.3}),
         HiddenEffect("hysteresis@carriage", {"amplitude": 0.63}, {"width": 0.08}),
     ),
@@ -66,7 +66,6 @@ SLIDE_DRIVE = Rig(
             HiddenEffect("back_emf@motor", {"constant": 0.01}), "viscous_friction@carriage", ("joint.carriage.damping",)
         ),
         Tie(HiddenEffect("payload@carriage", {"mass": 1.1}), "armature@carriage", ("body.carriage.mass",)),
-        Tie(HiddenEffect("constant_load@carriage", {"load": 0.1}), "gravity_tilt@world"),
     ),
     alike=(
         ("constant_load@carriage", "gravity_tilt@world"),
@@ -118,15 +117,16 @@ SWING = Rig(
     outside=(
         HiddenEffect("detent@hinge", {"amplitude": 0.036}, {"poles": 4.0, "speed": 1.0}),
         HiddenEffect("periodic@hinge", {"amplitude": 0.033}, {"frequency": 1.3, "phase": 0.9}),
-        HiddenEffect("flexible_mode@hinge", {"mass": 0.0028}, {"frequency": 4.0}),
+        HiddenEffect("flexible_mode@hinge", {"mass": 0.0028}, {"frequency": 1.8}),
     ),
     ties=(
         Tie(HiddenEffect("back_emf@motor", {"constant": 0.02}), "viscous_friction@hinge", ("joint.hinge.damping",)),
         Tie(HiddenEffect("gravity_tilt@world", {"angle": 0.0058}), "sensor_bias@qpos.hinge"),
     ),
     alike=(
-        ("com_offset@bob", "gravity_tilt@world", "sensor_bias@qpos.hinge"),
-        ("armature@hinge", "com_offset@bob.z"),
+        ("com_offset@bob", "gravity_tilt@world.x", "sensor_bias@qpos.hinge"),
+        # Inertia over weight; a tilt along the hinge's axis takes weight away.
+        ("armature@hinge", "com_offset@bob.z", "gravity_tilt@world.y"),
         ("actuator_delay@motor", "sensor_delay@qpos.hinge"),
     ),
 )
@@ -180,7 +180,7 @@ POSITION_SERVO = Rig(
     outside=(
         HiddenEffect("detent@horn", {"amplitude": 0.052}, {"poles": 9.0, "speed": 1.0}),
         HiddenEffect("hysteresis@horn", {"amplitude": 0.058}, {"width": 0.5}),
-        HiddenEffect("flexible_mode@horn", {"mass": 0.00077}, {"frequency": 6.0}),
+        HiddenEffect("flexible_mode@horn", {"mass": 0.00077}, {"frequency": 2.2}),
     ),
     ties=(Tie(HiddenEffect("back_emf@servo", {"constant": 0.071}), "viscous_friction@horn", ("joint.horn.damping",)),),
     alike=(
@@ -228,7 +228,7 @@ PUSHED_BLOCK = Rig(
     ),
     outside=(
         HiddenEffect("periodic@along", {"amplitude": 0.59}, {"frequency": 2.3, "phase": 0.2}),
-        HiddenEffect("flexible_mode@along", {"mass": 0.053}, {"frequency": 5.0}),
+        HiddenEffect("flexible_mode@along", {"mass": 0.053}, {"frequency": 1.5}),
     ),
     ties=(Tie(HiddenEffect("contact_friction@block", {"friction": 0.018}, neutral=0.3), "dry_friction@along"),),
     alike=(
@@ -265,20 +265,20 @@ THROWN_BALL = Rig(
         start=(3.0, 3.0, 8.0),
     ),
     effects=(
-        HiddenEffect("air_drag@ball", {"drag": 0.00023}),
-        HiddenEffect("wind@world", {"drag": 0.00021}, {"x": 3.0}),
-        HiddenEffect("gravity_tilt@world", {"angle": 0.012}),
-        HiddenEffect("constant_load@y", {"load": 0.028}),
-        HiddenEffect("actuator_gain@jet_y", {"gain": 0.23}),
-        HiddenEffect("actuator_lag@jet_x", {"time_constant": 0.047}),
-        HiddenEffect("actuator_delay@jet_x", {"delay": 0.04}),
-        HiddenEffect("viscous_friction@x", {"damping": 0.027}),
+        HiddenEffect("air_drag@ball", {"drag": 4e-05}),
+        HiddenEffect("wind@world", {"drag": 3.9e-05}, {"x": 3.0}),
+        HiddenEffect("gravity_tilt@world", {"angle": 0.015}),
+        HiddenEffect("constant_load@y", {"load": 0.023}),
+        HiddenEffect("actuator_gain@jet_y", {"gain": 0.21}),
+        HiddenEffect("actuator_lag@jet_x", {"time_constant": 0.079}),
+        HiddenEffect("actuator_delay@jet_x", {"delay": 0.06}),
+        HiddenEffect("viscous_friction@x", {"damping": 0.036}),
     ),
     outside=(
         HiddenEffect("periodic@x", {"amplitude": 0.075}, {"frequency": 2.7, "phase": 0.4}),
-        HiddenEffect("flexible_mode@y", {"mass": 0.028}, {"frequency": 3.0}),
+        HiddenEffect("flexible_mode@y", {"mass": 0.028}, {"frequency": 1.3}),
     ),
-    ties=(Tie(HiddenEffect("constant_load@x", {"load": 0.024}), "gravity_tilt@world"),),
+    ties=(Tie(HiddenEffect("back_emf@jet_x", {"constant": 0.015}), "viscous_friction@x"),),
     alike=(
         ("constant_load@x", "gravity_tilt@world"),
         ("constant_load@y", "gravity_tilt@world.y"),
