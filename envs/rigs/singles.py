@@ -120,8 +120,8 @@ SWING = Rig(
         HiddenEffect("flexible_mode@hinge", {"mass": 0.0028}, {"frequency": 1.8}),
     ),
     ties=(
-        Tie(HiddenEffect("back_emf@motor", {"constant": 0.02}), "viscous_friction@hinge", ("joint.hinge.damping",)),
-        Tie(HiddenEffect("gravity_tilt@world", {"angle": 0.0058}), "sensor_bias@qpos.hinge"),
+        Tie(HiddenEffect("back_emf@motor", {"constant": 0.004}), "viscous_friction@hinge", ("joint.hinge.damping",)),
+        Tie(HiddenEffect("gravity_tilt@world", {"angle": 0.003}), "sensor_bias@qpos.hinge"),
     ),
     alike=(
         ("com_offset@bob", "gravity_tilt@world.x", "sensor_bias@qpos.hinge"),
@@ -278,7 +278,7 @@ THROWN_BALL = Rig(
         HiddenEffect("periodic@x", {"amplitude": 0.075}, {"frequency": 2.7, "phase": 0.4}),
         HiddenEffect("flexible_mode@y", {"mass": 0.028}, {"frequency": 1.3}),
     ),
-    ties=(Tie(HiddenEffect("back_emf@jet_x", {"constant": 0.015}), "viscous_friction@x"),),
+    ties=(Tie(HiddenEffect("back_emf@jet_x", {"constant": 0.036}), "viscous_friction@x"),),
     alike=(
         ("constant_load@x", "gravity_tilt@world"),
         ("constant_load@y", "gravity_tilt@world.y"),

@@ -249,3 +249,25 @@ def test_sizes_step_towards_the_medium_ratio() -> None:
     # A limit: nothing at 0.1, too much at 1.
     assert next_scale([(1.0, 20.0), (0.13, 1.0)]) == pytest.approx((1.0 * 0.13) ** 0.5)
     assert effect.resized(2.0).size == {name: 2 * value for name, value in effect.size.items()}
+
+
+# --- a sample of the study -------------------------------------------------------------------------------------------
+
+
+@unchecked
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("rig", "kind", "seed"),
+    [
+        ("swing", "effect", 2),
+        ("swing", "null", 0),
+        ("thrown_ball", "null", 0),
+        ("thrown_ball", "bounds", 0),
+        ("thrown_ball", "wiring", 0),
+        ("thrown_ball", "short", 0),
+    ],
+)
+def test_a_case_is_answered_rightly(rig: str, kind: str, seed: int) -> None:
+    judged = Judge()(Job(rig, kind, seed))
+    assert not judged.missed
+    assert judged.counts

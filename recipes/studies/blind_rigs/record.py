@@ -30,7 +30,7 @@ RIGHT: Mapping[str, Verdict] = {
 # Words of which the named fault must hold one; a command's unit is too large or too small.
 CURES: Mapping[str, tuple[str, ...]] = {
     "sign": ("sign",),
-    "degrees": ("radians for degrees", "degrees for radians"),
+    "degrees": ("degrees for radians",),
     "offset": ("zero",),
     "swapped": ("swapped",),
     "latency": ("late",),
