@@ -184,9 +184,12 @@ def test_a_study_goes_on_from_its_finished_cases(
     assert "MISS swing-null-0" in (few.results / "blind-rigs.md").read_text()
 
 
-def test_an_unknown_rig_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="crane"):
-        main(Study(rigs=("crane",), out=tmp_path))
+@pytest.mark.parametrize(
+    ("study", "problem"), [(Study(rigs=("crane",)), "rig 'crane'"), (Study(processes=0), "0 processes")]
+)
+def test_what_cannot_be_run_is_refused(study: Study, problem: str) -> None:
+    with pytest.raises(BadInput, match=problem):
+        main(study)
 
 
 def test_the_table_counts_and_lists_every_miss() -> None:
