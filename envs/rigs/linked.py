@@ -69,7 +69,7 @@ CART_POLE = Rig(
     outside=(
         HiddenEffect("detent@hinge", {"amplitude": 0.0079}, {"poles": 6.0, "speed": 1.0}),
         HiddenEffect("periodic@slider", {"amplitude": 0.11}, {"frequency": 1.9, "phase": 0.1}),
-        HiddenEffect("flexible_mode@slider", {"mass": 0.24}, {"frequency": 5.0}),
+        HiddenEffect("flexible_mode@slider", {"mass": 0.24}, {"frequency": 1.0}),
     ),
     ties=(
         Tie(HiddenEffect("back_emf@motor", {"constant": 0.022}), "viscous_friction@slider", ("joint.slider.damping",)),
@@ -142,7 +142,7 @@ TWO_LINK_ARM = Rig(
     outside=(
         HiddenEffect("detent@elbow", {"amplitude": 0.053}, {"poles": 5.0, "speed": 1.0}),
         HiddenEffect("periodic@shoulder", {"amplitude": 0.069}, {"frequency": 1.1, "phase": 0.6}),
-        HiddenEffect("flexible_mode@shoulder", {"mass": 0.0037}, {"frequency": 5.0}),
+        HiddenEffect("flexible_mode@shoulder", {"mass": 0.0037}, {"frequency": 1.4}),
     ),
     ties=(
         Tie(
@@ -219,7 +219,7 @@ SIX_JOINT_ARM = Rig(
     outside=(
         HiddenEffect("detent@j4", {"amplitude": 0.086}, {"poles": 10.0, "speed": 0.5}),
         HiddenEffect("periodic@j1", {"amplitude": 0.4}, {"frequency": 1.6, "phase": 0.6}),
-        HiddenEffect("flexible_mode@j2", {"mass": 0.062}, {"frequency": 5.0}),
+        HiddenEffect("flexible_mode@j2", {"mass": 0.062}, {"frequency": 1.0}),
     ),
     ties=(Tie(HiddenEffect("back_emf@m1", {"constant": 0.8}), "viscous_friction@j1", ("joint.j1.damping",)),),
     alike=(("actuator_delay@m3", "actuator_lag@m3"), ("actuator_delay@m1", "actuator_lag@m1")),

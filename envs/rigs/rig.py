@@ -127,7 +127,8 @@ class Rig:
         equations: values -> equations of motion.
         protocol: how it is recorded.
         effects: what may hide in it.
-        outside: what may hide in it and no vocabulary names.
+        outside: what may hide in it and no vocabulary names. A mode lies in the band of the inputs: one far above it is
+            a mass.
         ties: pairs of effects that the cases of kind ``tie`` are made with.
         alike: groups of effects that no input parts on this rig while ``free`` is free: the right name of one of them
             is the name of any.

@@ -36,6 +36,8 @@ COMMAND = {
     -1.0: "the reversed sign",
     1e-3: "thousandths (such as millivolts) for the unit itself",
     1e3: "the unit itself for thousandths",
+    0.1: "ten times too large",
+    10.0: "ten times too small",
     math.pi / 180: "degrees for radians",
     180 / math.pi: "radians for degrees",
 }

@@ -45,6 +45,10 @@ PENDULUM_FAULTS = {
         Rescaled("command", ("motor",), 1e3, ""),
         Rescaled("command", ("motor",), 1e-3, "thousandths (such as millivolts) for the unit itself"),
     ),
+    "tenfold": (
+        Rescaled("command", ("motor",), 10.0, ""),
+        Rescaled("command", ("motor",), 0.1, "ten times too large"),
+    ),
     "zero": (Offset(POSITION, -math.pi / 2), Offset(POSITION, math.pi / 2)),
 }
 ARM_FAULTS = {

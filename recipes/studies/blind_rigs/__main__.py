@@ -73,12 +73,14 @@ def main(study: Study) -> int:
     """Judge what is not judged yet, write the table and print its overall rows; returns the exit status."""
     if unknown := set(study.rigs) - set(RIGS):
         raise BadInput(f"rig '{unknown.pop()}' is unknown", f"use some of {', '.join(RIGS)}")
-    wanted, code = study.jobs, code_mark()
+    if study.processes < 1:
+        raise BadInput(f"{study.processes} processes cannot judge anything", "use one or more")
+    wanted, code = study.jobs, code_mark(study.candidates)
     found = kept(study.cases, wanted)
     todo = [job for job in wanted if job.name not in found]
     print(f"{len(wanted)} cases, {len(found)} of them judged before (in {study.cases})", file=sys.stderr)
     if old := sum(judged.code != code for judged in found.values()):
-        print(f"{old} of these were judged by other code: remove their files to judge them anew", file=sys.stderr)
+        print(f"{old} of them by other code or with other candidates: remove their files to go anew", file=sys.stderr)
     try:
         judge_all(study, todo, found, code)
     except KeyboardInterrupt:
@@ -117,9 +119,9 @@ def kept(folder: Path, wanted: Iterable[Job]) -> dict[str, Judged]:
     return found
 
 
-def code_mark() -> str:
-    """A mark of the library and of the rigs: the same code, the same mark."""
-    digest = hashlib.sha256()
+def code_mark(candidates: Iterable[str]) -> str:
+    """A mark of the library, of the rigs and of what refine may try: one study has one mark."""
+    digest = hashlib.sha256(" ".join(candidates).encode())
     for package in (onlinebayes, envs.rigs):
         folder = Path(str(package.__file__)).parent
         for file in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".xml")):

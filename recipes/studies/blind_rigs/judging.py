@@ -73,7 +73,9 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
     equal = next((c.indistinguishable_from for c in result.candidates if c.effect in result.accepted[:1]), ())
     error = result.heldout_error
     truth = true_values(made, result.final.simulator)
-    covered, intervals = _coverage(result, truth) if set(result.accepted) == set(hidden) else (0, 0)
+    # Of a miswired log or of a second's motion the parameters are nobody's.
+    meant = made.kind in ("effect", "null") and set(result.accepted) == set(hidden)
+    covered, intervals = _coverage(result, truth) if meant else (0, 0)
     return replace(
         _asked(made),
         verdict=result.verdict or "",

@@ -27,6 +27,16 @@ RIGHT: Mapping[str, Verdict] = {
     "wiring": "data_problem",
     "short": "insufficient_data",
 }
+# Words of which the named fault must hold one; a command's unit is too large or too small.
+CURES: Mapping[str, tuple[str, ...]] = {
+    "sign": ("sign",),
+    "degrees": ("degrees for radians",),
+    "offset": ("zero",),
+    "swapped": ("swapped",),
+    "latency": ("late",),
+    "actuator_off": ("off",),
+    "gravity_compensation": ("gravity",),
+}
 SIZES: Mapping[str, tuple[float, float]] = {
     "faint": (0.0, 1.3),
     "weak": (1.3, 2.0),
@@ -122,6 +132,8 @@ class Judged:
             return False
         if self.kind == "tie":
             return all(members & {*self.accepted[:1], *self.equal} for members in self._members())
+        if self.kind == "wiring":
+            return self._cured()
         return self.kind != "bounds" or self.widened == (self.fault,)
 
     @property
@@ -172,6 +184,12 @@ class Judged:
         """Both sides of a tie, each in every spelling."""
         hidden = frozenset[str]().union(*(spellings(key) for key in self.hidden))
         return hidden, frozenset[str]().union(*(spellings(key) for key in self.partners))
+
+    def _cured(self) -> bool:
+        """Whether the fault that was named is the one that was made: a wrong cure is no right answer."""
+        kind, _, rest = self.fault.partition(" ")
+        words = CURES[kind] if kind in CURES else ("large",) if rest.endswith(" 10") else ("small",)
+        return any(word in self.wiring for word in words)
 
     def _equals_are_partners(self) -> bool:
         """Whether a tie on an effect set is the rig's own: its members are names of what is hidden."""

@@ -83,9 +83,9 @@ def calibrate(rig: Rig, effects: tuple[HiddenEffect, ...], steps: int) -> Iterat
 
 
 def error_at(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> float:
-    """Held-out error of the base model, fitted to a case with that effect [noise]; infinite where it diverges."""
+    """Held-out error of the base model, fitted to a case with that effect [floors]; infinite where it diverges."""
     try:
-        return base_error(loaded(sized_case(rig, effect, scale, seed)))[0]
+        return base_error(loaded(sized_case(rig, effect, scale, seed)))
     except BadInput:
         return math.inf
 
@@ -106,7 +106,8 @@ def main(calibration: Calibration) -> None:
     torch.set_num_threads(1)
     for name in calibration.rigs:
         rig = RIGS[name]
-        wanted = tuple(e for e in rig.effects if not calibration.effects or e.key in calibration.effects)
+        known = (*rig.effects, *rig.outside)
+        wanted = tuple(e for e in known if not calibration.effects or e.key in calibration.effects)
         began = time.monotonic()
         for sized in calibrate(rig, wanted, calibration.steps):
             ratios = " ".join(f"{ratio:.2f}" for ratio in sized.ratios)

@@ -164,7 +164,7 @@ def told(judged: Judged) -> str:
 
 
 def _ratio(judged: Judged) -> str:
+    size = judged.size if judged.kind == "effect" else ""
     errors = (judged.before, judged.after, judged.reference)
-    if judged.before is None:
-        return f", {judged.level}" if judged.level else ""
-    return f", {judged.size} {' '.join('-' if e is None else f'{e:.2f}' for e in errors)}".replace("  ", " ")
+    told = "" if judged.before is None else " ".join("-" if e is None else f"{e:.2f}" for e in errors)
+    return "".join(f", {part}" for part in (size, told) if part)

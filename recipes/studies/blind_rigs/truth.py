@@ -18,7 +18,7 @@ from torch import Tensor
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism.candidates import grown, propose
-from onlinebayes.criticism.heldout import replay_error, replay_runs
+from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.split import split
@@ -51,21 +51,26 @@ def true_error(made: BlindCase, problem: Problem, floor: Mapping[str, float]) ->
         return None
 
 
-def base_error(problem: Problem) -> tuple[float, Grounds]:
-    """Held-out error of the base model, fitted [noise], and the fit."""
+def base_error(problem: Problem) -> float:
+    """Held-out error of the base model, fitted [floors]."""
     fit_runs, _ = split(problem.measurement, problem.holdout)
-    grounds = ground(problem.simulator, fit_runs, problem.selection)
-    signals = [signal.name for signal in fit_runs.signals]
-    return held_error(problem, grounds, dict(zip(signals, grounds.windows.noise.tolist(), strict=True))), grounds
+    return held_error(problem, ground(problem.simulator, fit_runs, problem.selection))
 
 
-def held_error(problem: Problem, grounds: Grounds, floor: Mapping[str, float]) -> float:
-    """RMS over the held-out windows of a fitted model, as the report counts it [floors]."""
-    model, horizon = grounds.fitted.simulator, problem.selection.horizon_s
+def held_error(problem: Problem, grounds: Grounds, floor: Mapping[str, float] | None = None) -> float:
+    """RMS over the held-out windows of a fitted model, as the report counts it [floors].
+
+    Args:
+        problem: gives the runs.
+        grounds: the fit.
+        floor: signal -> floor; that of the fitted model when not given.
+    """
+    model, theta, horizon = grounds.fitted.simulator, grounds.fitted.theta, problem.selection.horizon_s
     _, held = split(problem.measurement, problem.holdout)
+    signals = tuple(signal.name for signal in held.signals)
     windows = make_windows(model, held, horizon, MEMORY * horizon, grounds.windows.noise, inset=True)
-    replays = replay_runs(model, windows, grounds.fitted.theta, held_out=True)
-    return in_floors(replay_error(replays, tuple(signal.name for signal in held.signals)), floor)
+    error = replay_error(replay_runs(model, windows, theta, held_out=True), signals)
+    return in_floors(error, floor or start_floor(windows, start_spread(model, windows, theta), signals))
 
 
 def in_floors(error: Mapping[str, float], floor: Mapping[str, float]) -> float:
