@@ -25,10 +25,9 @@ from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.play import predicted
 from onlinebayes.criticism.experiment.rivals import Explanation, Pair, rows_of
 from onlinebayes.criticism.fit import bounded_least_squares, difference_steps, fit
-from onlinebayes.criticism.numerics import DEAD_TIME
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Signal
 from onlinebayes.runs import BadInput
 
@@ -95,7 +94,7 @@ def predicted_windows(
     """What the truth would measure under the inputs, cut like the present data; run n is input n."""
     model = pair.other.hypothesis.simulator
     measurement = predicted(pair.truth, inputs, signals, model.commands)
-    return make_windows(model, measurement, present.horizon, DEAD_TIME * present.horizon, noise)
+    return make_windows(model, measurement, present.horizon, MEMORY * present.horizon, noise)
 
 
 def _joined(present: Windows, new: Windows) -> Windows:
