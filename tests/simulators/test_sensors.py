@@ -76,6 +76,13 @@ def test_batched_equals_single_and_effects_keep_the_sensors(inputs) -> None:
     assert grown.with_timestep(0.001).with_worlds(2).signals == grown.signals
 
 
+def test_every_other_form_of_the_simulator_keeps_the_sensors() -> None:
+    simulator = MujocoSimulator(SWING, SPACE, sensors=SENSORS)
+    wider = simulator.with_bounds("joint.swing.damping", Parameter(0.0, 2.0))
+    for other in (wider, simulator.with_worlds(2), simulator.with_timestep(0.001), simulator.with_runge_kutta()):
+        assert other.signals == simulator.signals
+
+
 @pytest.mark.parametrize(
     ("sensor", "message"),
     [

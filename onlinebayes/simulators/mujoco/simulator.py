@@ -224,7 +224,7 @@ class MujocoSimulator(Simulator):
         """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
         system = self._system
         space = system.base_parameters.replaced(name, parameter)
-        return type(self)(system.source, space, self.worlds, self.dt, self._threads, self.effects)
+        return type(self)(system.source, space, self.worlds, self.dt, self._threads, self.effects, system.sensors)
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
