@@ -181,17 +181,19 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
 def _body_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:
     """Mass and size of a body, or the largest ones of the world; the speed of the moving mass on all joints at once.
 
-    A joint whose inertia is I moves the mass M at a distance of about sqrt(I / M) from its axis.
+    A hinge whose inertia is I moves the mass M at a distance of about sqrt(I / M) from its axis, and a free body turns
+    about its own centre.
     """
-    sizes, kinds = simulator.body_sizes, simulator.joint_kinds
+    sizes, kinds, hinges = simulator.body_sizes, simulator.joint_kinds, simulator.targets("joint")
     if target in sizes:
         mass, length = sizes[target]
     else:
         mass, length = (max((size[k] for size in sizes.values()), default=1.0) for k in (0, 1))
     moving, speed = sum(m for m, _ in sizes.values()) or 1.0, 0.0
     for j, joint in enumerate(joint_names(simulator)):
-        slides = kinds.get(joint) == "slide"
-        distance = 1.0 if slides else max(length, (_one_step(simulator, windows, j)[0] / moving) ** 0.5)
+        distance = 1.0 if kinds.get(joint) == "slide" else length
+        if joint in hinges and kinds.get(joint) != "slide":
+            distance = max(length, (_one_step(simulator, windows, j)[0] / moving) ** 0.5)
         speed += distance * _motion(simulator, windows, j)[1]
     return Scales(force=1.0, speed=max(speed, 1e-9), travel=1.0, time=time, inertia=mass, length=length)
 

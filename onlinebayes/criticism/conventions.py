@@ -75,10 +75,10 @@ class Reread(Fault):
         """The simulator whose turns are relative to the other course."""
         return with_courses(simulator, self.rotation.joint, self.courses)
 
-    def started(self, windows: Windows, joints: Sequence[str]) -> Windows:
+    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
         """The joint's turns and their velocities along the other course."""
-        start, J = windows.start.clone(), len(joints)
-        places = torch.tensor([joints.index(name.removeprefix("qpos.")) for name in self.rotation.turns])
+        start, J = windows.start.clone(), len(shown)
+        places = torch.tensor([shown.index(name) for name in self.rotation.turns])
         at = start.new_tensor(windows.begin)[windows.run] + windows.first * windows.step
         for r, run in enumerate(windows.runs):
             mine = (windows.run == r).nonzero()

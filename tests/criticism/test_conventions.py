@@ -74,7 +74,8 @@ def test_put_right_the_model_replays_the_table(made: Callable[[], dict[str, Colu
 
     assert float(error(right.start)[:6].max()) < 0.05
     assert float(error(right.start).max()) < 0.2  # speeds of some m/s
-    begun = fault.started(make_windows(simulator, turned, 0.5), joint_names(simulator))
+    shown = [f"qpos.{joint}" for joint in joint_names(simulator)]
+    begun = fault.started(make_windows(simulator, turned, 0.5), shown)
     assert float(error(begun.start)[:6].max()) < 0.1
     asis = make_windows(simulator, turned, 0.5)
     assert float((replay(simulator, asis, theta, asis.start[None])[0][0] - asis.value).abs().max()) > 1

@@ -117,7 +117,7 @@ class JointActuator:
             problem = f"{key}: actuator '{model.actuator(self.actuator).name}' is no position servo"
             raise BadInput(problem, "make it a <position>: a motor under a force alone cannot cross its play")
 
-    def _unlimited(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor) -> Float[Tensor, " N"]:
+    def _unlimited(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor) -> Float[Tensor, "*batch"]:
         """f before its limits."""
         i = self.actuator
         gear, gain, bias = (

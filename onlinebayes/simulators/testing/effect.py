@@ -8,7 +8,7 @@ import torch
 
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect, Scales, Seen
+from onlinebayes.simulators.effects import Effect, Scales, Seen, Servo
 from onlinebayes.simulators.sensing import sense, unsense
 from onlinebayes.simulators.testing.simulator import check_simulator
 from onlinebayes.simulators.testing.trials import Trial, require, require_same
@@ -73,7 +73,11 @@ def _check_along(effect: Effect, seed: int, worlds: int = 3, rows: int = 9, time
     unit = torch.rand(worlds, len(effect.parameters), generator=generator, dtype=torch.float64)
     own = effect.parameters.view(effect.parameters.from_unit(unit))
     q, v, drive, command = torch.randn(4, worlds, rows, generator=generator, dtype=torch.float64)
-    seen = Seen(q, v, drive, command, rest, timestep)
+    servo = None
+    if effect.needs_servo:
+        force, stiffness, damping, limit = torch.rand(4, worlds, rows, generator=generator, dtype=torch.float64)
+        servo = Servo(force, stiffness, damping, -limit, limit)
+    seen = Seen(q, v, drive, command, rest, timestep, servo)
     together, walked = effect.along(own, seen), Effect.along(effect, own, seen)
     if together is None or walked is None:
         raise AssertionError(f"{effect.key} has a hidden state, and none along a motion")
