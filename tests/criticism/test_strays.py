@@ -6,7 +6,6 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import fit as fits
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.projection import project, row_weights
@@ -95,10 +94,8 @@ def worst_share(fitted: Fit) -> float:
 
 
 @pytest.mark.slow
-def test_friction_in_a_double_pendulum_is_fitted_although_starts_go_astray(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_friction_in_a_double_pendulum_is_fitted_although_starts_go_astray() -> None:
     measurement = swings()
     fitted = with_friction(measurement)
     assert fitted.theta.tolist() == pytest.approx([0.2, 0.1, 0.15], rel=0.02)
     assert worst_share(fitted) < 0.2
-    monkeypatch.setattr(fits, "strays", lambda before, _: torch.zeros(len(before.residual), dtype=torch.bool))
-    assert with_friction(measurement).projected.objective > 10 * fitted.projected.objective

@@ -41,6 +41,7 @@ class Cogging(Effect):
     poles: Parameter
     phase: Parameter
     name = "cogging"
+    rare = True
     target_kind = "joint"
     needs_position = True
 
