@@ -26,7 +26,7 @@ def windows() -> Windows:
 def test_an_axis_is_a_candidate_of_its_own(windows: Windows) -> None:
     keys = [effect.key for effect in propose(model(), windows)]
     assert [key for key in keys if key.startswith("com_offset")] == [f"com_offset@cart.{axis}" for axis in "xyz"]
-    assert len(keys) == len(set(keys)) == 25
+    assert len(keys) == len(set(keys)) == 24
     (whole,) = propose(model(), windows, ["com_offset@cart"])
     assert whole.parameters.names == ("x", "y", "z")
 
