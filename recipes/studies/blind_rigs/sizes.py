@@ -5,8 +5,8 @@
 e is the held-out error of the base model, e0 the same on a case with nothing hidden; fewer runs than the rig's own are
 enough for both. Each further step takes another seed of the tuning ones, for commands and base parameters differ from
 case to case; the result is the geometric mean of the last two proposals, or the first one where the law need not reach
-far from what was measured. What is not as linear as that (limits, dead zones) is halved between a size that was too small and one that was
-too large. The effects of ties are measured with what the tie fixes fixed.
+far from what was measured. What is not as linear as that (limits, dead zones) is halved between a size that was too
+small and one that was too large. The effects of ties are measured with what the tie fixes fixed.
 
     python -m recipes.studies.blind_rigs.sizes --rigs swing thrown_ball          prints what to write into envs/rigs
 """
