@@ -2,11 +2,12 @@
 
     min over theta in bounds of |r~(theta)|^2,     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high
 
-with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried by linearising at the new point, so that an
-accepted one costs a single rollout. Once one is rejected, no damping and all dampings are tried in one rollout before
-each step, until none is the best again: where a kink or a curved valley makes one undamped step too long it makes the
-next one, too. Where all of these are refused far from the optimum, parts of the step of theta and starts together are
-tried. A world that diverges rejects its step.
+with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried first. One replay, projected as before the step,
+tells whether it can be taken; only then is the new point linearised, which costs a replay for each parameter and start.
+Once a step is rejected, no damping and all dampings are replayed at once before each step, until none is the best
+again: where a kink or a curved valley makes one undamped step too long it makes the next one, too. Where all of these
+are refused far from the optimum, parts of the step of theta and starts together are tried. A world that diverges
+rejects its step.
 """
 
 from __future__ import annotations
@@ -23,13 +24,22 @@ from torch import Tensor
 from onlinebayes.criticism.projection import Projected, project, row_weights, signal_rms, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.sensitivities import Linearisation, linearise
-from onlinebayes.criticism.strays import best_starts, settled_starts, strays, window_errors
+from onlinebayes.criticism.strays import (
+    best_starts,
+    misfits,
+    replayed_rows,
+    settled_starts,
+    strayed,
+    strays,
+    window_errors,
+)
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 STEPS = 40
-ROUNDS = 3  # of descents, between which windows' starts settle one by one
+ROUNDS = 2  # in which windows' starts settle one by one before a further descent
+NOTICED = 0.01  # of the misfit: by what it falls at least where starts had not settled
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
 CREEP = 0.05  # of the objective: what a step gains at least where there is hope
@@ -82,35 +92,56 @@ def fit(
     Raises:
         BadInput: the replay diverges at the starting value.
     """
+    return improve(unfitted(simulator, windows, theta, weight, starts), windows, hopeless)
+
+
+def unfitted(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    weight: Float[Tensor, " S"] | None = None,
+    starts: Float[Tensor, "W J2"] | None = None,
+) -> Fit:
+    """Where a fit begins; arguments and errors as :func:`fit`."""
     theta = simulator.parameters.clamp(theta)
     if starts is None:
         starts = windows.start
     else:
         weights = row_weights(windows, torch.ones_like(windows.noise) if weight is None else weight)
-        starts = best_starts(simulator, windows, weights, theta, torch.stack([starts, windows.start]))
+        starts, _ = best_starts(simulator, windows, weights, theta, torch.stack([starts, windows.start]))
     lin = linearise(simulator, windows, theta, starts)
     if not lin.valid:
         raise BadInput(
             "the simulation diverges over the measured windows",
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
-    found = descend(simulator, windows, lin, project(windows, lin, weight), hopeless)
+    return Fit(simulator, lin, project(windows, lin, weight), False)
+
+
+def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
+    """Descend, let the starts of windows that stand out settle, and descend again where that changed much."""
+    found = descend(begun, windows, hopeless)
     for _ in range(ROUNDS):
-        starts = settled_starts(simulator, windows, found.lin, found.projected) if found.converged else found.lin.starts
-        if torch.equal(starts, found.lin.starts):
+        if not found.converged:
             break
-        lin = linearise(simulator, windows, found.theta, starts, difference_steps(found.projected))
-        settled = project(windows, lin, weight)
-        if not lin.valid or settled.objective > (1 - SLACK) * found.projected.objective:
+        starts, before, after = settled_starts(found.simulator, windows, found.lin, found.projected)
+        if after > (1 - NOTICED) * before:
             break
-        found = descend(simulator, windows, lin, settled, hopeless)
+        lin = linearise(found.simulator, windows, found.theta, starts, difference_steps(found.projected))
+        if not lin.valid:
+            break
+        found = Fit(found.simulator, lin, project(windows, lin, found.projected.weight), True)
+        further = descend(found, windows, hopeless)
+        # What a linearisation promises counts for little in windows such as these: what the replay gives decides.
+        if float(misfits(windows, further.lin, further.projected.row_weight).sum()) > after:
+            break
+        found = further
     return found
 
 
-def descend(
-    simulator: Simulator, windows: Windows, lin: Linearisation, current: Projected, hopeless: float = math.inf
-) -> Fit:
-    """Steps of theta and all starts until none lowers the objective noticeably; arguments as :func:`fit`."""
+def descend(begun: Fit, windows: Windows, hopeless: float) -> Fit:
+    """Steps of theta and all starts until none lowers the objective noticeably."""
+    simulator, lin, current = begun.simulator, begun.lin, begun.projected
     centred, searching = False, False
     for _ in range(STEPS):
         total = current.objective
@@ -118,8 +149,9 @@ def descend(
         damped = False
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        moved, trial = step_to(simulator, windows, lin, current, step)
-        if moved.valid and trial.objective <= total:
+        there = step_to(simulator, windows, lin, current, step)
+        if there is not None and there[1].objective <= total:
+            moved, trial = there
             gained, centred = total - trial.objective, True
             lin, current = moved, trial
             if gained <= SLACK * total and (searching or promised <= TOLERANCE * total):
@@ -136,10 +168,10 @@ def descend(
             searching = True
         else:
             # The sensitivities hold at the windows' best starts, and the starts are not there yet.
-            moved, trial = step_to(simulator, windows, lin, current, torch.zeros_like(step))
-            if not moved.valid:
+            there = step_to(simulator, windows, lin, current, torch.zeros_like(step))
+            if there is None:
                 return Fit(simulator, lin, current, True)
-            lin, current, centred = moved, trial, True
+            (lin, current), centred = there, True
     return Fit(simulator, lin, current, False)
 
 
@@ -183,29 +215,44 @@ def backtracked(
 
 def step_to(
     simulator: Simulator, windows: Windows, lin: Linearisation, current: Projected, step: Float[Tensor, " P"]
-) -> tuple[Linearisation, Projected]:
-    """The linearisation one step away, with its projection; starts that the step led astray are brought back."""
-    moved = linearise_at(simulator, windows, lin, current, step)
+) -> tuple[Linearisation, Projected] | None:
+    """The linearisation one step away, with its projection; starts that the step led astray are brought back.
+
+    Returns:
+        None where a world diverges, or where one replay shows that the step does not descend.
+    """
+    theta = simulator.parameters.clamp(lin.theta + step)
+    starts = lin.starts + start_shift(windows, lin, current, step)
+    if bool(step.any()) and not descends(simulator, windows, current, theta, starts):
+        return None
+    moved = linearise(simulator, windows, theta, starts, difference_steps(current))
     trial = project(windows, moved, current.weight)
     stray = strays(current, trial)
-    if not moved.valid or not bool(stray.any()):
+    if not moved.valid:
+        return None
+    if not bool(stray.any()):
         return moved, trial
     candidates = torch.stack([moved.starts, lin.starts, windows.start])
-    best = best_starts(simulator, windows, current.row_weight, moved.theta, candidates)
+    best, _ = best_starts(simulator, windows, current.row_weight, moved.theta, candidates)
     starts = torch.where(stray[:, None], best, moved.starts)
     if torch.equal(starts, moved.starts):
         return moved, trial
     moved = linearise(simulator, windows, moved.theta, starts, difference_steps(current))
-    return moved, project(windows, moved, current.weight)
+    return (moved, project(windows, moved, current.weight)) if moved.valid else None
 
 
-def linearise_at(
-    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected, step: Float[Tensor, " P"]
-) -> Linearisation:
-    """The linearisation one step away, the starts moved along."""
-    shift = start_shift(windows, lin, projected, step)
-    theta = simulator.parameters.clamp(lin.theta + step)
-    return linearise(simulator, windows, theta, lin.starts + shift, difference_steps(projected))
+def descends(
+    simulator: Simulator,
+    windows: Windows,
+    current: Projected,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"],
+) -> bool:
+    """Whether one replay at the new point, projected as at the old one, errs by no more; strays count as they were."""
+    rows, valid = replayed_rows(simulator, windows, theta[None], starts[None])
+    now = current.project(rows[0, ..., None])[..., 0].square().sum(1)
+    was = current.residual.square().sum(1)
+    return bool(valid.all()) and float(torch.where(strayed(was, now), was, now).sum()) <= current.objective
 
 
 def difference_steps(projected: Projected) -> Float[Tensor, " P"]:

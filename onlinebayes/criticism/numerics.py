@@ -3,8 +3,8 @@
     e = RMS of the start-projected difference between the replays at h and h / 4,    fine enough: e < RMS residual / 10
 
 Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
-residual shrinks. Steps longer than the rows are only taken while the residual is far above the sensors' noise, for they
-leave measured rows out.
+residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by. Steps longer than
+the rows are only taken while the residual is far above the sensors' noise, for they leave measured rows out.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.fit import Fit, fit, starting_theta
+from onlinebayes.criticism.fit import Fit, improve, starting_theta, unfitted
 from onlinebayes.criticism.grid import even_step
 from onlinebayes.criticism.ladder import Rung, adjustable, ladder
 from onlinebayes.criticism.projection import noise_rows, project
@@ -73,15 +73,21 @@ def settle(
             begin = starting_theta(stepped, windows) if begin is None else begin
             if starts is not None and starts.shape != windows.start.shape:
                 starts = None  # a finer clock fits another window into a run
-            fitted = fitted or fit(stepped, windows, begin, starts=starts)
+            here = fitted or unfitted(stepped, windows, begin, starts=starts)
         except BadInput:
             # Too coarse a step may not fit the windows, or make the model diverge; a finer one follows.
             if rung == rungs[-1] and grounds is None:
                 raise
             continue
-        begin, starts = fitted.theta, fitted.lin.starts
-        grounds = Grounds(windows, fitted, check(simulator, measurement, windows, fitted), rung)
-        if grounds.numerics.sufficient:
+        numerics = check(simulator, measurement, windows, here)
+        # A fit only lowers the residual: numerics that matter before it matter after it, and the rung is passed by.
+        searched = before is not None or grounds is not None
+        if fitted is None and (numerics.sufficient or not searched or rung == rungs[-1]):
+            here = improve(here, windows)
+            numerics = check(simulator, measurement, windows, here)
+        begin, starts = here.theta, here.lin.starts
+        grounds = Grounds(windows, here, numerics, rung)
+        if numerics.sufficient:
             return grounds
     assert grounds is not None
     return grounds

@@ -32,7 +32,11 @@ OWN_STEPS = 3
 
 def strays(before: Projected, after: Projected) -> Bool[Tensor, " W"]:
     """Windows whose misfit a step has at least doubled, to more than a hundredth of the whole."""
-    was, now = (projected.residual.square().sum(1) for projected in (before, after))
+    return strayed(*(projected.residual.square().sum(1) for projected in (before, after)))
+
+
+def strayed(was: Float[Tensor, " W"], now: Float[Tensor, " W"]) -> Bool[Tensor, " W"]:
+    """The same of the windows' misfits before and after."""
     return (now > WORSE * was) & (now > NOTICED * now.sum())
 
 
@@ -42,30 +46,36 @@ def best_starts(
     row_weight: Float[Tensor, "W m"],
     theta: Float[Tensor, " P"],
     candidates: Float[Tensor, "K W J2"],
-) -> Float[Tensor, "W J2"]:
-    """For each window the candidate from which the replay at ``theta`` is nearest to what was measured."""
+) -> tuple[Float[Tensor, "W J2"], Float[Tensor, " W"]]:
+    """For each window the candidate from which the replay at ``theta`` is nearest to what was measured, its misfit."""
     error = window_errors(simulator, windows, row_weight, theta.expand(len(candidates), -1), candidates)
-    return candidates[error.argmin(0), torch.arange(windows.count, device=error.device)]
+    best = error.min(0)
+    return candidates[best.indices, torch.arange(windows.count, device=error.device)], best.values
 
 
 def settled_starts(
     simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
-) -> Float[Tensor, "W J2"]:
-    """The starts, those of conspicuous windows moved to the best place that steps of their own come through."""
-    misfit = projected.residual.square().sum(1)
+) -> tuple[Float[Tensor, "W J2"], float, float]:
+    """The starts, those of conspicuous windows moved to the best place that steps of their own come through.
+
+    Returns:
+        The starts, and the misfit of all windows before and after.
+    """
+    row_weight, theta = projected.row_weight, lin.theta
+    misfit = misfits(windows, lin, row_weight)
+    before = float(misfit.sum())
     worst = torch.nonzero(misfit > CONSPICUOUS * misfit.median())[:, 0]
     if not len(worst):
-        return lin.starts
-    twice = windows.select(worst.repeat(2))
-    places = [torch.cat([lin.starts[worst], windows.start[worst]])]
+        return lin.starts, before, before
+    part, twice = windows.select(worst), windows.select(worst.repeat(2))
+    places = [torch.cat([lin.starts[worst], part.start])]
     for _ in range(OWN_STEPS):
-        here = linearise_starts(simulator, twice, lin.theta, places[-1])
-        shift = start_shift(twice, here, project(twice, here, projected.weight), torch.zeros_like(lin.theta))
+        here = linearise_starts(simulator, twice, theta, places[-1])
+        shift = start_shift(twice, here, project(twice, here, projected.weight), torch.zeros_like(theta))
         places.append(places[-1] + shift)
-    candidates = torch.stack(places).unflatten(1, (2, len(worst))).flatten(0, 1)
-    row_weight = projected.row_weight[worst]
-    found = best_starts(simulator, windows.select(worst), row_weight, lin.theta, candidates)
-    return lin.starts.index_copy(0, worst, found)
+    tried = torch.stack(places).unflatten(1, (2, len(worst))).flatten(0, 1)
+    found, error = best_starts(simulator, part, row_weight[worst], theta, tried)
+    return lin.starts.index_copy(0, worst, found), before, float(misfit.index_copy(0, worst, error).sum())
 
 
 def window_errors(
@@ -76,8 +86,26 @@ def window_errors(
     starts: Float[Tensor, "M W J2"],
 ) -> Float[Tensor, "M W"]:
     """Weighed sum of squares of each window's rows, the start's prior included; inf where it diverged."""
+    rows, valid = replayed_rows(simulator, windows, theta, starts)
+    return torch.where(valid, (rows * row_weight).square().sum(2), float("inf"))
+
+
+def misfits(windows: Windows, lin: Linearisation, row_weight: Float[Tensor, "W m"]) -> Float[Tensor, " W"]:
+    """As :func:`window_errors`, at a linearisation's own point."""
+    return (_rows(windows, lin.residual, lin.starts) * row_weight).square().sum(1)
+
+
+def replayed_rows(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
+) -> tuple[Float[Tensor, "M W m"], Bool[Tensor, "M W"]]:
+    """Residuals in noise units, the starts' priors' rows included, and which windows stayed finite."""
     signals, valid = replay(simulator, windows, theta, starts)
     wrong = windows.bin(windows.value) - windows.bin(signals)
-    rows = torch.stack([noise_rows(windows, one[..., None])[..., 0] for one in wrong])
-    rows[..., -starts.shape[-1] :] = start_misfit(windows, starts)
-    return torch.where(valid, (rows * row_weight).square().sum(2), float("inf"))
+    rows = [_rows(windows, one, start) for one, start in zip(wrong, starts, strict=True)]
+    return torch.stack(rows), valid
+
+
+def _rows(windows: Windows, residual: Float[Tensor, "W n S"], starts: Float[Tensor, "W J2"]) -> Float[Tensor, "W m"]:
+    rows = noise_rows(windows, residual[..., None])[..., 0]
+    rows[:, -starts.shape[-1] :] = start_misfit(windows, starts)
+    return rows

@@ -41,7 +41,7 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened:
     shift = start_shift(windows, fitted.lin, fitted.projected, torch.zeros_like(fitted.theta))
     candidates = fitted.lin.starts + torch.stack([torch.zeros_like(shift), shift])
     weight = row_weights(windows, torch.ones_like(windows.noise))
-    starts = best_starts(fitted.simulator, windows, weight, fitted.theta, candidates)
+    starts, _ = best_starts(fitted.simulator, windows, weight, fitted.theta, candidates)
     signals, _ = replay(fitted.simulator, windows, fitted.theta[None], starts[None])
     seen = windows.observed
     square = torch.where(seen, windows.value - signals[0], torch.zeros_like(windows.value)).square()
