@@ -21,7 +21,8 @@ from jaxtyping import Bool, Float, Int
 from scipy.special import stdtrit
 from torch import Tensor
 
-from onlinebayes.criticism.fit import Fit, bounded_least_squares
+from onlinebayes.criticism.bounded import bounded_least_squares
+from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.projection import Projected
 from onlinebayes.criticism.windows import Windows
 

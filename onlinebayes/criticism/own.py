@@ -22,7 +22,8 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.blocks import Blocks
-from onlinebayes.criticism.fit import Fit, bounded_least_squares, fit
+from onlinebayes.criticism.bounded import bounded_least_squares
+from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.scope import Scope, own_name
 from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.split import HALVES

@@ -4,7 +4,8 @@ import numpy as np
 import torch
 from scipy.optimize import least_squares
 
-from onlinebayes.criticism.fit import bounded_least_squares, fit
+from onlinebayes.criticism.bounded import bounded_least_squares
+from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.projection import project, signal_rms, start_misfit
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.sensitivities import linearise
