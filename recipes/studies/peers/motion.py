@@ -1,6 +1,6 @@
 """How the fit runs moved, smoothed, and the force that the engineer's model does not account for.
 
-    q, v, a   local polynomials of degree 3 over 2 m + 1 rows (Savitzky and Golay 1964);   a = k * q'' = k * acceleration
+    q, v, a   local polynomials of degree 3 over 2 m + 1 rows (Savitzky and Golay 1964),  a = k * q'' = k * acceleration
     F         = M(q) (a - k * a_base(q, v, u; theta))                                             [N, N m]
     F_p       = M(q) (k * d a_base / d theta_p):       what a change of parameter p would explain
 
