@@ -53,13 +53,13 @@ class Motion:
         """The window of each kept row."""
         return self.kept // self.q.shape[1]
 
-    def smoothed(self, rows: Float[ndarray, "W K *rest"]) -> Float[ndarray, n *rest]:
+    def smoothed(self, rows: Float[ndarray, "W K *rest"]) -> Float[ndarray, n * rest]:
         """k * rows at the kept rows."""
         shape = (1, len(self.kernel), *[1] * (rows.ndim - 2))
         found = convolve(rows, self.kernel.reshape(shape), mode="same", method="direct")
         return self.at(found)
 
-    def at(self, rows: Float[ndarray, "W K *rest"]) -> Float[ndarray, n *rest]:
+    def at(self, rows: Float[ndarray, "W K *rest"]) -> Float[ndarray, n * rest]:
         """The kept rows."""
         return rows.reshape(-1, *rows.shape[2:])[self.kept]
 

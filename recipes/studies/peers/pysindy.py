@@ -1,9 +1,9 @@
-"""Peer (a): sparse identification (pysindy's STLSQ) of the force that the engineer's model lacks.
+"""Peer (a): sparse identification (pysindy's STLSQ and FROLS) of the force that the engineer's model lacks.
 
-    F = sum_p dtheta_p F_p + sum_k xi_k phi_k(q, v, drives),     xi sparse: |xi_k| |phi_k| >= threshold |F|
+    F = sum_p dtheta_p F_p + sum_k xi_k phi_k(q, v, drives),     xi sparse
 
 The library holds the true term wherever an instantaneous law can be one (see ``library``); parameters that are free
-anyway are regressed beside it and never thresholded. Length of the smoothing and threshold are those with the smallest
+anyway are regressed beside it and never thresholded. Smoothing, optimizer and threshold are those with the smallest
 open-loop error, cross-validated over the fit runs. Then terms are taken away as long as that error does not rise by
 more than 1 %: a term whose removal raises it is claimed. Brunton, Proctor and Kutz 2016; discrepancies: de Silva,
 Higdon, Brunton and Kutz 2020.
@@ -31,6 +31,7 @@ from recipes.studies.peers.worlds import Course, simulate
 SMOOTHING = (0.04, 0.08, 0.12, 0.2)
 THRESHOLDS = (0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 RIDGE = 1e-6
+MOST = 6  # terms that FROLS adds
 CONFOUNDED = 0.03  # share of a term that the free parameters leave of it
 ROWS = 3000
 TIE = 1.01  # errors closer than this are equal, as in criticism
@@ -83,8 +84,8 @@ class Regression:
         """Some rows."""
         return replace(self, columns=self.columns[rows], target=self.target[rows], window=self.window[rows])
 
-    def sparse(self, threshold: float) -> Bool[ndarray, " C"]:
-        """The support that pysindy's sequentially thresholded least squares leaves.
+    def supports(self) -> Bool[ndarray, "A C"]:
+        """The supports that pysindy's optimizers leave: STLSQ at every threshold, and each step of FROLS.
 
         Thresholds are relative to the target's size. The free parameters' columns are projected out beforehand, for
         pysindy 2.1's ``sparse_ind``, which would exempt them, mixes its indices up.
@@ -94,13 +95,19 @@ class Regression:
         terms, target = (part - basis @ (basis.T @ part) for part in (self.columns[:, self.free :], self.target))
         norm = np.linalg.norm(terms, axis=0)
         usable = np.flatnonzero(norm > CONFOUNDED * np.linalg.norm(self.columns[:, self.free :], axis=0).clip(1e-12))
-        optimizer = pysindy.STLSQ(threshold=threshold, alpha=RIDGE, unbias=False)
+        x, y = terms[:, usable] / norm[usable], target[:, None] / np.linalg.norm(target)
+        coefficients = [np.zeros(len(usable))]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # that a threshold leaves nothing is an answer
-            optimizer.fit(terms[:, usable] / norm[usable], target[:, None] / np.linalg.norm(target))
-        support = np.arange(self.columns.shape[1]) < self.free
-        support[self.free + usable] = optimizer.coef_[0] != 0
-        return support
+            for threshold in THRESHOLDS:
+                stlsq = pysindy.STLSQ(threshold=threshold, alpha=RIDGE, unbias=False).fit(x, y)
+                coefficients.append(np.ravel(stlsq.coef_))
+            frols = pysindy.FROLS(max_iter=min(MOST, len(usable)), alpha=RIDGE).fit(x, y)
+            coefficients += [np.ravel(step) for step in frols.history_]
+        found = np.zeros((len(coefficients), self.columns.shape[1]), dtype=bool)
+        found[:, : self.free] = True
+        found[:, self.free + usable] = np.stack(coefficients) != 0
+        return np.unique(found, axis=0)
 
     def on(self, support: Bool[ndarray, " C"]) -> Float[ndarray, " C"]:
         """Least squares on a support."""
@@ -117,7 +124,7 @@ def fit(task: Task) -> Law:
     found = []
     for seconds in SMOOTHING:
         regression = _regression(task, made, driven, seconds)
-        supports = np.unique(np.stack([regression.sparse(threshold) for threshold in THRESHOLDS]), axis=0)
+        supports = regression.supports()
         errors = _errors(task, made, driven, regression, supports)
         best = int(errors.argmin())
         found.append((float(errors[best]), regression, supports[best]))

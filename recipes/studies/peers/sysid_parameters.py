@@ -195,10 +195,14 @@ def _of_fluid(task: Task) -> list[Freed]:
 def _of_actuator(task: Task, a: int, name: str) -> list[Freed]:
     """Gain, unless the masses scale with it, and limit, which begins just below the largest force."""
     model = task.simulator.model
-    largest = float(task.fit_windows.command[..., a].abs().max()) * abs(float(model.actuator_gainprm[a, 0]))
     gain, bias, gear = (
         float(x) for x in (model.actuator_gainprm[a, 0], model.actuator_biasprm[a, 1], model.actuator_gear[a, 0])
     )
+    joint = model.joint(model.actuator_trnid[a, 0]).name
+    pulled = gain * task.fit_windows.command[..., a]
+    if bias and f"qpos.{joint}" in task.signals:  # a servo pulls by its distance from the goal
+        pulled = pulled + bias * gear * task.fit_windows.value[..., task.signals.index(f"qpos.{joint}")]
+    largest = float(pulled.abs().max())
 
     def limited(spec: mujoco.MjSpec, value: float) -> None:
         spec.actuator(name).forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
