@@ -1,4 +1,7 @@
-"""What is being tried, on standard error: one line rewritten on a terminal, plain lines in a log."""
+"""What is being tried, on standard error: one line rewritten on a terminal, plain lines in a log.
+
+A line that ends in a full stop is an answer, not a stage: it stays on the terminal.
+"""
 
 from __future__ import annotations
 
@@ -36,10 +39,15 @@ class Stages:
         self._shown = False
 
     def __call__(self, line: str) -> None:
-        """Say that a stage begins."""
+        """Say that a stage begins, or an answer."""
         if not self._live:
             self._stream.write(f"{self.label}: {line}\n")
             self._stream.flush()
+            return
+        if line.endswith("."):
+            self._stream.write(f"\r\x1b[K{line}\n")
+            self._stream.flush()
+            self._shown = False
             return
         text = f"{self.label} [{time.monotonic() - self._start:.0f} s]: {line} …"
         width = shutil.get_terminal_size().columns - 1  # a full line would wrap, and a wrapped one is not rewritten

@@ -52,7 +52,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
         with Stages() as say:
             return compare(model, data, holdout=problem.holdout, selection=how, scope=problem.scope, progress=say)
     search = {"diagnose": diagnose, "refine": refine}[command]
-    stopping = "onlinebayes: stopping after this stage; Ctrl-C again stops at once"
+    stopping = "onlinebayes: stopping after the fit in hand; Ctrl-C again stops at once"
     with Interrupt(stopping) as interrupt, Stages() as say:
         return search(
             model,

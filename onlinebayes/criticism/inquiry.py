@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.search import Found, ground, search
@@ -55,6 +56,9 @@ def inquire(
     """
     say("fitting the base model")
     base = ground(simulator, measurement, selection)
+    if bool(base.windows.observed.any()):
+        units = {signal.name: signal.unit for signal in measurement.signals}
+        say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
     leads = look(base, simulator, measurement, selection, say)
     fault = leads.explain(selection) if leads is not None and leads.overwhelming else None
     if fault is not None and fault.certain:
@@ -67,8 +71,12 @@ def inquire(
     return found, None
 
 
+def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
+    """RMS over the floor by signal, of grounds whose step may be coarser than the simulator's own."""
+    coarsened = grounds.numerics.timestep > simulator.timestep
+    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened)
+
+
 def _structured(final: Grounds, simulator: Simulator, selection: Selection) -> bool:
     """Whether more than noise is left."""
-    coarsened = final.numerics.timestep > simulator.timestep
-    left = rms_over_floor(final.fitted, final.windows, final.numerics, coarsened)
-    return max(left.values(), default=0.0) > selection.tolerance
+    return max(left_over(final, simulator).values(), default=0.0) > selection.tolerance

@@ -17,6 +17,7 @@ from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.results import Failure
 from onlinebayes.criticism.score import PIECES
+from onlinebayes.criticism.verdict import AT_FLOOR
 from onlinebayes.criticism.windows import Windows, joint_names
 
 LEAST_SHARE = 0.2
@@ -53,6 +54,20 @@ def failures(fitted: Fit, windows: Windows, units: dict[str, str], most: int = 3
         mine.sort(key=lambda f: -f.share_of_error * f.share_of_error / f.share_of_time)
         found += mine[:most]
     return tuple(found)
+
+
+def in_a_sentence(fitted: Fit, windows: Windows, units: dict[str, str], over: dict[str, float]) -> str:
+    """How wrong the fitted model is and where, for a user who waits for the reasons.
+
+    Args:
+        over: RMS over the floor, by signal.
+    """
+    signal = max(over, key=lambda name: over[name])
+    if over[signal] <= AT_FLOOR:
+        return f"The model errs by no more than the sensors, {over[signal]:.2g} times their floor in {signal}."
+    size = f"The model errs by {over[signal]:.2g} times the sensor floor in {signal}"
+    worst = [failure for failure in failures(fitted, windows, units, most=1) if failure.signal == signal]
+    return f"{size}, most where {worst[0].where}." if worst else f"{size}."
 
 
 def _regions(fitted: Fit, windows: Windows, units: dict[str, str]) -> list[Region]:

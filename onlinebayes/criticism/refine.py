@@ -16,7 +16,7 @@ from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
-from onlinebayes.criticism.inquiry import inquire, suspect
+from onlinebayes.criticism.inquiry import inquire, left_over, suspect
 from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
 from onlinebayes.criticism.noise import tau
@@ -40,7 +40,7 @@ from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.verdict import decide, rms_over_floor, what_to_record
+from onlinebayes.criticism.verdict import decide, what_to_record
 from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
@@ -70,7 +70,7 @@ def compare(
         holdout: runs kept for the reported error; None for the last third of the runs, or of the only run's time.
         selection: how effects are judged.
         scope: which parameters differ between runs; None for none.
-        progress: takes one line of text between stages.
+        progress: takes one line of text between stages; one that ends in a full stop is an answer, to be kept.
 
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
@@ -101,7 +101,7 @@ def diagnose(
 
     Args:
         candidates: ``"all"``, or effect names, ``name@target`` keys and effects with bounds of their own.
-        interrupt: stops the search between its rounds; what was found until then is returned.
+        interrupt: stops the search after the fit in hand; what was found until then is returned.
     """
     return _searched("diagnose", simulator, measurement, holdout, selection, scope, candidates, 1, progress, interrupt)
 
@@ -161,9 +161,7 @@ def _assemble(
     correlation = residual_tau(final)
     say("comparing with its equals" if found.accepted else "weighing what is left")
     equal = alternatives(simulator, found, selection.folds)
-    before, after = (
-        rms_over_floor(g.fitted, g.windows, g.numerics, g.numerics.timestep > simulator.timestep) for g in (base, final)
-    )
+    before, after = (left_over(grounds, simulator) for grounds in (base, final))
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
     verdict = decide(

@@ -85,7 +85,7 @@ def search(
         candidates: which effects to try (see :func:`propose`).
         most: number of effects to add at most, one or more.
         say: takes one line of progress.
-        interrupt: looked at between rounds.
+        interrupt: looked at between rounds and between the fits of a round.
         base: the base model on its grounds, where it was fitted already.
     """
     if base is None:
@@ -104,8 +104,10 @@ def search(
         present = {judged.effect.key for _, judged in accepted}
         left = [effect for effect in effects if effect.key not in present]
         thorough = not stages and not _at_floor(current, selection.tolerance)
-        stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough)
+        stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough, interrupt)
         stages.append(stage)
+        if interrupt is not None and interrupt.requested:
+            continue  # a round that was cut short accepts nothing
         if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
             return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
         admissible = [judged for judged in stage.judged if judged.admissible]

@@ -20,7 +20,7 @@ from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import CrossValidated
 from onlinebayes.criticism.survey import Screened, Survey, correlation_of, survey
 from onlinebayes.criticism.windows import Windows
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators.effects import Effect
 
 REFIT_BELOW = 0.1
@@ -56,6 +56,7 @@ def run_stage(
     selection: Selection,
     say: Callable[[str], None],
     thorough: bool = True,
+    interrupt: Interrupt | None = None,
 ) -> Stage:
     """Screen all effects against the current model, refit the leading ones and judge them.
 
@@ -65,12 +66,13 @@ def run_stage(
         selection: how they are judged.
         say: takes one line of progress.
         thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
+        interrupt: looked at between the refits; those that are left are then not judged.
     """
     found = survey(current, windows, effects, selection.folds)
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
     refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
-    return judged_stage(found, refits, numerics, selection, say)
+    return judged_stage(found, refits, numerics, selection, say, interrupt)
 
 
 def _leading(found: Survey, alpha: float) -> list[Screened]:
@@ -89,11 +91,18 @@ def worth(found: Survey, alpha: float, below: float) -> list[Screened]:
 
 
 def judged_stage(
-    found: Survey, refits: Sequence[Screened], numerics: Numerics, selection: Selection, say: Callable[[str], None]
+    found: Survey,
+    refits: Sequence[Screened],
+    numerics: Numerics,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
 ) -> Stage:
     """The round in which these candidates are refitted and judged."""
     judged: list[Judged] = []
     for candidate in refits:
+        if interrupt is not None and interrupt.requested:
+            break
         say(f"refitting with {candidate.effect.key}")
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:

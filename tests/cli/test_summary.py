@@ -57,6 +57,18 @@ def test_a_terminal_sees_one_line_and_keeps_none(monkeypatch: pytest.MonkeyPatch
     assert shown[-1] == ""
 
 
+def test_an_answer_stays_on_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "40")
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Stages() as say:
+        say("fitting the base model")
+        say("The model errs by 12 times the sensor floor in qpos.arm, most where qvel.arm > 0.")
+    assert stream.getvalue().endswith(
+        "\r\x1b[KThe model errs by 12 times the sensor floor in qpos.arm, most where qvel.arm > 0.\n"
+    )
+
+
 def test_a_log_keeps_every_line(capsys: pytest.CaptureFixture[str]) -> None:
     with Stages() as say:
         say("one")

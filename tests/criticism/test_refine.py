@@ -172,6 +172,24 @@ def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     assert result.interrupted
     assert result.accepted == ("constant_load@rail",)
     assert lines[0] == "fitting the base model"
+    assert lines[1].startswith("The model errs by ")
+    assert "qpos.rail" in lines[1]
+
+
+def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
+    interrupt = Interrupt()
+    fits: list[str] = []
+
+    def say(line: str) -> None:
+        if line.startswith("refitting"):
+            fits.append(line)
+            interrupt.requested = True
+
+    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
+    assert result.interrupted
+    assert fits == ["refitting with constant_load@rail"]
+    assert result.accepted == ()
+    assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
 
 
 @pytest.mark.parametrize(

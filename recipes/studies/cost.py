@@ -1,0 +1,169 @@
+"""``make cost``: what an answer costs, in seconds and memory, each command a process of its own, start-up included.
+
+| part       | what is run                                                                                 |
+|------------|---------------------------------------------------------------------------------------------|
+| arm        | two links, 40 s at 200 Hz, dry friction hidden in the elbow: ``refine``                       |
+| six joints | six joints under feedback, 60 s at 200 Hz, dry friction hidden in joint 2: ``compare``, ``refine`` |
+| growth     | the arm's ``diagnose`` with 1, 2 and 4 times the data, and with a quarter, half and all candidates |
+
+Growth is the slope of log t against log size, the start-up (the same command on a second of data) taken off: 1 is
+linear. EMPS is timed by ``make emps``.
+
+    python -m recipes.studies.cost [--parts arm growth]        -> docs/results/cost.json
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import tyro
+
+from envs.rigs import RIGS, Rig, sized_case, write_case
+from onlinebayes.runs import BadInput, ResultTable
+
+Part = Literal["arm", "growth", "six joints"]
+MEMORY = 4.0  # GB
+SEED = 0
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to time.
+
+    Args:
+        parts: which.
+        results: folder of the table.
+    """
+
+    parts: tuple[Part, ...] = ("arm", "growth", "six joints")
+    results: Path = Path("docs/results")
+
+
+@dataclass(frozen=True)
+class Cost:
+    """What a command took.
+
+    Args:
+        seconds: wall time, start-up included [s].
+        memory: largest resident set [GB].
+        report: its report.json.
+    """
+
+    seconds: float
+    memory: float
+    report: dict[str, Any]
+
+
+def lengthened(rig: Rig, runs: int, seconds: float) -> Rig:
+    """The rig recorded at 200 Hz for that many runs of ``seconds`` [s] to fit, one more held out."""
+    step = 0.005 / rig.protocol.period
+    return replace(rig, protocol=replace(rig.protocol, step=step, fit=runs, held=1, seconds=seconds))
+
+
+def problem(rig: Rig, effect: str, folder: Path) -> Path:
+    """A case of that rig that hides the effect at its medium size, as files; the path of its problem file."""
+    hidden = next(one for one in rig.effects if one.key == effect)
+    return write_case(sized_case(rig, hidden, 1.0, SEED), folder)
+
+
+def spent(command: str, problem_file: Path) -> Cost:
+    """Run ``onlinebayes COMMAND`` on it.
+
+    Raises:
+        BadInput: the command fails.
+    """
+    out = problem_file.parent / command
+    words = [sys.executable, "-m", "onlinebayes.cli.main", command, str(problem_file), "--out", str(out)]
+    began = time.monotonic()
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    _, status, usage = os.wait4(process.pid, 0)
+    seconds = time.monotonic() - began
+    if process.returncode is None:
+        process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        raise BadInput(f"onlinebayes {command} {problem_file} ended with {process.returncode}", "run it by hand")
+    return Cost(seconds, usage.ru_maxrss / 1024**2, json.loads((out / "report.json").read_text(encoding="utf-8")))
+
+
+def arm(results: ResultTable, folder: Path) -> None:
+    """A two-link arm with 40 s of data."""
+    file = problem(lengthened(RIGS["two_link_arm"], 8, 5.0), "dry_friction@elbow", folder / "arm")
+    add(results, "two-link arm, 40 s at 200 Hz, refine", spent("refine", file), 120.0)
+
+
+def six_joints(results: ResultTable, folder: Path) -> None:
+    """Six joints with a minute of data, and the first answer."""
+    file = problem(lengthened(RIGS["six_joint_arm"], 15, 4.0), "dry_friction@j2", folder / "six")
+    add(results, "six joints, 60 s at 200 Hz, compare", spent("compare", file), 10.0)
+    refined = spent("refine", file)
+    add(results, "six joints, 60 s at 200 Hz, refine", refined, 600.0)
+    tried = refined.report["candidates_tried"]
+    results.add("six joints: candidates tried", tried, goal="150 or more", holds=tried >= 150)
+
+
+def add(results: ResultTable, name: str, cost: Cost, limit: float) -> None:
+    """Rows of a command's time and memory."""
+    results.add(name, cost.seconds, unit="s", goal=f"under {limit:g} on 2 cores", holds=cost.seconds < limit)
+    results.add(f"{name}, memory", cost.memory, unit="GB", goal=f"under {MEMORY:g}", holds=cost.memory < MEMORY)
+    named = ", ".join(cost.report["accepted"]) or "nothing"
+    results.add(f"{name}, what it named", named)
+
+
+def growth(results: ResultTable, folder: Path) -> None:
+    """How the time grows with data and with candidates."""
+    rig = RIGS["two_link_arm"]
+    start = spent("diagnose", problem(lengthened(rig, 1, 1.0), "dry_friction@elbow", folder / "start")).seconds
+    sizes, times = (4, 8, 16), []
+    for runs in sizes:
+        file = problem(lengthened(rig, runs, 5.0), "dry_friction@elbow", folder / f"runs{runs}")
+        cost = spent("diagnose", file)
+        times.append(cost.seconds - start)
+        results.add(f"two-link arm, {5 * runs} s of data, diagnose", cost.seconds, unit="s")
+    add_slope(results, "growth with data", sizes, times)
+    tried = [row["effect"] for row in cost.report["candidates"]]
+    file, parts, times = folder / "runs8" / "problem.toml", (4, 2, 1), []
+    text = file.read_text(encoding="utf-8")
+    for part in parts:
+        # Every fourth of them, whatever their rank: an even sample of cheap and dear ones.
+        some = json.dumps(sorted(tried)[::part])
+        named = file.with_name(f"part{part}.toml")
+        named.write_text(f"{text}\n[effects]\ncandidates = {some}\n", encoding="utf-8")
+        cost = spent("diagnose", named)
+        times.append(cost.seconds - start)
+        results.add(f"two-link arm, {len(tried[::part])} candidates, diagnose", cost.seconds, unit="s")
+    add_slope(results, "growth with candidates", [len(tried[::part]) for part in parts], times)
+
+
+def add_slope(results: ResultTable, name: str, sizes: Sequence[float], times: Sequence[float]) -> None:
+    """A row of the slope of log time against log size."""
+    slope = float(np.polyfit([math.log(size) for size in sizes], [math.log(max(t, 1e-3)) for t in times], 1)[0])
+    results.add(name, slope, unit="slope of log t against log size", goal="at most 1.15", holds=slope <= 1.15)
+
+
+def main(study: Study) -> None:
+    """Time the parts and write the table."""
+    results = ResultTable("cost", "make cost", [SEED])
+    parts = {"arm": arm, "growth": growth, "six joints": six_joints}
+    with tempfile.TemporaryDirectory() as folder:
+        for part in study.parts:
+            parts[part](results, Path(folder))
+            print(results.to_markdown(), flush=True)
+    print(f"written: {results.write(study.results)}")
+
+
+if __name__ == "__main__":
+    try:
+        main(tyro.cli(Study))
+    except BadInput as error:
+        sys.exit(f"cost: {error}")
