@@ -41,9 +41,9 @@ unchecked = pytest.mark.usefixtures("without_shape_checks")
 
 @pytest.fixture(scope="module")
 def task() -> Task:
-    """A slide with quadratic drag that the model lacks, seen almost without noise."""
-    measured = measure({QuadraticDrag("rail", Parameter(0.0, 5.0)): (DRAG,)}, noise=1e-6)
-    return Task("slide", model(), measured, ("run7", "run8"))
+    """A slide with quadratic drag that the model lacks."""
+    measured = measure({QuadraticDrag("rail", Parameter(0.0, 5.0)): (DRAG,)}, runs=8, seconds=2.0)
+    return Task("slide", model(), measured, ("run6", "run7"))
 
 
 def error(task: Task, fitted: Fitted) -> float:
@@ -54,15 +54,16 @@ def error(task: Task, fitted: Fitted) -> float:
 
 
 @unchecked
-def test_pysindy_finds_the_term_and_its_size(task: Task) -> None:
+def test_pysindy_finds_the_term_and_its_size(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pysindy", reason="pip install -e '.[peers]'")
     from recipes.studies.peers import pysindy
 
+    monkeypatch.setattr(pysindy, "SMOOTHING", (0.08, 0.2))
     found = pysindy.fit(task)
     assert found.claims == (frozenset({HIDDEN}),)
     assert found.xi[found.xi != 0] == pytest.approx([DRAG], rel=0.02)
     assert found.theta == pytest.approx(TRUTH, rel=0.02)
-    assert error(task, found) < 0.05 * error(task, base.fit(task))
+    assert error(task, found) < 0.1 * error(task, base.fit(task))
 
 
 @unchecked
@@ -74,14 +75,16 @@ def test_sysid_finds_the_parameter_and_its_size(task: Task) -> None:
     values = dict(zip([freed.name for freed in found.problem.freed], found.x, strict=True))
     assert frozenset({HIDDEN}) in found.claims
     assert values["drag@rail"] == pytest.approx(DRAG, rel=0.02)
-    assert error(task, found) < 0.05 * error(task, base.fit(task))
+    assert error(task, found) < 0.1 * error(task, base.fit(task))
 
 
 @unchecked
-def test_the_network_learns_the_force_and_names_nothing(task: Task) -> None:
+def test_the_network_learns_the_force_and_names_nothing(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(neural, "SMOOTHING", (0.12,))
     found = neural.fit(task)
     assert found.claims == ()
-    assert error(task, found) < 0.25 * error(task, base.fit(task))
+    assert found.net is not None
+    assert error(task, found) < 0.5 * error(task, base.fit(task))
 
 
 @unchecked
@@ -89,9 +92,12 @@ def test_the_network_learns_the_force_and_names_nothing(task: Task) -> None:
 def test_the_cost_is_measured_on_the_same_problem(task: Task) -> None:
     from recipes.studies.peers import cost
 
-    ours, theirs = cost.seconds(task)
-    assert ours > 0
-    assert theirs > 0
+    problem, measured = cost.own_problem(task), task.fit_windows.measured.numpy()
+    x = np.array(TRUTH)
+    by_hand = problem.residual(x, problem.parameters)[0][0]
+    documented = np.concatenate(cost.documented(task)(x, problem.parameters)[0])
+    np.testing.assert_allclose(documented.reshape(measured.shape)[measured], by_hand, atol=1e-6)
+    assert min(cost.seconds(task)) > 0
 
 
 # --- what they stand on ----------------------------------------------------------------------------------------------
@@ -184,7 +190,7 @@ def test_the_table_says_where_ours_leads_and_where_it_does_not() -> None:
     assert rows["smallest error, within 2 %: mujoco.sysid"].value == 1
     assert rows["right names: onlinebayes refine"].unit == "of 1"
     assert rows["processor time, median: onlinebayes refine"].holds
-    assert next(row for name, row in rows.items() if "over ours" in name).value == 4.0
+    assert next(row for name, row in rows.items() if "as documented" in name).value == 4.0
     assert "swing-effect-1003" not in rows
     behind = outcomes("swing-effect-1000", {**leads, "ours": None}, ("dry_friction@hinge",))
     rows = {row.name: row for row in tabulate(behind).rows}

@@ -1,16 +1,23 @@
 """The same parameters fitted to the same windows from the same start: criticism's fit against ``mujoco.sysid``'s.
 
-Both run on one thread, one after the other. Criticism projects the start of every window out, which sysid takes as
-measured: the harder problem. It stops when a step promises less than 1e-5 of the objective; sysid's clock stops at the
-first iterate whose objective is within 1e-5 of its last one, though it goes on after that.
+| which                | what it does                                                                                    |
+|----------------------|-------------------------------------------------------------------------------------------------|
+| ours                 | ``criticism.fit``: the start of every window is solved for besides (projected out)              |
+| sysid, as documented | ``ModelSequences``, ``build_residual_fn``, ``optimize``: a rollout a window, starts as measured |
+| sysid, by hand       | ``optimize`` with the residual of :mod:`.sysid`: all windows in one rollout, starts as measured |
+
+All on one thread, residuals in sensor noise, one after the other. Ours stops when a step promises less than 1e-5 of the
+objective; sysid's clock stops at the first iterate whose objective is within 1e-5 of its last one, though it goes on.
 """
 
 from __future__ import annotations
 
 import io
 import time
+from typing import Any
 
-import torch
+import mujoco
+import numpy as np
 from mujoco import sysid
 
 from onlinebayes.criticism.fit import TOLERANCE, fit
@@ -19,37 +26,89 @@ from recipes.studies.peers.sysid_parameters import Freed, setter
 from recipes.studies.peers.task import Task
 
 
-def seconds(task: Task) -> tuple[float, float]:
-    """Processor time of ours and of sysid's fit of the problem's own parameters from the nominal ones [s]."""
-    task.fit_windows, task.noise  # noqa: B018  (cut beforehand: both need them)
+def seconds(task: Task) -> tuple[float, float, float]:
+    """Processor time of ours, of sysid as documented and of sysid by hand, from the nominal parameters [s]."""
+    windows, nominal = task.fit_windows, task.simulator.parameters.clamp(task.simulator.nominal)
     began = time.process_time()
-    fit(task.simulator, task.fit_windows, task.simulator.nominal)
-    return time.process_time() - began, _sysid(task)
+    fit(task.simulator, windows, nominal)
+    ours = time.process_time() - began
+    problem = own_problem(task)
+    return ours, _to_tolerance(problem, documented(task)), _to_tolerance(problem, problem.residual)
 
 
-def _sysid(task: Task) -> float:
-    marks: list[tuple[float, float]] = []
+def own_problem(task: Task) -> Problem:
+    """The problem's own parameters, from the nominal ones."""
     nominal = task.simulator.parameters.clamp(task.simulator.nominal).tolist()
     freed = [
         Freed(address, bounds.low, bounds.high, value, value, frozenset(), setter(address))
         for (address, bounds), value in zip(task.simulator.parameters.items(), nominal, strict=True)
     ]
-    problem = Problem.of(task, freed)
+    return Problem.of(task, freed)
+
+
+def documented(task: Task) -> Any:
+    """The residual as sysid's documentation builds it."""
+    return sysid.build_residual_fn(models_sequences=[sequences(task)], modify_residual=_in_noise(task), n_threads=1)
+
+
+def sequences(task: Task) -> sysid.ModelSequences:
+    """Every fit window as a measured sequence of sysid's, one sensor a signal; nan where nothing was observed."""
+    spec, windows = task.simulator.spec.copy(), task.fit_windows
+    for signal in task.signals:
+        sensor = spec.add_sensor()
+        sensor.name, sensor.objname = signal, signal.partition(".")[2]
+        sensor.type = (
+            mujoco.mjtSensor.mjSENS_JOINTPOS if signal.startswith("qpos") else mujoco.mjtSensor.mjSENS_JOINTVEL
+        )
+        sensor.objtype = mujoco.mjtObj.mjOBJ_JOINT
+    model, J = spec.compile(), windows.start.shape[1] // 2
+    times = np.arange(windows.rows + 1) * windows.step
+    value = np.where(windows.measured.numpy(), windows.value.numpy(), np.nan)
+    value = np.concatenate([value[:, :1], value], 1)  # the first row is the start's, and is not compared
+    command = windows.command.numpy()
+    command = np.concatenate([command, command[:, -1:]], 1)
+    return sysid.ModelSequences(
+        task.name,
+        spec,
+        [str(w) for w in range(windows.count)],
+        [sysid.create_initial_state(model, row[:J], row[J:]) for row in windows.start.numpy()],
+        [sysid.TimeSeries(times, rows) for rows in command],
+        [sysid.TimeSeries.from_names(times, rows, model) for rows in value],
+    )
+
+
+def _in_noise(task: Task) -> Any:
+    """sysid's hook for residuals of one's own: measured - simulated at the measured rows, in sensor noise."""
+
+    def weighed(
+        params: sysid.ParameterDict,
+        predicted: sysid.TimeSeries,
+        measured: sysid.TimeSeries,
+        model: mujoco.MjModel,
+        return_pred_all: bool,
+        **state: object,
+    ) -> tuple[np.ndarray, sysid.TimeSeries, sysid.TimeSeries]:
+        del params, model, return_pred_all, state
+        # The last rows may miss each other by rounding.
+        shown = predicted.resample(np.minimum(measured.times[1:], predicted.times[-1] * (1 + 1e-12)))
+        kept = sysid.TimeSeries(measured.times[1:], measured.data[1:], measured.signal_mapping)
+        return np.nan_to_num((kept.data - shown.data) / task.noise.numpy()), shown, kept
+
+    return weighed
+
+
+def _to_tolerance(problem: Problem, residual: Any) -> float:
+    """Processor time until sysid's objective is within the tolerance of its last [s]."""
+    marks: list[tuple[float, float]] = []
     began = time.process_time()
     sysid.optimize(
         problem.parameters,
-        problem.residual,
+        residual,
         optimizer="mujoco",
         x_scale="jac",
         output=io.StringIO(),
         iter_callback=lambda log: marks.append((time.process_time() - began, float(log[-1].objective))),
     )
-    last = marks[-1][1]
-    # An entry is written after the step that follows its point: the first near the last is one iteration late.
-    near = next(k for k, (_, objective) in enumerate(marks) if objective <= last * (1 + TOLERANCE))
+    # An entry is written after the step that leaves its point: that point was reached when the entry before was.
+    near = next(k for k, (_, objective) in enumerate(marks) if objective <= marks[-1][1] * (1 + TOLERANCE))
     return marks[max(near - 1, 0)][0]
-
-
-def spread_over(seconds_: torch.Tensor) -> str:
-    """Smallest to largest."""
-    return f"{float(seconds_.min()):.3g} to {float(seconds_.max()):.3g}"

@@ -55,8 +55,8 @@ class Judge:
         if trial.method == COST:
             from recipes.studies.peers import cost
 
-            ours, theirs = cost.seconds(case.task)
-            return replace(found, seconds=ours, reference=theirs)
+            ours, documented, by_hand = cost.seconds(case.task)
+            return replace(found, seconds=ours, reference=documented, by_hand=by_hand)
         return judged(found, case, fitter(trial.method))
 
 

@@ -32,7 +32,7 @@ class Outcome:
         right: how many of the hidden effects were named.
         false: how many claims name nothing that is hidden.
         seconds: processor time of the fit [s].
-        reference: of ``cost``, the processor time of ``mujoco.sysid`` [s].
+        reference, by_hand: of ``cost``, the processor time of ``mujoco.sysid`` as documented and by hand [s].
         ended: empty, or why there is no answer.
         code: which code it was.
     """
@@ -46,6 +46,7 @@ class Outcome:
     false: int = 0
     seconds: float = 0.0
     reference: float | None = None
+    by_hand: float | None = None
     ended: str = ""
     code: str = ""
 
