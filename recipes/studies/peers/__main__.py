@@ -77,7 +77,9 @@ def main(study: Study) -> int:
     except KeyboardInterrupt:
         print(f"stopped; {len(found)} of {len(wanted)} trials are kept; the same command goes on", file=sys.stderr)
         return 130
-    table = tabulate(list(found.values()))
+    whole = study.cases == Study.cases
+    command = "make versus-peers" if whole else f"python -m recipes.studies.peers --cases {study.cases}"
+    table = tabulate(list(found.values()), command)
     for row in table.rows:
         held = {None: "", True: "holds", False: "MISSED"}[row.holds]
         value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
