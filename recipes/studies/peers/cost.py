@@ -80,6 +80,7 @@ def sequences(task: Task) -> sysid.ModelSequences:
 
 def _in_noise(task: Task) -> Any:
     """sysid's hook for residuals of one's own: measured - simulated at the measured rows, in sensor noise."""
+    columns = list(task.fit_windows.columns)
 
     def weighed(
         params: sysid.ParameterDict,
@@ -87,12 +88,13 @@ def _in_noise(task: Task) -> Any:
         measured: sysid.TimeSeries,
         model: mujoco.MjModel,
         return_pred_all: bool,
-        **state: object,
+        state: np.ndarray,
     ) -> tuple[np.ndarray, sysid.TimeSeries, sysid.TimeSeries]:
-        del params, model, return_pred_all, state
-        # The last rows may miss each other by rounding.
-        shown = predicted.resample(np.minimum(measured.times[1:], predicted.times[-1] * (1 + 1e-12)))
+        del params, predicted, model, return_pred_all
+        # Sensors come a timestep late out of a rollout: they are read at the beginning of the step.
+        path = sysid.TimeSeries(state[:, 0], state[:, 1:][:, columns], measured.signal_mapping)
         kept = sysid.TimeSeries(measured.times[1:], measured.data[1:], measured.signal_mapping)
+        shown = path.resample(kept.times)
         return np.nan_to_num((kept.data - shown.data) / task.noise.numpy()), shown, kept
 
     return weighed
