@@ -79,7 +79,7 @@ def sequences(task: Task) -> sysid.ModelSequences:
 
 
 def _in_noise(task: Task) -> Any:
-    """sysid's hook for residuals of one's own: measured - simulated at the measured rows, in sensor noise."""
+    """sysid's hook for residuals of one's own: simulated - measured at the measured rows, in sensor noise."""
     columns = list(task.fit_windows.columns)
 
     def weighed(
@@ -95,7 +95,7 @@ def _in_noise(task: Task) -> Any:
         path = sysid.TimeSeries(state[:, 0], state[:, 1:][:, columns], measured.signal_mapping)
         kept = sysid.TimeSeries(measured.times[1:], measured.data[1:], measured.signal_mapping)
         shown = path.resample(kept.times)
-        return np.nan_to_num((kept.data - shown.data) / task.noise.numpy()), shown, kept
+        return np.nan_to_num((shown.data - kept.data) / task.noise.numpy()), shown, kept
 
     return weighed
 

@@ -134,15 +134,14 @@ def _trained(task: Task, moved: Motion, back: ndarray) -> Net:
 
 def _layers(inward: int, outward: int, draw: torch.Generator) -> nn.Sequential:
     """Two hidden layers; it begins as nothing at all."""
-    layers = nn.Sequential(
-        nn.Linear(inward, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh(), nn.Linear(WIDTH, outward)
-    ).double()
+    last = nn.Linear(WIDTH, outward)
+    layers = nn.Sequential(nn.Linear(inward, WIDTH), nn.Tanh(), nn.Linear(WIDTH, WIDTH), nn.Tanh(), last).double()
     with torch.no_grad():
         for layer in layers:
             if isinstance(layer, nn.Linear):
                 layer.weight.copy_(torch.randn(layer.weight.shape, generator=draw) / layer.in_features**0.5)
                 layer.bias.zero_()
-        layers[-1].weight.zero_()
+        last.weight.zero_()
     return layers
 
 

@@ -78,4 +78,5 @@ def from_json(text: str) -> Outcome:
     if not isinstance(raw, dict) or raw.get("method") not in (*METHODS, COST) or "case" not in raw:
         raise ValueError("no outcome of the comparison")
     known = {entry.name for entry in fields(Outcome)}
-    return Outcome(**{k: tuple(v) if isinstance(v, list) else v for k, v in raw.items() if k in known})
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in raw.items() if k in known}
+    return Outcome(**values)
