@@ -8,7 +8,7 @@ OUT ?= out
 WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check bench blind blind-rigs cartpole pendulum emps measured cost effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check bench blind blind-rigs cartpole pendulum emps measured cost versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -50,6 +50,9 @@ measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/re
 	$(BIN)/python -m recipes.studies.measured
 cost: setup      ## seconds and memory of refine, and how they grow -> docs/results/cost.json
 	$(BIN)/python -m recipes.studies.cost
+versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
+	@$(PIP) -e '.[peers]'
+	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers
 cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cartpole.json
 	$(BIN)/python -m recipes.cartpole --study
 pendulum: setup  ## Online BayesSim on Pendulum, five seeds -> docs/results/pendulum.json

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from onlinebayes.runs.files import write_atomic
 
-PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy")
+PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy")
 
 
 @dataclass(frozen=True)

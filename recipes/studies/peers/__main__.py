@@ -1,0 +1,137 @@
+"""``make versus-peers``: ours against pysindy, mujoco.sysid and a neural residual, same data, one run.
+
+Every judged trial (a method on a case) is a file of its own, written at once: a study that was stopped goes on.
+
+    python -m recipes.studies.peers                    60 blind cases and EMPS -> docs/results/versus-peers.json
+    python -m recipes.studies.peers --cases 6 --processes 1 --results /tmp/peers
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import tyro
+
+import envs.rigs
+import onlinebayes
+from onlinebayes.runs import BadInput, Progress, write_atomic
+from recipes.studies.blind_rigs.plan import in_words
+from recipes.studies.blind_rigs.workers import work
+from recipes.studies.peers.cases import jobs
+from recipes.studies.peers.judging import Judge, Trial, unanswered
+from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, to_json
+from recipes.studies.peers.table import tabulate
+
+NEEDED = ("pysindy", "colorama", "tabulate", "yaml", "imageio", "plotly")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run.
+
+    Args:
+        cases: number of blind cases; EMPS comes on top where ``ONLINEBAYES_DATA`` is set.
+        processes: that share the trials.
+        minutes: that a method may take on a case; one that takes longer has no answer.
+        out: folder of the judged trials.
+        results: folder of the table.
+    """
+
+    cases: int = 60
+    processes: int = 2
+    minutes: float = 10.0
+    out: Path = Path("out/versus_peers")
+    results: Path = Path("docs/results")
+
+    @property
+    def trials(self) -> list[Trial]:
+        """All methods on a case, then the next case."""
+        wanted = jobs(self.cases, bool(os.environ.get("ONLINEBAYES_DATA")))
+        return [Trial(job, method) for job in wanted for method in (*METHODS, COST)]
+
+    @property
+    def kept(self) -> Path:
+        """Folder of one file a trial."""
+        return self.out / "trials"
+
+
+def main(study: Study) -> int:
+    """Try what is not tried yet, write the table and print its overall rows; returns the exit status."""
+    if missing := [name for name in NEEDED if importlib.util.find_spec(name) is None]:
+        raise BadInput(f"{', '.join(missing)} not installed", "pip install -c constraints.txt -e '.[peers]'")
+    if study.processes < 1 or study.cases < 0:
+        raise BadInput(f"{study.processes} processes, {study.cases} cases", "use one process or more, no case or more")
+    wanted, code = study.trials, code_mark()
+    found = kept(study.kept, wanted)
+    print(f"{len(wanted)} trials, {len(found)} of them judged before (in {study.kept})", file=sys.stderr)
+    if old := sum(outcome.code != code for outcome in found.values()):
+        print(f"{old} of them by other code: remove their files to go anew", file=sys.stderr)
+    try:
+        judge_all(study, [trial for trial in wanted if trial.name not in found], found, code)
+    except KeyboardInterrupt:
+        print(f"stopped; {len(found)} of {len(wanted)} trials are kept; the same command goes on", file=sys.stderr)
+        return 130
+    whole = study.cases == Study.cases
+    command = "make versus-peers" if whole else f"python -m recipes.studies.peers --cases {study.cases}"
+    table = tabulate(list(found.values()), command)
+    for row in table.rows:
+        held = {None: "", True: "holds", False: "MISSED"}[row.holds]
+        value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
+        print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
+    print(f"written: {table.write(study.results)}")
+    return 0
+
+
+def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: str) -> None:
+    """Judge the trials, each kept as soon as it is known; ``found`` grows."""
+    spent = 0.0
+    with Progress("versus peers", len(todo) + len(found)) as progress:
+        tried = work(todo, Judge(study.out, code), study.processes, 60 * study.minutes)
+        for number, done in enumerate(tried, 1):
+            outcome = done.result or unanswered(done.job, done.problem, done.seconds, code)
+            write_atomic(study.kept / f"{outcome.name}.json", to_json(outcome))
+            found[outcome.name] = outcome
+            spent += done.seconds
+            left = in_words(spent / number * (len(todo) - number) / study.processes)
+            progress.update(len(found), f"{outcome.name}: {_told(outcome)}; about {left} to go")
+
+
+def kept(folder: Path, wanted: Iterable[Trial]) -> dict[str, Outcome]:
+    """The wanted trials that were judged before, by name; a file that cannot be read is judged anew."""
+    found = {}
+    for trial in wanted:
+        try:
+            found[trial.name] = from_json((folder / f"{trial.name}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError, TypeError):
+            continue
+    return found
+
+
+def code_mark() -> str:
+    """A mark of the library, the rigs and the methods: one study has one mark."""
+    digest = hashlib.sha256()
+    for folder in (Path(str(onlinebayes.__file__)).parent, Path(str(envs.rigs.__file__)).parent, Path(__file__).parent):
+        for file in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".xml")):
+            digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
+    return digest.hexdigest()[:12]
+
+
+def _told(outcome: Outcome) -> str:
+    if outcome.ended:
+        return outcome.ended
+    if outcome.method == COST:
+        return f"{outcome.seconds:.1f} s against {outcome.reference:.1f} s"
+    return f"{outcome.error:.3g} floors, {', '.join(outcome.claims) or 'nothing'}"
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main(tyro.cli(Study)))
+    except BadInput as error:
+        sys.exit(f"versus-peers: {error}")

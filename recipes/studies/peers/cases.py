@@ -1,0 +1,131 @@
+"""Which cases are compared, and what is right in each: 60 blind ones, 12 of them with nothing hidden, and EMPS.
+
+Interleaved over the rigs, so that a part of them is a sample. Of each five cases of a rig one hides nothing.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import final
+
+from envs.driven_pendulum import KINDS
+from envs.rigs import case as rig_case
+from onlinebayes.cli.problem import load_problem
+from onlinebayes.runs import BadInput, write_atomic
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from recipes.studies import blind_data, emps
+from recipes.studies.blind_rigs.judging import loaded
+from recipes.studies.blind_rigs.names import Answer, answer, spelt
+from recipes.studies.peers.task import Task
+
+PENDULUM, EMPS = "driven_pendulum", "emps"
+RIGS = ("thrown_ball", "swing", PENDULUM, "position_servo", "slide_drive", "cart_pole")
+REPORTED = 1000
+EVERY = 5
+PUBLISHED = ("dry_friction@carriage", "constant_load@carriage")
+"""What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""
+
+
+@final
+@dataclass(frozen=True)
+class Job:
+    """A case by name: a rig of ``envs/rigs``, the driven pendulum, or EMPS."""
+
+    rig: str
+    kind: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """``rig-kind-seed``."""
+        return f"{self.rig}-{self.kind}-{self.seed}"
+
+
+@final
+@dataclass(frozen=True)
+class Case:
+    """A task with its answers.
+
+    Args:
+        task: as the methods get it.
+        hidden: the right names, for the reader.
+        answers: what counts as finding each of them.
+    """
+
+    task: Task
+    hidden: tuple[str, ...]
+    answers: tuple[Answer, ...]
+
+
+def jobs(count: int, measured: bool) -> list[Job]:
+    """The first ``count`` blind cases, after EMPS where its data are at hand."""
+    found = [Job(EMPS, "measured", 0)] if measured else []
+    for k in range(count):
+        rig, turn = RIGS[k % len(RIGS)], k // len(RIGS)
+        null = turn % EVERY == EVERY - 1
+        if rig == PENDULUM:
+            hidden = [kind for kind in KINDS if kind != "null"]
+            kind, seed = ("null", turn // EVERY) if null else (hidden[turn % len(hidden)], turn // len(hidden))
+            found.append(Job(rig, kind, seed))
+        else:
+            found.append(Job(rig, "null" if null else "effect", REPORTED + (turn // EVERY if null else turn)))
+    return found
+
+
+def make(job: Job, folder: Path) -> Case:
+    """Make the case of a job (seconds).
+
+    Args:
+        job: which.
+        folder: where EMPS's problem file may be written.
+
+    Raises:
+        BadInput: EMPS without its data.
+    """
+    if job.rig == EMPS:
+        return _emps(folder)
+    return _pendulum(job) if job.rig == PENDULUM else _rig(job)
+
+
+def _rig(job: Job) -> Case:
+    made = rig_case(job.rig, job.kind, job.seed)
+    problem = loaded(made)
+    assert isinstance(problem.simulator, MujocoSimulator)
+    assert problem.holdout is not None
+    hidden = tuple(spelt(key, made.truth) for key in made.hidden)
+    shapes = _shapes(made.truth, made.hidden)
+    task = Task(job.name, problem.simulator, problem.measurement, problem.holdout, problem.selection, shapes)
+    return Case(task, hidden, tuple(answer(job.rig, key) for key in hidden))
+
+
+def _pendulum(job: Job) -> Case:
+    (made,) = blind_data.cases((job.kind,), range(job.seed, job.seed + 1))
+    simulator = MujocoSimulator(blind_data.MODEL, blind_data.FREE, threads=1)
+    hidden = (made.hidden,) if made.hidden else ()
+    task = Task(job.name, simulator, made.measurement, made.holdout, shapes=_shapes(made.truth, hidden))
+    return Case(task, hidden, tuple(_plain(key) for key in hidden))
+
+
+def _emps(folder: Path) -> Case:
+    data = os.environ.get("ONLINEBAYES_DATA")
+    if not data:
+        raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds emps/emps.csv")
+    write_atomic(folder / "emps" / "problem.toml", emps.problem(Path(data)))
+    problem = load_problem(folder / "emps" / "problem.toml")
+    assert isinstance(problem.simulator, MujocoSimulator)
+    assert problem.holdout is not None
+    simulator = MujocoSimulator(problem.simulator.spec, problem.simulator.parameters, threads=1)
+    task = Task(EMPS, simulator, problem.measurement, problem.holdout, problem.selection)
+    return Case(task, PUBLISHED, tuple(_plain(key, "asymmetric_friction@carriage") for key in PUBLISHED))
+
+
+def _plain(key: str, *equals: str) -> Answer:
+    """The name itself; names of what is the same law counts, too."""
+    return Answer(frozenset({key, *equals}), (), frozenset())
+
+
+def _shapes(truth: Mapping[str, float], hidden: tuple[str, ...]) -> dict[str, float]:
+    return {address: value for address, value in truth.items() if any(address.startswith(f"{key}.") for key in hidden)}

@@ -1,0 +1,82 @@
+"""What one method made of one case: its error, what it claimed, what it took.
+
+Errors are RMS over the held-out windows, each signal over its floor, then RMS over signals. The floor is that of
+criticism's held-out error at the engineer's nominal parameters, so that it belongs to no method.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, fields
+from typing import Any, final
+
+from recipes.studies.blind_rigs.names import Answer
+from recipes.studies.peers.task import Claim
+
+METHODS = ("base", "ours", "pysindy", "sysid", "neural")
+COST = "cost"
+"""No method: the same parameters fitted to the same windows by criticism and by ``mujoco.sysid``."""
+
+
+@final
+@dataclass(frozen=True)
+class Outcome:
+    """A method on a case.
+
+    Args:
+        case, method: which.
+        hidden: the right names.
+        error: held-out [floors]; None where there is no answer.
+        claims: names, twins joined by ``|``.
+        right: how many of the hidden effects were named.
+        false: how many claims name nothing that is hidden.
+        seconds: processor time of the fit [s].
+        reference, by_hand: of ``cost``, the processor time of ``mujoco.sysid`` as documented and by hand [s].
+        ended: empty, or why there is no answer.
+        code: which code it was.
+    """
+
+    case: str
+    method: str
+    hidden: tuple[str, ...] = ()
+    error: float | None = None
+    claims: tuple[str, ...] = ()
+    right: int = 0
+    false: int = 0
+    seconds: float = 0.0
+    reference: float | None = None
+    by_hand: float | None = None
+    ended: str = ""
+    code: str = ""
+
+    @property
+    def name(self) -> str:
+        """``case.method``."""
+        return f"{self.case}.{self.method}"
+
+
+def scored(answers: Sequence[Answer], claims: Sequence[Claim]) -> tuple[int, int]:
+    """(hidden effects that were named, claims that name nothing hidden)."""
+    said = frozenset[str]().union(*claims)
+    right = sum(answer.found(said) for answer in answers)
+    return right, sum(not any(answer.admits(key) for answer in answers for key in claim) for claim in claims)
+
+
+def to_json(outcome: Outcome) -> str:
+    """One line."""
+    return json.dumps(asdict(outcome)) + "\n"
+
+
+def from_json(text: str) -> Outcome:
+    """The outcome of such a line.
+
+    Raises:
+        ValueError: it is none.
+    """
+    raw: dict[str, Any] = json.loads(text)
+    if not isinstance(raw, dict) or raw.get("method") not in (*METHODS, COST) or "case" not in raw:
+        raise ValueError("no outcome of the comparison")
+    known = {entry.name for entry in fields(Outcome)}
+    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in raw.items() if k in known}
+    return Outcome(**values)
