@@ -54,7 +54,7 @@ SIX_JOINT_ARM = Rig(
         HiddenEffect("quadratic_drag@j1", {"drag": 0.84}),
         HiddenEffect("constant_load@j2", {"load": 0.45}),
         HiddenEffect("joint_stiffness@j3", {"stiffness": 0.4}, {"springref": 0.2}),
-        HiddenEffect("payload@link6", {"mass": 0.059}),
+        HiddenEffect("payload@link6", {"mass": 0.075}),
         HiddenEffect("com_offset@link3", {"x": 0.015}),
         HiddenEffect("gravity_tilt@world", {"angle": 0.025}),
         HiddenEffect("actuator_gain@m2", {"gain": 0.036}),
