@@ -58,8 +58,8 @@ SIX_JOINT_ARM = Rig(
         HiddenEffect("com_offset@link3", {"x": 0.015}),
         HiddenEffect("gravity_tilt@world", {"angle": 0.025}),
         HiddenEffect("actuator_gain@m2", {"gain": 0.036}),
-        HiddenEffect("actuator_lag@m1", {"time_constant": 0.029}),
-        HiddenEffect("sensor_bias@qpos.j3", {"bias": 0.034}),
+        HiddenEffect("actuator_lag@m1", {"time_constant": 0.0095}),
+        HiddenEffect("sensor_bias@qpos.j3", {"bias": 0.028}),
     ),
     outside=(
         HiddenEffect("detent@j4", {"amplitude": 0.18}, {"poles": 10.0, "speed": 0.5}),
