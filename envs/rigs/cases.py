@@ -139,7 +139,7 @@ def _drawing(rig: str, kind: str, seed: int) -> np.random.Generator:
 def _plan(rig: Rig, kind: str, seed: int, draw: np.random.Generator) -> _Plan:
     level = list(LEVELS)[seed % len(LEVELS)]
     if kind == "effect":
-        return _seen(rig, _some_effects(rig, draw), level)
+        return _seen(rig, drawn_effects(rig, draw), level)
     if kind == "tie":
         tie: Tie = rig.ties[draw.integers(len(rig.ties))]
         return _Plan((tie.hidden,), "medium", (tie.partner,), tie.fixed)
@@ -154,12 +154,15 @@ def _seen(rig: Rig, hidden: tuple[HiddenEffect, ...], level: str) -> _Plan:
     return _Plan(hidden, level, rig.partners(tuple(effect.key for effect in hidden)))
 
 
-def _some_effects(rig: Rig, draw: np.random.Generator) -> tuple[HiddenEffect, ...]:
+def drawn_effects(rig: Rig, draw: np.random.Generator) -> tuple[HiddenEffect, ...]:
+    """One effect of the rig's, or two of different laws at different places that do not look alike."""
     first, second = draw.choice(len(rig.effects), 2, replace=False)
     pair = rig.effects[first], rig.effects[second]
     # Two laws of one name, or two at one place, are one question too many for a first judge.
     apart = all(one != other for one, other in zip(*(effect.key.split("@") for effect in pair), strict=True))
-    return pair if apart and draw.random() < PAIRED else pair[:1]
+    # Of two that look alike the log shows their sum, which either of them explains.
+    alike = pair[1].key in rig.partners((pair[0].key,))
+    return pair if apart and not alike and draw.random() < PAIRED else pair[:1]
 
 
 def _made(rig: Rig, kind: str, seed: int, plan: _Plan, draw: np.random.Generator) -> BlindCase:

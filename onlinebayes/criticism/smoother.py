@@ -78,22 +78,30 @@ def local_cubic(
     inside = (index >= 0) & (index < len(value))
     index = index.clamp(0, len(value) - 1)
     weight = (inside & observed[index]).to(value.dtype)
-    # Times in units of the half-window keep X' X well conditioned.
-    away = (offsets + (centres - at / step)[:, None]) / m
-    x = away[..., None] ** torch.arange(DEGREE + 1, device=value.device)
-    normal = torch.einsum("wi,wij,wik->wjk", weight, x, x)
+    # About the central row and in units of the half-window: one set of powers for all instants, X' X well conditioned.
+    x = (offsets.to(value) / m)[:, None] ** torch.arange(DEGREE + 1, device=value.device)
+    normal = (weight @ (x[:, :, None] * x[:, None, :]).flatten(1)).unflatten(1, (DEGREE + 1, DEGREE + 1))
     y = value[index]
     middle = y[:, m : m + 1]  # relative to the centre: small numbers, no cancellation
-    right = torch.einsum("wi,wi,wij->wj", weight, y - middle, x)
+    right = (weight * (y - middle)) @ x
     enough = weight.sum(-1) > DEGREE + 1
     eye = torch.eye(DEGREE + 1, dtype=value.dtype, device=value.device)
     normal = torch.where(enough[:, None, None], normal, eye)
     covariance = torch.linalg.inv(normal + 1e-12 * eye)
-    a = torch.einsum("wjk,wk->wj", covariance, right)
-    rest = (weight * (y - middle - torch.einsum("wij,wj->wi", x, a)) ** 2).sum(-1)
+    a = (covariance @ right[:, :, None])[..., 0]
+    rest = (weight * (y - middle - a @ x.T) ** 2).sum(-1)
+    read = _value_and_slope((at / step - centres) / m)
     scale = torch.tensor([1.0, 1.0 / (m * step)], dtype=value.dtype, device=value.device)
-    state = a[:, :2] * scale
+    state = (read @ a[:, :, None])[..., 0] * scale
     state = torch.stack([state[:, 0] + middle[:, 0], state[:, 1]], -1)
-    sd = covariance.diagonal(dim1=-2, dim2=-1)[:, :2].sqrt() * scale
+    sd = (read @ covariance @ read.mT).diagonal(dim1=-2, dim2=-1).sqrt() * scale
     sd = torch.where(enough[:, None], sd, torch.full_like(sd, float("inf")))
     return state, sd, torch.where(enough, rest, 0.0), torch.where(enough, weight.sum(-1) - (DEGREE + 1), 0.0)
+
+
+def _value_and_slope(at: Float[Tensor, " W"]) -> Float[Tensor, "W 2 powers"]:
+    """What multiplies a cubic's coefficients to give its value and its slope at each place."""
+    power = torch.arange(DEGREE + 1, device=at.device)
+    value = at[:, None] ** power
+    slope = power * torch.cat([torch.zeros_like(value[:, :1]), value[:, :-1]], -1)
+    return torch.stack([value, slope], 1)

@@ -27,6 +27,21 @@ def test_a_cubic_is_read_exactly_everywhere() -> None:
     assert float(rest.max()) < 1e-15
 
 
+def test_it_is_the_least_squares_cubic_of_the_rows_that_were_measured() -> None:
+    t = torch.arange(81, dtype=torch.float64) * H
+    y, seen = torch.sin(9 * t) + 1e-3 * torch.randn(81, dtype=torch.float64), torch.rand(81) > 0.2
+    at, m = torch.tensor([0.3, 0.3137, 0.4049], dtype=torch.float64), 12
+    state, sd, rest, dof = local_cubic(y, seen, at, m, H)
+    for k, instant in enumerate(at.tolist()):
+        rows = [g for g in range(round(instant / H) - m, round(instant / H) + m + 1) if seen[g]]
+        X = (t[rows] - instant)[:, None] ** torch.arange(4)
+        own = torch.linalg.lstsq(X, y[rows], driver="gelsd").solution
+        assert torch.allclose(state[k], own[:2], rtol=0, atol=1e-8)
+        assert torch.allclose(sd[k], torch.linalg.inv(X.T @ X).diagonal()[:2].sqrt(), rtol=1e-6)
+        assert float(rest[k]) == pytest.approx(float((y[rows] - X @ own).square().sum()), rel=1e-6)
+        assert int(dof[k]) == len(rows) - 4
+
+
 def test_the_sd_is_what_noise_gives() -> None:
     # 4000 draws: the sd of an estimate is known to 1.1 %, 5 % is more than 4 sigma.
     noise = torch.randn(4000, 41, dtype=torch.float64)

@@ -19,7 +19,7 @@ from recipes.studies.blind_rigs.judging import Judge, loaded
 from recipes.studies.blind_rigs.names import answer, spelt
 from recipes.studies.blind_rigs.plan import Job, jobs, seconds_to_go
 from recipes.studies.blind_rigs.record import Judged, from_json, to_json
-from recipes.studies.blind_rigs.sizes import next_scale
+from recipes.studies.blind_rigs.sizes import next_scale, questions
 from recipes.studies.blind_rigs.table import tabulate, wilson
 from recipes.studies.blind_rigs.truth import base_error, in_floors, true_error, true_values
 from recipes.studies.blind_rigs.workers import Done
@@ -218,8 +218,9 @@ def test_the_table_counts_and_lists_every_miss() -> None:
 def test_the_true_effect_brings_the_held_out_error_to_the_floor() -> None:
     made = effect_case("thrown_ball", "viscous_friction@x", "strong", 3)
     problem = loaded(made)
-    error = compare(problem.simulator, problem.measurement, holdout=problem.holdout).heldout_error
-    reference = true_error(made, problem, error.noise_floor)
+    compared = compare(problem.simulator, problem.measurement, holdout=problem.holdout)
+    error = compared.heldout_error
+    reference = true_error(made, problem, compared.base.simulator, error.noise_floor)
     assert reference is not None
     # Twelve two-second runs, two held out: four windows decide, whose starts are a good or a bad guess.
     assert 0.5 < reference < 1.6
@@ -243,6 +244,23 @@ def test_an_effect_of_no_size_leaves_the_null_case() -> None:
     nothing, plain = sized_case(rig, rig.effects[-1], 0.0, 900), case(rig.name, "null", 900)
     for name, column in plain.columns["fit1"].items():
         np.testing.assert_array_equal(column, nothing.columns["fit1"][name])
+
+
+def test_all_that_a_blind_case_hides_is_among_the_candidates() -> None:
+    rare = {name for name, effect in EFFECTS.items() if effect.rare}
+    for rig in RIGS.values():
+        assert all(effect.key.split("@")[0] in EFFECTS.keys() - rare for effect in rig.effects)
+        assert all(effect.key.split("@")[0] in rare for effect in rig.rare)
+        assert not any(effect.key.split("@")[0] in EFFECTS for effect in rig.outside)
+
+
+def test_the_effect_of_a_tie_is_measured_with_what_the_tie_fixes_fixed() -> None:
+    rig = RIGS["slide_drive"]
+    posed = {effect.key: asked for asked, effects in questions(rig, ()) for effect in effects}
+    assert len(posed) == len((*rig.effects, *rig.rare, *rig.outside, *rig.ties))
+    assert posed["dry_friction@carriage"].free == rig.free
+    assert set(rig.free) - set(posed["back_emf@motor"].free) == {"joint.carriage.damping"}
+    assert [effects for _, effects in questions(rig, ["payload@carriage"])] == [(rig.ties[1].hidden,)]
 
 
 def test_sizes_step_towards_the_medium_ratio() -> None:

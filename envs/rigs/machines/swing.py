@@ -64,6 +64,7 @@ SWING = Rig(
         ("com_offset@bob", "gravity_tilt@world.x", "sensor_bias@qpos.hinge"),
         # Inertia over weight; a tilt along the hinge's axis takes weight away.
         ("armature@hinge", "com_offset@bob.z", "gravity_tilt@world.y"),
-        ("actuator_delay@motor", "sensor_delay@qpos.hinge"),
+        # A lag of milliseconds is a delay: they part by (2 pi f T)^2 / 2, a thousandth at the highest frequency.
+        ("actuator_delay@motor", "actuator_lag@motor", "sensor_delay@qpos.hinge"),
     ),
 )

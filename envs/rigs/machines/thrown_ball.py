@@ -51,5 +51,12 @@ THROWN_BALL = Rig(
         ("constant_load@x", "gravity_tilt@world"),
         ("constant_load@y", "gravity_tilt@world.y"),
         ("viscous_friction@x", "back_emf@jet_x"),
+        # Nothing but the jets knows x: late jets are late cameras.
+        ("actuator_delay@jet_x", "sensor_delay@qpos.x"),
+        # The mass is known by the jets alone, which have one ratio to show: what y has of its own, or x.
+        (
+            *("actuator_gain@jet_x", "actuator_gain@jet_y", "sensor_scale@qpos.x", "sensor_scale@qpos.y"),
+            *("armature@x", "armature@y"),
+        ),
     ),
 )

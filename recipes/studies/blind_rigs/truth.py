@@ -18,8 +18,8 @@ from torch import Tensor
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism.candidates import grown, propose
+from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
-from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.windows import MEMORY, make_windows
@@ -29,12 +29,13 @@ from onlinebayes.simulators.effects import EFFECTS, ThermalDerating
 from recipes.studies.blind_rigs.names import address_of, spelt
 
 
-def true_error(made: BlindCase, problem: Problem, floor: Mapping[str, float]) -> float | None:
+def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Mapping[str, float]) -> float | None:
     """Held-out error of the model with the hidden effects, fitted [floors]; None where the library lacks one.
 
     Args:
         made: the case.
         problem: as it was loaded.
+        stepped: the base model as refine integrated it in the end; the true one is integrated alike.
         floor: signal -> floor that errors are counted in.
     """
     keys = [spelt(key, made.truth) for key in made.hidden]
@@ -42,33 +43,38 @@ def true_error(made: BlindCase, problem: Problem, floor: Mapping[str, float]) ->
         return None
     fit_runs, _ = split(problem.measurement, problem.holdout)
     horizon = problem.selection.horizon_s
-    windows = make_windows(problem.simulator, fit_runs, horizon, 0.0, None)
+    effects = propose(problem.simulator, make_windows(problem.simulator, fit_runs, horizon), keys)
     try:
-        model = grown(problem.simulator, propose(problem.simulator, windows, keys))
-        begin = true_theta(made, model).to(windows.start)
-        return held_error(problem, settle(model, fit_runs, horizon, windows.noise, begin), floor)
-    except BadInput:  # no integration step bears the true model
+        model = grown(stepped, effects)
+        windows = make_windows(model, fit_runs, horizon, MEMORY * horizon)
+        fitted = fit(model, windows, true_theta(made, model).to(windows.start))
+        return held_error(problem, fitted, windows.noise, floor)
+    except BadInput:  # at this step the true model diverges
         return None
 
 
 def base_error(problem: Problem) -> float:
     """Held-out error of the base model, fitted [floors]."""
     fit_runs, _ = split(problem.measurement, problem.holdout)
-    return held_error(problem, ground(problem.simulator, fit_runs, problem.selection))
+    grounds = ground(problem.simulator, fit_runs, problem.selection)
+    return held_error(problem, grounds.fitted, grounds.windows.noise)
 
 
-def held_error(problem: Problem, grounds: Grounds, floor: Mapping[str, float] | None = None) -> float:
+def held_error(
+    problem: Problem, fitted: Fit, noise: Float[Tensor, " S"], floor: Mapping[str, float] | None = None
+) -> float:
     """RMS over the held-out windows of a fitted model, as the report counts it [floors].
 
     Args:
         problem: gives the runs.
-        grounds: the fit.
+        fitted: the model.
+        noise: of each signal [SI].
         floor: signal -> floor; that of the fitted model when not given.
     """
-    model, theta, horizon = grounds.fitted.simulator, grounds.fitted.theta, problem.selection.horizon_s
+    model, theta, horizon = fitted.simulator, fitted.theta, problem.selection.horizon_s
     _, held = split(problem.measurement, problem.holdout)
     signals = tuple(signal.name for signal in held.signals)
-    windows = make_windows(model, held, horizon, MEMORY * horizon, grounds.windows.noise, inset=True)
+    windows = make_windows(model, held, horizon, MEMORY * horizon, noise, inset=True)
     error = replay_error(replay_runs(model, windows, theta, held_out=True), signals)
     return in_floors(error, floor or start_floor(windows, start_spread(model, windows, theta), signals))
 
