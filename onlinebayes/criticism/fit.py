@@ -23,12 +23,13 @@ from torch import Tensor
 from onlinebayes.criticism.projection import Projected, project, row_weights, signal_rms, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.sensitivities import Linearisation, linearise
-from onlinebayes.criticism.strays import best_starts, strays, window_errors
+from onlinebayes.criticism.strays import best_starts, settled_starts, strays, window_errors
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 STEPS = 40
+ROUNDS = 3  # of descents, between which windows' starts settle one by one
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
 CREEP = 0.05  # of the objective: what a step gains at least where there is hope
@@ -93,7 +94,24 @@ def fit(
             "the simulation diverges over the measured windows",
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
-    current, centred, searching = project(windows, lin, weight), False, False
+    found = descend(simulator, windows, lin, project(windows, lin, weight), hopeless)
+    for _ in range(ROUNDS):
+        starts = settled_starts(simulator, windows, found.lin, found.projected) if found.converged else found.lin.starts
+        if torch.equal(starts, found.lin.starts):
+            break
+        lin = linearise(simulator, windows, found.theta, starts, difference_steps(found.projected))
+        settled = project(windows, lin, weight)
+        if not lin.valid or settled.objective > (1 - SLACK) * found.projected.objective:
+            break
+        found = descend(simulator, windows, lin, settled, hopeless)
+    return found
+
+
+def descend(
+    simulator: Simulator, windows: Windows, lin: Linearisation, current: Projected, hopeless: float = math.inf
+) -> Fit:
+    """Steps of theta and all starts until none lowers the objective noticeably; arguments as :func:`fit`."""
+    centred, searching = False, False
     for _ in range(STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)

@@ -64,13 +64,10 @@ def linearise(
     J2, P = starts.shape[1], len(theta)
     world = together(simulator)
     Q = int(world.max()) + 1 if P else 0
-    start_steps = (START_STEP * windows.start_sd).clamp_min(1e-9)
+    moved_starts = torch.cat([moved_one_by_one(windows, starts), starts.expand(Q, *starts.shape)])
     for _ in range(SHORTER):
         moves = theta.new_zeros(Q, P).index_put((world, torch.arange(P, device=theta.device)), steps)
         moved_theta = theta + torch.cat([theta.new_zeros(1 + J2, P), moves])
-        moved_starts = starts.expand(1 + J2 + Q, *starts.shape).clone()
-        for j in range(J2):
-            moved_starts[1 + j, :, j] += start_steps[:, j]
         signals, valid = replay(simulator, windows, moved_theta, moved_starts)
         stable = valid.all(-1)
         if not bool(stable[0]) or bool(stable.all()):
@@ -78,11 +75,33 @@ def linearise(
         # A step that reaches where the model diverges says nothing about where it does not.
         steps = torch.where(stable[1 + J2 :][world], steps, steps / 100)
     binned = windows.bin(signals)
-    by_start = (binned[1 : 1 + J2] - binned[0]).movedim(0, -1) / start_steps[:, None, None, :]
+    by_start = (binned[1 : 1 + J2] - binned[0]).movedim(0, -1) / start_steps(windows)[:, None, None, :]
     by_theta = (binned[1 + J2 :] - binned[0])[world].movedim(0, -1) / steps
     if isinstance(simulator, ScopedSimulator):
         by_theta = by_theta * simulator.touches(windows).T.to(by_theta)[:, None, None, :]
     return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(stable.all()))
+
+
+def linearise_starts(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], starts: Float[Tensor, "W J2"]
+) -> Linearisation:
+    """The same with the starts moved alone; the derivatives by theta are left zero."""
+    moved = moved_one_by_one(windows, starts)
+    signals, valid = replay(simulator, windows, theta.expand(len(moved), -1), moved)
+    binned = windows.bin(signals)
+    by_start = (binned[1:] - binned[0]).movedim(0, -1) / start_steps(windows)[:, None, None, :]
+    by_theta = by_start.new_zeros(*by_start.shape[:-1], len(theta))
+    return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(valid.all()))
+
+
+def start_steps(windows: Windows) -> Float[Tensor, "W J2"]:
+    """Difference steps of the starts [SI]."""
+    return (START_STEP * windows.start_sd).clamp_min(1e-9)
+
+
+def moved_one_by_one(windows: Windows, starts: Float[Tensor, "W J2"]) -> Float[Tensor, "J21 W J2"]:
+    """The starts as they are, then with each coordinate moved by its step [SI]."""
+    return torch.cat([starts[None], starts + torch.diag_embed(start_steps(windows)).movedim(1, 0)])
 
 
 def together(simulator: Simulator) -> Int[Tensor, " P"]:

@@ -10,7 +10,7 @@ from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.projection import project, row_weights
 from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.strays import best_starts, strays
+from onlinebayes.criticism.strays import best_starts, settled_starts, strays
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -51,6 +51,23 @@ def test_each_window_takes_the_start_that_replays_it_best() -> None:
     thrown[5:] += 0.5
     chosen = best_starts(simulator, windows, weights, theta, torch.stack([thrown, windows.start]))
     assert torch.equal(chosen, windows.start)
+
+
+def test_windows_that_stand_out_settle_and_the_others_stay() -> None:
+    simulator, windows = windows_of_the_slide()
+    theta = torch.tensor(TRUTH, dtype=torch.float64)
+    stuck = windows.start.clone()
+    stuck[2] += 30 * windows.start_sd[2]
+    lin = linearise(simulator, windows, theta, stuck)
+    # As projected the misfit is what steps of its own would leave: the window must stand out by itself.
+    projected = project(windows, lin)
+    projected.residual[2] += 100.0
+    settled = settled_starts(simulator, windows, lin, projected)
+    others = [w for w in range(windows.count) if w != 2]
+    assert torch.equal(settled[others], stuck[others])
+    assert (settled[2] - windows.start[2]).abs().div(windows.start_sd[2]).max() < 3
+    projected.residual[2] = 0.0
+    assert torch.equal(settled_starts(simulator, windows, lin, projected), stuck)
 
 
 def swings(runs: int = 8, seconds: float = 6.0) -> Measurement:
