@@ -10,7 +10,8 @@ from envs.measured.dart_car import SingleTrack
 from envs.measured.dart_car.single_track import GRAVITY, MASS_FRONT, MASS_REAR, WHEELBASE
 from envs.measured.dart_car.tyres import TyreSaturation
 from envs.measured.skid_steer import SkidSteer
-from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip, WheelSaturation
+from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import TorchSimulator
@@ -44,6 +45,9 @@ def test_they_keep_the_contract_of_simulators(system: TorchSimulator) -> None:
         (SkidSteer(["radius"]), TurningSlip("vehicle", Parameter(0.0, 1.0, "s/rad"))),
         (SkidSteer(["radius"]), SideAsymmetry("vehicle", Parameter(-0.3, 0.3, "1"))),
         (SkidSteer(["radius"]), WheelSaturation("vehicle", Parameter(0.1, 100.0, "rad/s"))),
+        (SkidSteer(["radius"]), TurnLimit("vehicle", Parameter(0.1, 100.0, "rad/s"))),
+        (SkidSteer(["radius"]), TravelAcceleration("vehicle", Parameter(0.1, 1e4, "rad/s^2"))),
+        (SkidSteer(["radius"]), TurnAcceleration("vehicle", Parameter(0.1, 1e4, "rad/s^2"))),
         (SingleTrack(["steering_angle"]), TyreSaturation("front", CURVATURE)),
         (SingleTrack(["steering_angle"]), TyreSaturation("rear", CURVATURE)),
     ],
@@ -59,13 +63,32 @@ def test_a_law_belongs_to_its_own_system() -> None:
         SingleTrack(["gear"]).with_effect(TyreSaturation("fron", CURVATURE))
 
 
-def test_no_wheel_turns_faster_than_its_limit() -> None:
-    vehicle = SkidSteer(["travel_gain"]).with_effect(WheelSaturation("vehicle", Parameter(0.1, 100.0, "rad/s")))
-    theta = torch.tensor([[2.0, 6.0]]).double()
-    state = TensorDict({"qpos": torch.zeros(1, 5), "qvel": torch.zeros(1, 5)}, batch_size=(1,))
-    inputs = TensorDict({"command": torch.tensor([[[2.0, 4.0]]]).double()}, batch_size=(1, 1))
-    end = vehicle.rollout(theta, state.double(), inputs, torch.tensor([4.0]).double())[0, 0]
-    assert end["qvel"][:2].tolist() == pytest.approx([5.0, 6.0], abs=1e-6)  # told 5 and 7
+def limited(limit: Effect, theta: list[float], command: list[float], seconds: float) -> list[float]:
+    """Speeds of the left and the right wheels from rest, under one command and one limit of the driver [rad/s]."""
+    vehicle = SkidSteer(["wheel_lag"]).with_effect(limit)
+    state = TensorDict({"qpos": torch.zeros(1, 5), "qvel": torch.zeros(1, 5)}, batch_size=(1,)).double()
+    inputs = TensorDict({"command": torch.tensor([[command]]).double()}, batch_size=(1, 1))
+    end = vehicle.rollout(torch.tensor([theta]).double(), state, inputs, torch.tensor([seconds]).double())[0, 0]
+    return end["qvel"][:2].tolist()
+
+
+def test_no_wheel_turns_faster_than_its_limit_and_the_path_keeps_its_curvature() -> None:
+    saturation = WheelSaturation("vehicle", Parameter(0.1, 100.0, "rad/s"))
+    assert limited(saturation, [0.1, 6.0], [5.0, 7.0], 4.0) == pytest.approx([6.0 * 5 / 7, 6.0], abs=1e-6)
+
+
+def test_a_driver_cuts_off_the_turn_alone() -> None:
+    turn = TurnLimit("vehicle", Parameter(0.1, 100.0, "rad/s"))
+    assert limited(turn, [0.1, 2.0], [-2.0, 6.0], 4.0) == pytest.approx([0.0, 4.0], abs=1e-6)  # travel 2, turn 4
+
+
+def test_a_driver_speeds_up_along_a_ramp() -> None:
+    travel = TravelAcceleration("vehicle", Parameter(0.1, 1e4, "rad/s^2"))
+    assert limited(travel, [0.02, 3.0], [8.0, 8.0], 1.5) == pytest.approx([4.5, 4.5])
+    turn = TurnAcceleration("vehicle", Parameter(0.1, 1e4, "rad/s^2"))
+    left, right = limited(turn, [0.02, 3.0], [0.0, 16.0], 1.5)
+    assert (right - left) / 2 == pytest.approx(4.5)
+    assert (right + left) / 2 == pytest.approx(8.0)
 
 
 def test_wheels_that_turn_alike_drive_straight_and_others_turn_about_the_centre_of_rotation() -> None:
