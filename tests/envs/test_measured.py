@@ -1,6 +1,8 @@
 """The systems of measured machines: the contract of simulators and effects, and motions known in closed form."""
 
 import math
+import sys
+from collections.abc import Iterator
 
 import pytest
 import torch
@@ -12,12 +14,19 @@ from envs.measured.dart_car.tyres import TyreSaturation
 from envs.measured.skid_steer import SkidSteer
 from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
 from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
+from onlinebayes.cli.factory import import_module
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import TorchSimulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.testing import check_effect, check_simulator
 
+SERVO = """
+<mujoco><option timestep="0.005" integrator="implicitfast" gravity="0 0 0"/>
+  <worldbody><body name="arm"><joint name="servo" type="hinge" axis="0 1 0"/>
+    <geom type="sphere" pos="0 0 -0.1" size="0.02" mass="1"/></body></worldbody>
+  <actuator><position name="goal" joint="servo" kp="10" kv="0.5"/></actuator></mujoco>"""
 CURVATURE = Parameter(0.0, 20.0, "1/rad")
 ROUNDING = 1e-11  # trigonometric functions round differently with the size of a batch
 
@@ -89,6 +98,30 @@ def test_a_driver_speeds_up_along_a_ramp() -> None:
     left, right = limited(turn, [0.02, 3.0], [0.0, 16.0], 1.5)
     assert (right - left) / 2 == pytest.approx(4.5)
     assert (right + left) / 2 == pytest.approx(8.0)
+
+
+@pytest.fixture
+def rate_limit() -> Iterator[type[Effect]]:
+    """As a problem file's module has it; gone from the vocabulary after the test."""
+    yield import_module("envs.measured.sts3250.rate_limit").ActuatorRateLimit
+    EFFECTS.pop("actuator_rate_limit")
+    sys.modules.pop("envs.measured.sts3250.rate_limit")
+
+
+def test_a_rate_limit_keeps_the_contract_of_effects(rate_limit: type[Effect]) -> None:
+    limit = rate_limit("goal", Parameter(0.5, 60.0))  # type: ignore[call-arg]
+    check_effect(MujocoSimulator(SERVO), limit, atol=ROUNDING)
+
+
+def test_a_goal_that_jumps_is_reached_along_a_ramp(rate_limit: type[Effect]) -> None:
+    limit = rate_limit("goal", Parameter(0.5, 60.0))  # type: ignore[call-arg]
+    parameters = {"limit": torch.tensor([2.0, 60.0]).double()}
+    goal = torch.tensor([[1.0, 1.0, 1.0, -1.0, -1.0]]).double().expand(2, -1)
+    reached, after = limit.command(parameters, None, goal, 0.2)
+    assert reached[0].tolist() == pytest.approx([0.4, 0.8, 1.0, 0.6, 0.2])
+    assert after is not None
+    assert after["reached"].tolist() == pytest.approx([0.2, -1.0])
+    assert torch.equal(reached[1], goal[1])  # at its upper bound it is none
 
 
 def test_wheels_that_turn_alike_drive_straight_and_others_turn_about_the_centre_of_rotation() -> None:
