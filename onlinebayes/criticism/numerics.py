@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.fit import Fit, fit, starting_theta
 from onlinebayes.criticism.grid import even_step
 from onlinebayes.criticism.ladder import Rung, adjustable, ladder
@@ -62,7 +63,7 @@ def settle(
     """
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
-    rungs = ladder(simulator, horizon)
+    rungs, searched = ladder(simulator, horizon), begin is None
     for rung in rungs if before is None else rungs[rungs.index(before.rung) :]:
         stepped = rung.of(simulator)
         try:
@@ -74,6 +75,8 @@ def settle(
             if starts is not None and starts.shape != windows.start.shape:
                 starts = None  # a finer clock fits another window into a run
             fitted = fitted or fit(stepped, windows, begin, starts=starts)
+            if searched and grounds is None:
+                fitted = woken(fitted, windows)
         except BadInput:
             # Too coarse a step may not fit the windows, or make the model diverge; a finer one follows.
             if rung == rungs[-1] and grounds is None:

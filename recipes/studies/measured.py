@@ -46,7 +46,7 @@ def table(names: Sequence[str], data: Path, known: Sequence[Row] = ()) -> Result
 
 def belongs(row: Row, name: str) -> bool:
     """Whether a row is one of this set's."""
-    return row.name.startswith((f"{name}:", f"{name}/", f"{name} + "))
+    return row.name.startswith((f"{name}:", f"{name}/"))
 
 
 def known_rows(file: Path) -> tuple[Row, ...]:

@@ -19,7 +19,7 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,22 +97,13 @@ def _root_mean(squares: Iterable[float]) -> float:
     return math.sqrt(sum(values) / len(values))
 
 
-def refine(name: str, data: Path, add: Sequence[str] = (), out: Path = OUT) -> Refined:
-    """``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``.
-
-    Args:
-        name: of the set.
-        data: folder of the measurements.
-        add: effects that are added by hand, ``--add``; they stand in the set's name and in its folder's.
-        out: folder of the reports.
-    """
-    shown = " + ".join((name, *add))
-    folder = out / "+".join((name, *add))
+def refine(name: str, data: Path, out: Path = OUT) -> Refined:
+    """``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``."""
+    folder = out / name
     (folder / "report.json").unlink(missing_ok=True)
     problem = FOLDER / name / "problem.toml"
     command = [sys.executable, "-m", "onlinebayes.cli.main", "refine", str(problem), "--out", str(folder)]
-    command += [part for effect in add for part in ("--add", effect)]
     began = time.monotonic()
     subprocess.run(command, check=True, env={**os.environ, "ONLINEBAYES_DATA": str(data)})
     seconds = time.monotonic() - began
-    return Refined(shown, json.loads((folder / "report.json").read_text(encoding="utf-8")), seconds)
+    return Refined(name, json.loads((folder / "report.json").read_text(encoding="utf-8")), seconds)
