@@ -1,7 +1,8 @@
-"""Effects added by hand that moved nothing, woken: a limit out of reach has no slope, and a fit would leave it there.
+"""Effects that move nothing where a fit left them, woken: a limit out of reach has no slope, and no fit moves it.
 
 For an effect whose columns are all 0 at the mode, the fit is repeated from each of its starting values, the other
-parameters where they are; the best of these fits stands, which is the first one where none is better.
+parameters where they are; the best of these fits stands, which is the first one where none is better. So begin effects
+added by hand, at their neutral values, and refits whose linear estimate of a limit lies out of reach.
 """
 
 from __future__ import annotations
