@@ -13,7 +13,6 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorSaturation
 from tests.criticism.rigs import measure, model
 
-
 SATURATION = ActuatorSaturation("motor", Parameter(0.1, 30.0, "N"))  # the commands stay below 12
 
 

@@ -53,7 +53,9 @@ def test_the_rows_of_a_report() -> None:
 
 def test_sets_that_are_not_run_keep_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measured, "judge", lambda name, _data: (Row(f"{name}: verdict", "tie"),))
-    file = table(["sts3250"], tmp_path, [Row("sts3250: verdict", "old"), Row("dart_car/floor: time", 1.0)]).write(tmp_path)
+    file = table(["sts3250"], tmp_path, [Row("sts3250: verdict", "old"), Row("dart_car/floor: time", 1.0)]).write(
+        tmp_path
+    )
     assert known_rows(file) == (Row("dart_car/floor: time", 1.0), Row("sts3250: verdict", "tie"))
     assert not known_rows(tmp_path / "none.json")
 

@@ -7,10 +7,11 @@ r"""A skid-steered vehicle: two tracks of wheels, each driven at a commanded spe
     (dx, dy) / dt -> R(yaw) (v_k, -x_icr omega_k),   d yaw / dt -> omega_k,       each within T_g
 
 u_i commanded wheel speed [rad/s], of which the driver makes g_v for travel and g_t for turning: commands that were
-written down for another radius and track arrive so; it has limits (see ``driver``). r radius [m], b effective track [m], x_icr how far the centre of
-rotation lies in front of the body's origin [m]. The wheels' grip draws the body to its kinematic velocity within T_g.
-After Mandow et al. (see ``laws``); the vehicle is the Clearpath Husky of D. Baril, S.-P. Deschenes, L. Coupal,
-C. Goffin, J. Lepine, P. Giguere and F. Pomerleau, "DRIVE: Data-driven Robot Input Vector Exploration", ICRA 2024.
+written down for another radius and track arrive so; it has limits (see ``driver``). r radius [m], b effective track
+[m], x_icr how far the centre of rotation lies in front of the body's origin [m]. The wheels' grip draws the body to its
+kinematic velocity within T_g. After Mandow et al. (see ``laws``); the vehicle is the Clearpath Husky of D. Baril, S.-P.
+Deschenes, L. Coupal, C. Goffin, J. Lepine, P. Giguere and F. Pomerleau, "DRIVE: Data-driven Robot Input Vector
+Exploration", ICRA 2024.
 """
 
 from __future__ import annotations
