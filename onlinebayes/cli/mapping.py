@@ -1,6 +1,6 @@
 """``[signals."NAME"]`` and ``[commands.ACTUATOR]`` of a problem file -> which column becomes what, in which unit.
 
-value(t) = sign scale cell(t + latency) + offset,   the unit's factor in the scale
+value(t) = sign scale cell(t + latency) + offset,   the unit's factor in the scale;   a command's cell may have a factor
 """
 
 from __future__ import annotations
@@ -53,8 +53,10 @@ def command_columns(section: Section, names: Sequence[str]) -> list[CommandColum
     Section(section.values, section.file, section.path, known=names)
     mapped = []
     for name in section.values:
-        table = section.section(name, (*COLUMN, "enable"))
-        mapped.append(CommandColumn(name, table.text("column", ""), *_line(table, ""), table.text("enable", "")))
+        table = section.section(name, (*COLUMN, "enable", "times"))
+        scale, offset = _line(table, "")
+        enable, times = table.text("enable", ""), table.text("times", "")
+        mapped.append(CommandColumn(name, table.text("column", ""), scale, offset, enable, times))
     return mapped
 
 

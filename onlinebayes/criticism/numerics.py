@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.fit import Fit, improve, starting_theta, unfitted
 from onlinebayes.criticism.grid import even_step
 from onlinebayes.criticism.ladder import Rung, adjustable, ladder
@@ -62,7 +63,7 @@ def settle(
     """
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
-    rungs = ladder(simulator, horizon)
+    rungs, afar = ladder(simulator, horizon), begin is None
     for rung in rungs if before is None else rungs[rungs.index(before.rung) :]:
         stepped = rung.of(simulator)
         try:
@@ -81,9 +82,11 @@ def settle(
             continue
         numerics = check(simulator, measurement, windows, here)
         # A fit only lowers the residual: numerics that matter before it matter after it, and the rung is passed by.
-        searched = before is not None or grounds is not None
-        if fitted is None and (numerics.sufficient or not searched or rung == rungs[-1]):
+        first = before is None and grounds is None
+        if fitted is None and (numerics.sufficient or first or rung == rungs[-1]):
             here = improve(here, windows)
+            if first and afar:
+                here = woken(here, windows)
             numerics = check(simulator, measurement, windows, here)
         begin, starts = here.theta, here.lin.starts
         grounds = Grounds(windows, here, numerics, rung)

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import torch
 
 from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, contained, judge
+from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.blocks import FEWEST, Blocks, make_blocks
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.results import Numerics, Selection
@@ -125,8 +126,11 @@ def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
 
 
 def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float = math.inf) -> Fit:
-    """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``."""
+    """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
+
+    The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see :mod:`.asleep`.
+    """
     simulator = current.simulator.with_effect(effect)
     own = [start[name] for name in effect_entries(current.simulator, effect).values()]
     theta = torch.cat([current.theta, current.theta.new_tensor(own)])
-    return fit(simulator, windows, theta, current.projected.weight, current.lin.starts, hopeless)
+    return woken(fit(simulator, windows, theta, current.projected.weight, current.lin.starts, hopeless), windows)

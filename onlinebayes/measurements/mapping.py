@@ -1,4 +1,7 @@
-"""How a column of a log becomes a quantity of the model: value = scale cell + offset, sign and units in the scale."""
+"""How a column of a log becomes a quantity of the model: value = scale cell + offset, sign and units in the scale.
+
+A command may be the product of two columns: a duty cycle and the supply's voltage are together the volts at a motor.
+"""
 
 from __future__ import annotations
 
@@ -56,6 +59,7 @@ class CommandColumn:
         scale: what multiplies the cell, units and sign included [command unit / unit of the column].
         offset: what is added then [command unit].
         enable: the column that is 0 while the actuator is off; ``enable.<actuator>`` by default.
+        times: the column by whose cells the command's are multiplied; none by default.
     """
 
     actuator: str
@@ -63,13 +67,19 @@ class CommandColumn:
     scale: float = 1.0
     offset: float = 0.0
     enable: str = ""
+    times: str = ""
 
     @property
     def source(self) -> str:
         """Name of the column in the table."""
         return self.column or f"ctrl.{self.actuator}"
 
-    def value(self, cells: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
-        """The command [command unit]; what overflows is infinite, which the checks refuse."""
-        with np.errstate(over="ignore"):
-            return cells * self.scale + self.offset
+    @property
+    def sources(self) -> tuple[str, ...]:
+        """Names of all columns that it is read from."""
+        return (self.source, self.times) if self.times else (self.source,)
+
+    def value(self, *cells: Float[np.ndarray, " T"]) -> Float[np.ndarray, " T"]:
+        """The command from the cells of its sources [command unit]; what overflows is infinite, which checks refuse."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            return np.prod(cells, axis=0) * self.scale + self.offset

@@ -89,11 +89,11 @@ class TableReader:
         if "time" not in names:
             cure = _nearest("time", source.names) or _list(source.names)
             raise BadInput("no column 'time'", cure, where=f"{path}, row 1")
-        self._check_switches(source)
+        self._check_beside(source)
         inputs = {name: one for name, one in self._inputs().items() if one.source in names}
         inputs = {name: one for name, one in inputs.items() if not self._ignored(one.source)}
         found = [w for w in wanted if w.source in names and not self._ignored(w.source)]
-        sources = {one.source for one in inputs.values()}
+        sources = {name for one in inputs.values() for name in one.sources}
         taken = {"run", "time", *sources, *(w.source for w in found)}
         self._classify([name for name in source.names if name not in taken], path)
         if not found:
@@ -124,7 +124,7 @@ class TableReader:
         numbers, where = read.rows[rows], str(source.path)
         values = {"time": read["time"][rows]}
         for name, one in inputs.items():
-            values[name] = held(name, one.value(read[one.source][rows]), where, numbers)
+            values[name] = one.value(*(held(name, read[column][rows], where, numbers) for column in one.sources))
         for w in found:
             values[w.signal.name] = w.value(read[w.source][rows])
         if source.joined and 0 < (first := first_commanded(self.commands, values)) < len(numbers):
@@ -142,15 +142,16 @@ class TableReader:
         self._check_commanded(values, source)
         return values
 
-    def _check_switches(self, source: Source) -> None:
-        """A switch that was named but is not there would leave its actuator on throughout."""
+    def _check_beside(self, source: Source) -> None:
+        """A switch that was named but is not there would leave its actuator on throughout, a factor would be 1."""
         for one in self.commanded:
-            if one.enable and (one.enable not in source.names or self._ignored(one.enable)):
-                raise BadInput(
-                    f"no column '{one.enable}', which switches the actuator '{one.actuator}'",
-                    "name the column as the table's header does",
-                    where=f"{source.path}, row 1",
-                )
+            for column, what in ((one.enable, "switches"), (one.times, "multiplies the command of")):
+                if column and (column not in source.names or self._ignored(column)):
+                    raise BadInput(
+                        f"no column '{column}', which {what} the actuator '{one.actuator}'",
+                        "name the column as the table's header does",
+                        where=f"{source.path}, row 1",
+                    )
 
     def _check_commanded(self, values: Mapping[str, np.ndarray], source: Source) -> None:
         for name, one in ((name, self._inputs()[f"ctrl.{name}"]) for name in self.commands):

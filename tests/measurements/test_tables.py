@@ -124,6 +124,17 @@ def test_a_switch_may_have_a_name_of_its_own(tmp_path):
         read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.enabled")])
 
 
+def test_a_command_may_be_the_product_of_two_columns(tmp_path):
+    volts = CommandColumn("motor", "sensor.duty", scale=-0.01, offset=0.5, times="sensor.supply")
+    text = "time,sensor.duty,sensor.supply,qpos.carriage\n0,50,7,0\n1,100,,0\n2,,6,0\n"
+    m = read(tmp_path, text, commanded=[volts])
+    assert m.data["command"].flatten().tolist() == pytest.approx([-3.0, -6.5, -5.5])  # either holds its last value
+    with pytest.raises(BadInput, match=r"no column 'sensor\.supply', which multiplies the command of .*'motor'"):
+        read(tmp_path, text.replace("sensor.supply", "sensor.volts"), commanded=[volts])
+    with pytest.raises(BadInput, match="no command yet"):
+        read(tmp_path, text.replace("50,7", "50,"), commanded=[volts])
+
+
 BAD = {
     "goes back": (GOOD.replace("a,0.2", "a,0.05"), r"row 4, column 'time': time goes from 0\.1 to 0\.05 s"),
     "stands still": (GOOD.replace("a,0.2", "a,0.1"), "row 4, column 'time': time goes from"),

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from envs.measured import FOLDER
 from onlinebayes.cli.problem import load_problem
-from recipes.studies.measured import sets
+from onlinebayes.runs import Row
+from onlinebayes.simulators.effects import EFFECTS
+from recipes.studies import measured
+from recipes.studies.measured import known_rows, sets, table
 from recipes.studies.measured_rows import Refined
 
 PROBLEMS = sorted(FOLDER.rglob("problem.toml"))
@@ -47,11 +51,30 @@ def test_the_rows_of_a_report() -> None:
     assert not others
 
 
+def test_sets_that_are_not_run_keep_their_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(measured, "judge", lambda name, _data: (Row(f"{name}: verdict", "tie"),))
+    file = table(["sts3250"], tmp_path, [Row("sts3250: verdict", "old"), Row("dart_car/floor: time", 1.0)]).write(
+        tmp_path
+    )
+    assert known_rows(file) == (Row("dart_car/floor: time", 1.0), Row("sts3250: verdict", "tie"))
+    assert not known_rows(tmp_path / "none.json")
+
+
 def test_every_study_has_a_problem() -> None:
     assert sets()
     assert all(any((FOLDER / name).rglob("problem.toml")) for name in sets())
 
 
+@pytest.fixture
+def vocabulary() -> Iterator[None]:
+    """What a problem's modules register is gone after the test."""
+    registered = dict(EFFECTS)
+    yield
+    EFFECTS.clear()
+    EFFECTS.update(registered)
+
+
+@pytest.mark.usefixtures("vocabulary")
 @pytest.mark.parametrize("path", PROBLEMS, ids=[path.parent.name for path in PROBLEMS])
 def test_the_problem_loads(path: Path, data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ONLINEBAYES_DATA", str(data))

@@ -2,7 +2,6 @@
 
     turning_slip       w = w_k / (1 + s |w_k|)                     w_k the kinematic yaw rate [rad/s]
     side_asymmetry     the left wheels roll r (1 - a), the right ones r (1 + a)
-    wheel_saturation   no wheel is driven faster than a limit [rad/s]
 
 A skid-steered vehicle turns by dragging its wheels sideways; the faster it turns, the more of their speed is lost. The
 constant part of that loss is the effective track. After A. Mandow, J. L. Martinez, J. Morales, J. L. Blanco,
@@ -77,38 +76,3 @@ class SideAsymmetry(Effect):
     def neutral(self) -> Mapping[str, float]:
         """a = 0."""
         return {"asymmetry": 0.0}
-
-
-@dataclass(frozen=True)
-class WheelSaturation(Effect):
-    """No wheel is driven faster than a limit, whatever the driver makes of both commands.
-
-    Args:
-        target: the vehicle.
-        limit: bounds of the largest wheel speed; the upper one is no limit at all [rad/s].
-    """
-
-    target: str
-    limit: Parameter
-    name = "wheel_saturation"
-    target_kind = "body"
-
-    @classmethod
-    def scaled(cls, target: str, scales: Scales) -> Self:
-        """Up to 100 rad/s, which no such vehicle reaches."""
-        return cls(target, Parameter(0.1, 100.0, "rad/s"))
-
-    @property
-    def parameters(self) -> ParameterSpace:
-        """``limit``."""
-        return ParameterSpace({"limit": self.limit})
-
-    @property
-    def neutral(self) -> Mapping[str, float]:
-        """The upper bound."""
-        return {"limit": self.limit.high}
-
-    @property
-    def starts(self) -> tuple[Mapping[str, float], ...]:
-        """A limit far out of reach moves nothing, so that screening begins at some that are within."""
-        return tuple({"limit": part * self.limit.high} for part in (0.04, 0.08, 0.16))

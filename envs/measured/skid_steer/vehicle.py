@@ -1,16 +1,17 @@
 r"""A skid-steered vehicle: two tracks of wheels, each driven at a commanded speed, and a body that follows them.
 
-    w*_left, w*_right = g_v (u_left + u_right) / 2 -+ g_t (u_right - u_left) / 2
-    T_w d w_i / dt = w*_i - w_i                          wheel speed of a side, i = left, right [rad/s]
+    p* = g_v (u_left + u_right) / 2,   d* = g_t (u_right - u_left) / 2       travel and turn that are asked for [rad/s]
+    T_w dp / dt = p* - p,   T_w dd / dt = d* - d                             as the wheels do them, w = p -+ d [rad/s]
     v_k     = r (w_right + w_left) / 2                   forward [m/s]
     omega_k = r (w_right - w_left) / b                   yaw rate [rad/s]
     (dx, dy) / dt -> R(yaw) (v_k, -x_icr omega_k),   d yaw / dt -> omega_k,       each within T_g
 
 u_i commanded wheel speed [rad/s], of which the driver makes g_v for travel and g_t for turning: commands that were
-written down for another radius and track arrive so. r radius [m], b effective track [m], x_icr how far the centre of
-rotation lies in front of the body's origin [m]. The wheels' grip draws the body to its kinematic velocity within T_g.
-After Mandow et al. (see ``laws``); the vehicle is the Clearpath Husky of D. Baril, S.-P. Deschenes, L. Coupal,
-C. Goffin, J. Lepine, P. Giguere and F. Pomerleau, "DRIVE: Data-driven Robot Input Vector Exploration", ICRA 2024.
+written down for another radius and track arrive so; it has limits (see ``driver``). r radius [m], b effective track
+[m], x_icr how far the centre of rotation lies in front of the body's origin [m]. The wheels' grip draws the body to its
+kinematic velocity within T_g. After Mandow et al. (see ``laws``); the vehicle is the Clearpath Husky of D. Baril, S.-P.
+Deschenes, L. Coupal, C. Goffin, J. Lepine, P. Giguere and F. Pomerleau, "DRIVE: Data-driven Robot Input Vector
+Exploration", ICRA 2024.
 """
 
 from __future__ import annotations
@@ -21,7 +22,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip, WheelSaturation
+from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 
@@ -58,7 +60,7 @@ class SkidSteer(TorchSimulator):
     )
     actuators = (Actuator("left", "left"), Actuator("right", "right"))
     bodies = {"vehicle": (50.0, 1.0)}  # noqa: RUF012
-    laws = (TurningSlip, SideAsymmetry, WheelSaturation)
+    laws = (TurningSlip, SideAsymmetry, TurnLimit, WheelSaturation, TravelAcceleration, TurnAcceleration)
     timestep = 0.01
 
     def acceleration(
@@ -76,19 +78,31 @@ class SkidSteer(TorchSimulator):
         rate = rate / (1 + parameters["turning_slip@vehicle.slip"] * rate.abs())
         aside = -parameters["x_icr"] * rate
         cos, sin = torch.cos(q[4]), torch.sin(q[4])
-        wheels = (_told(parameters, tau[0], tau[1]) - v[:2]) / parameters["wheel_lag"]
+        wheels = _wheels(parameters, v[0], v[1], tau[0], tau[1])
         kinematic = torch.stack((cos * forward - sin * aside, sin * forward + cos * aside, rate))
         return torch.cat((wheels, (kinematic - v[2:]) / parameters["grip_lag"] + tau[2:]))
 
 
-def _told(
-    parameters: Mapping[str, Tensor], left: Float[Tensor, " N"], right: Float[Tensor, " N"]
+def _wheels(
+    parameters: Mapping[str, Tensor],
+    left: Float[Tensor, " N"],
+    right: Float[Tensor, " N"],
+    told_left: Float[Tensor, " N"],
+    told_right: Float[Tensor, " N"],
 ) -> Float[Tensor, "2 N"]:
-    """Speeds that the driver asks of the wheels [rad/s]."""
-    travel = 0.5 * parameters["travel_gain"] * (left + right)
-    turn = 0.5 * parameters["turn_gain"] * (right - left)
-    limit = parameters["wheel_saturation@vehicle.limit"]
-    return torch.stack((travel - turn, travel + turn)).clamp(-limit, limit)
+    """Accelerations of the left and the right wheels, from their speeds and their commands [rad/s^2]."""
+    travel = 0.5 * parameters["travel_gain"] * (told_left + told_right)
+    turn = _cut(0.5 * parameters["turn_gain"] * (told_right - told_left), parameters["turn_limit@vehicle.limit"])
+    fastest = (travel.abs() + turn.abs()).clamp_min(1e-300)
+    slowed = (parameters["wheel_saturation@vehicle.limit"] / fastest).clamp_max(1.0)
+    faster, turns = (slowed * travel - 0.5 * (left + right)), (slowed * turn - 0.5 * (right - left))
+    faster = _cut(faster / parameters["wheel_lag"], parameters["travel_acceleration@vehicle.limit"])
+    turns = _cut(turns / parameters["wheel_lag"], parameters["turn_acceleration@vehicle.limit"])
+    return torch.stack((faster - turns, faster + turns))
+
+
+def _cut(value: Float[Tensor, " N"], limit: Float[Tensor, " N"]) -> Float[Tensor, " N"]:
+    return torch.minimum(torch.maximum(value, -limit), limit)
 
 
 def build(parameters: ParameterSpace) -> SkidSteer:

@@ -1,4 +1,4 @@
-"""A skid-steered vehicle: commands that were written down for another one, and no law that is missing for certain."""
+"""A skid-steered vehicle: commands that were written down for another one, and a driver that ramps its turns."""
 
 from __future__ import annotations
 
