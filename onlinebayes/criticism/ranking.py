@@ -7,8 +7,9 @@ from dataclasses import replace
 
 from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.identifiability import covariance_of, estimates
-from onlinebayes.criticism.results import Candidate, Estimate, Step
-from onlinebayes.criticism.scoped import effect_entries
+from onlinebayes.criticism.results import Candidate, Estimate, ParameterChange, Step
+from onlinebayes.criticism.scope import address_of
+from onlinebayes.criticism.scoped import effect_entries, unscoped
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import REFIT_BELOW, Stage
 from onlinebayes.criticism.survey import Screened
@@ -70,6 +71,35 @@ def steps(found: Found) -> tuple[Step, ...]:
         )
         taken.append(Step(judged.effect.key, before, after, judged.gain.gain, judged.gain.se, judged.gain.blocks))
     return tuple(taken)
+
+
+def parameter_changes(found: Found, fitted: Mapping[str, Estimate]) -> tuple[ParameterChange, ...]:
+    """The parameters that differ between runs, with their values in the final model.
+
+    Args:
+        found: what the search found.
+        fitted: the final model's parameters.
+    """
+    rows = []
+    for change in found.changes:
+        one, base = change.judged, found.base.fitted
+        space, address = unscoped(change.simulator).parameters, one.address
+        bounds = space[address]
+        values = {
+            name.removeprefix(f"{address}[run ").removesuffix("]"): value
+            for name, value in fitted.items()
+            if name != address and address_of(name) == address
+        }
+        scale = "" if bounds.scale == "linear" else f', scale = "{bounds.scale}"'
+        lines = f'[parameters]\n"{address}" = {{ low = {bounds.low:g}, high = {bounds.high:g}{scale}, scope = "per_run" }}'
+        shared = float(base.theta[base.simulator.parameters.index(address)])
+        gain = one.gain
+        rows.append(
+            ParameterChange(
+                address, values, shared, one.p_value, gain.gain, gain.se, gain.blocks, one.falls, change.equals, lines
+            )
+        )
+    return tuple(rows)
 
 
 def _not_refitted(screened: Screened) -> tuple[str, ...]:

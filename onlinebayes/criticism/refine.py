@@ -23,7 +23,7 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.opening import opened
 from onlinebayes.criticism.projection import project
-from onlinebayes.criticism.ranking import rank, steps
+from onlinebayes.criticism.ranking import parameter_changes, rank, steps
 from onlinebayes.criticism.results import (
     Criticism,
     FittedModel,
@@ -160,7 +160,7 @@ def _assemble(
     blocks = blocks_for(final.fitted, final.windows, selection.folds)
     correlation = residual_tau(final)
     say("comparing with its equals" if found.accepted else "weighing what is left")
-    equal = alternatives(simulator, found, selection.folds)
+    equal = alternatives(found.simulator(simulator), found, selection.folds)
     before, after = (left_over(grounds, simulator) for grounds in (base, final))
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
@@ -175,6 +175,7 @@ def _assemble(
         after,
         selection.tolerance,
         fault is not None,
+        bool(found.changes),
     )
     say("opening the held-out runs")
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
@@ -213,6 +214,7 @@ def _assemble(
         detail=detail,
         timings=say.timings(),
         wiring=None if fault is None else _wiring(fault),
+        changes=parameter_changes(found, final_model.parameters),
     )
 
 
