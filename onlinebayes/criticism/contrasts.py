@@ -1,7 +1,7 @@
 """Has a parameter one value in all runs? A score test of one value a run, calibrated by flipping parts of the runs.
 
-    c~_r  the parameter's sensitivity in run r alone, off the starts and all fitted parameters, its shared value included
-    g = sum_b g_b,   g_b = sum over part b of C~ r,   T = g' V^-1 g / s^2,   V = C~' C~         (Rao's score test, R - 1)
+    c~_r  the parameter's sensitivity in run r alone, off the starts and all fitted parameters, its shared one included
+    g = sum_b g_b,   g_b = sum over part b of C~ r,   T = g' V^-1 g / s^2,   V = C~' C~       (Rao's score test, R - 1)
     under the flips F = diag(+-1 per part):   T_F with g_F = sum_b +-g_b and V_F = C~' F (I - P) F C~
     p = share of the flips whose largest T_F, over all parameters and horizons, reaches T
 

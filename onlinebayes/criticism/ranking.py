@@ -13,6 +13,8 @@ from onlinebayes.criticism.scoped import effect_entries, unscoped
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import REFIT_BELOW, Stage
 from onlinebayes.criticism.survey import Screened
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.mujoco.addresses import is_glob
 
 
 def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate, ...]:
@@ -90,8 +92,7 @@ def parameter_changes(found: Found, fitted: Mapping[str, Estimate]) -> tuple[Par
             for name, value in fitted.items()
             if name != address and address_of(name) == address
         }
-        scale = "" if bounds.scale == "linear" else f', scale = "{bounds.scale}"'
-        lines = f'[parameters]\n"{address}" = {{ low = {bounds.low:g}, high = {bounds.high:g}{scale}, scope = "per_run" }}'
+        lines = f'[parameters]\n"{address}" = {{ {_declared(address, bounds)}, scope = "per_run" }}'
         shared = float(base.theta[base.simulator.parameters.index(address)])
         gain = one.gain
         rows.append(
@@ -100,6 +101,12 @@ def parameter_changes(found: Found, fitted: Mapping[str, Estimate]) -> tuple[Par
             )
         )
     return tuple(rows)
+
+
+def _declared(address: str, bounds: Parameter) -> str:
+    """Bounds as a problem file has them."""
+    scale = "" if bounds.scale == "linear" else f', scale = "{bounds.scale}"'
+    return f"low = {bounds.low:g}, high = {bounds.high:g}{scale}{', tie = true' if is_glob(address) else ''}"
 
 
 def _not_refitted(screened: Screened) -> tuple[str, ...]:
