@@ -22,19 +22,19 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.acceptance import LEAST_FALL, STANDARD_ERRORS
-from onlinebayes.criticism.blocks import Blocks, t_quantile
+from onlinebayes.criticism.blocks import FEWEST, Blocks, t_quantile
 from onlinebayes.criticism.contrasts import contrast_p_values
-from onlinebayes.criticism.fit import Fit, fit
+from onlinebayes.criticism.fit import Fit, bounded_step, fit
 from onlinebayes.criticism.homogeneity import agree, halves
 from onlinebayes.criticism.identifiability import covariance_of
+from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.own import halves as halves_of_runs
 from onlinebayes.criticism.projection import project, replace_columns
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scope import Scope, address_of
 from onlinebayes.criticism.scoped import ScopedSimulator, unscoped
 from onlinebayes.criticism.score import PIECES, CrossValidated, Gain, cross_validate, score_gain
-from onlinebayes.criticism.stage import Stage
-from onlinebayes.criticism.survey import correlation_of
+from onlinebayes.criticism.stage import Stage, blocks_for
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -78,14 +78,17 @@ def differing(
         selection: how changes are judged.
     """
     free = [name for name in current.simulator.parameters if _may_differ(name)]
-    p_values = contrast_p_values(current, windows, free, correlation_of(current, windows))
+    if len(runs) < 2 or not free:
+        return ()
+    splits = {address: split(current, windows, runs, address) for address in free}
+    # A change makes whole runs err alike: how long noise is correlated shows in what own values leave.
+    correlation = min(_left_correlation(apart, windows) for apart in splits.values())
     level, tried = HALF_LEVEL * selection.alpha, []
-    for address, p in p_values.items():
+    for address, p in contrast_p_values(current, windows, free, correlation).items():
         if p < level:
-            apart = split(current, windows, runs, address)
-            gain, falls = _gains(cross_validate(apart, windows, stage.blocks), stage.scores, windows)
+            gain, falls = _gains(cross_validate(splits[address], windows, stage.blocks), stage.scores, windows)
             if falls[0] > 0.5 * LEAST_FALL:
-                tried.append((gain.gain, p, apart, address))
+                tried.append((gain.gain, p, splits[address], address))
     tried.sort(key=lambda one: -one[0])
     judged = []
     for _, p, apart, address in tried[:MOST_REFITS]:
@@ -93,7 +96,7 @@ def differing(
             fitted = fit(apart.simulator, windows, apart.theta, current.projected.weight, current.lin.starts)
         except BadInput:  # some run's value makes it diverge
             continue
-        judged.append(_judged(current, fitted, windows, stage, address, p, level))
+        judged.append(_judged(current, fitted, windows, stage, address, p, selection))
     return tuple(sorted(judged, key=lambda one: -one.gain.gain))
 
 
@@ -122,6 +125,13 @@ def beats(change: Differing, rival: CrossValidated, bin_step: float) -> bool:
     return over.gain > STANDARD_ERRORS * over.se
 
 
+def _left_correlation(apart: Fit, windows: Windows) -> float:
+    """Correlation time of what a split fit leaves after one step of its own [s]."""
+    step, _ = bounded_step(apart.simulator, apart.projected, apart.theta, 0.0)
+    long = project(windows, apart.lin)
+    return tau(long.measured_rows(long.residual - long.columns @ step), long.seen(), windows.bin_step)
+
+
 def _may_differ(name: str) -> bool:
     return "@" not in name and not name.startswith("option.") and address_of(name) == name
 
@@ -132,7 +142,7 @@ def _gains(scores: CrossValidated, current: CrossValidated, windows: Windows) ->
 
 
 def _judged(
-    current: Fit, fitted: Fit, windows: Windows, stage: Stage, address: str, p: float, level: float
+    current: Fit, fitted: Fit, windows: Windows, stage: Stage, address: str, p: float, selection: Selection
 ) -> Differing:
     """Apply the rules."""
     scores = cross_validate(fitted, windows, stage.blocks)
@@ -141,8 +151,6 @@ def _judged(
     columns = [i for i, name in enumerate(fitted.simulator.parameters) if address_of(name) == address]
     away = fitted.theta[columns] - shared
     failed = []
-    if not p < level:
-        failed.append(f"p = {p:.3g} is not below {level:g}")
     if falls[0] < LEAST_FALL:
         failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
     if gain.gain < STANDARD_ERRORS * gain.se:
@@ -153,6 +161,8 @@ def _judged(
         failed.append("all its values may be the same")
     if not _one_law(fitted, windows, columns, away, scores.tau):
         failed.append("its values differ within the runs, too")
+    if (count := blocks_for(fitted, windows, selection.folds).count) < FEWEST:
+        failed.append(f"what it leaves is slow: {count} independent blocks, not {FEWEST}")
     return Differing(address, p, fitted, scores, gain, falls, stage.blocks, tuple(failed))
 
 
@@ -162,9 +172,9 @@ def _clear(fitted: Fit, blocks: Blocks, columns: list[int], away: Float[Tensor, 
     return float((away.abs() / sd).max()) > t_quantile(1 - 0.025 / len(columns), blocks.count)
 
 
-def _one_law(fitted: Fit, windows: Windows, columns: list[int], away: Float[Tensor, " R"], tau: float) -> bool:
+def _one_law(fitted: Fit, windows: Windows, columns: list[int], away: Float[Tensor, " R"], correlation: float) -> bool:
     """Whether each run's deviation holds in both halves of it, and in every half of its motion."""
-    spread = max(tau / windows.bin_step, 1.0) ** 0.5
+    spread = max(correlation / windows.bin_step, 1.0) ** 0.5
     long = project(windows, fitted.lin)
     rows, r = long.columns[..., columns] @ away, long.residual
     scale = float((r.square().sum() / (long.row_weight > 0).sum()).sqrt()) * spread
