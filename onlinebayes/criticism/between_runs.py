@@ -77,7 +77,7 @@ def differing(
         runs: the fit runs.
         selection: how changes are judged.
     """
-    free = [name for name in current.simulator.parameters if _may_differ(name)]
+    free = [name for name in current.simulator.parameters if may_change(name)]
     if len(runs) < 2 or not free:
         return ()
     splits = {address: split(current, windows, runs, address) for address in free}
@@ -132,7 +132,8 @@ def _left_correlation(apart: Fit, windows: Windows) -> float:
     return tau(long.measured_rows(long.residual - long.columns @ step), long.seen(), windows.bin_step)
 
 
-def _may_differ(name: str) -> bool:
+def may_change(name: str) -> bool:
+    """Whether a parameter is one that may change: no constant of nature, no effect's, none that differs already."""
     return "@" not in name and not name.startswith("option.") and address_of(name) == name
 
 

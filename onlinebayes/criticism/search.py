@@ -17,6 +17,7 @@ from onlinebayes.criticism.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.changes import Changed, changed
+from onlinebayes.criticism.changes_in_time import candidates_in_time, changed_in_time
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
@@ -103,6 +104,7 @@ def search(
     stages: list[Stage] = []
     accepted: list[tuple[Stage, Judged]] = []
     changes: list[Changed] = []
+    late: tuple[Effect, ...] = ()
     moves = bool(base.windows.observed.any())
     enough = moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
     while enough and current.numerics.sufficient:
@@ -126,6 +128,9 @@ def search(
             kept = _without_idle(simulator, measurement, selection, current, accepted, accepted)
             current, accepted = kept or (current, accepted)
             continue
+        if not chosen and candidates == "all" and not late and not _at_floor(current, selection.tolerance):
+            late = candidates_in_time(current)
+            chosen = changed_in_time(current, late, selection, say)
         if not chosen:
             break
         say(f"adding {' and '.join(judged.effect.key for _, judged in chosen)}")
@@ -137,7 +142,8 @@ def search(
             break  # a round that takes away what an earlier one gave would only repeat itself
         if len(accepted) >= most:
             break
-    return Found(base, current, effects, tuple(stages), tuple(accepted), enough=enough, changes=tuple(changes))
+    tried = (*effects, *late)
+    return Found(base, current, tried, tuple(stages), tuple(accepted), enough=enough, changes=tuple(changes))
 
 
 def _chosen(

@@ -12,8 +12,8 @@ from envs.driven_pendulum.sets import Protocol, record
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.between_runs import differing, split
 from onlinebayes.criticism.contrasts import contrast_p_values, owners, parts_of_runs
-from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.scoped import ScopedSimulator
+from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.stage import run_stage
 from onlinebayes.measurements import Measurement, Signal
