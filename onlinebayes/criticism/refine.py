@@ -19,6 +19,7 @@ from onlinebayes.criticism.identifiability import covariance_of, estimates, flat
 from onlinebayes.criticism.inquiry import inquire, left_over, suspect
 from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
+from onlinebayes.criticism.log_notes import log_notes
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.opening import opened
@@ -185,6 +186,7 @@ def _assemble(
     held = _all_rows(final_model.simulator, held_runs, selection, final.windows.noise)
     heldout_error, detail = opened(base_model, final_model, held, signals, units)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
+    candidates = rank(found, equal)
     lacking = verdict == "insufficient_data"
     return Criticism(
         command=question,
@@ -193,7 +195,7 @@ def _assemble(
         remainder=_remainder(final, after, units, selection),
         heldout_error=heldout_error,
         steps=steps(found),
-        candidates=rank(found, equal),
+        candidates=candidates,
         candidates_tried=len(found.effects),
         holdout_looks=1,
         failures=failures(base.fitted, base.windows, units),
@@ -209,7 +211,10 @@ def _assemble(
         selection=selection,
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
-        notes=_notes(simulator, found),
+        notes=(
+            *_notes(simulator, found),
+            *log_notes(candidates, final_model.parameters, simulator.commands, signals),
+        ),
         widened=_bounds(found),
         detail=detail,
         timings=say.timings(),

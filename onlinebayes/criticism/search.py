@@ -25,6 +25,7 @@ from onlinebayes.criticism.pairs import pair
 from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
+from onlinebayes.criticism.zeros import beside_zeros
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
@@ -162,6 +163,10 @@ def _chosen(
     """
     admissible = [judged for judged in stage.judged if judged.admissible]
     best = choose(admissible, current.windows.bin_step) if admissible else None
+    if best is not None:
+        stage = beside_zeros(stage, best, current.numerics, selection, say)
+        admissible = [judged for judged in stage.judged if judged.admissible]
+        best = choose(admissible, current.windows.bin_step)
     if best is None and _at_floor(current, selection.tolerance):
         return []
     effects = [judged.effect for _, judged in accepted]

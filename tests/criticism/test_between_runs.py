@@ -85,9 +85,9 @@ def test_a_law_is_no_change(hidden) -> None:
 
 
 def test_null_sets_stay_silent() -> None:
-    """Eight sets of six runs, level .015: more than one below it comes about in one of 140 such tests."""
+    """Five sets of six runs, level .015: more than one below it comes about in one of 450 such tests."""
     low = 0
-    for seed in range(8):
+    for seed in range(5):
         data = measure(runs=6, seconds=4.0, seed=100 * seed)
         base = ground(model(), data, SELECTION)
         p_values = contrast_p_values(base.fitted, base.windows, (MASS, DAMPING), 0.0)
@@ -125,13 +125,9 @@ def test_every_run_has_parts_of_its_own() -> None:
 
 
 def test_a_change_that_differs_within_the_runs_is_none() -> None:
-    """A damping that grows within every run, by other amounts: own values would be means of what is no constant."""
-    one = judged(weighed(MASSES))[0]
-    assert one.failed == ()
-    data = weighed(MASSES)
+    """In the second half of every run the motor is stronger or weaker than the table says: a mean is no run's value."""
+    data = measure(runs=4, seconds=4.0)
     mixed = dataclasses.replace(data, data=data.data.clone())
-    # The second half of every run is driven by another scale of the command than the table says.
     rows = mixed.data["command"].shape[1] // 2
-    scale = torch.tensor([0.7, 1.3, 1.0] * 3, dtype=torch.float64)[:, None, None]
-    mixed.data["command"][:, rows:] *= scale
+    mixed.data["command"][:, rows:] *= torch.tensor([0.7, 1.3, 1.0, 0.8], dtype=torch.float64)[:, None, None]
     assert all(change.failed for change in judged(mixed))
