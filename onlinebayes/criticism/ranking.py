@@ -7,14 +7,11 @@ from dataclasses import replace
 
 from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.identifiability import covariance_of, estimates
-from onlinebayes.criticism.results import Candidate, Estimate, ParameterChange, Step
-from onlinebayes.criticism.scope import address_of
-from onlinebayes.criticism.scoped import effect_entries, unscoped
+from onlinebayes.criticism.results import Candidate, Estimate, Step
+from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import REFIT_BELOW, Stage
 from onlinebayes.criticism.survey import Screened
-from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.mujoco.addresses import is_glob
 
 
 def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate, ...]:
@@ -73,40 +70,6 @@ def steps(found: Found) -> tuple[Step, ...]:
         )
         taken.append(Step(judged.effect.key, before, after, judged.gain.gain, judged.gain.se, judged.gain.blocks))
     return tuple(taken)
-
-
-def parameter_changes(found: Found, fitted: Mapping[str, Estimate]) -> tuple[ParameterChange, ...]:
-    """The parameters that differ between runs, with their values in the final model.
-
-    Args:
-        found: what the search found.
-        fitted: the final model's parameters.
-    """
-    rows = []
-    for change in found.changes:
-        one, base = change.judged, found.base.fitted
-        space, address = unscoped(change.simulator).parameters, one.address
-        bounds = space[address]
-        values = {
-            name.removeprefix(f"{address}[run ").removesuffix("]"): value
-            for name, value in fitted.items()
-            if name != address and address_of(name) == address
-        }
-        lines = f'[parameters]\n"{address}" = {{ {_declared(address, bounds)}, scope = "per_run" }}'
-        shared = float(base.theta[base.simulator.parameters.index(address)])
-        gain = one.gain
-        rows.append(
-            ParameterChange(
-                address, values, shared, one.p_value, gain.gain, gain.se, gain.blocks, one.falls, change.equals, lines
-            )
-        )
-    return tuple(rows)
-
-
-def _declared(address: str, bounds: Parameter) -> str:
-    """Bounds as a problem file has them."""
-    scale = "" if bounds.scale == "linear" else f', scale = "{bounds.scale}"'
-    return f"low = {bounds.low:g}, high = {bounds.high:g}{scale}{', tie = true' if is_glob(address) else ''}"
 
 
 def _not_refitted(screened: Screened) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.heldout import replay_runs
@@ -24,15 +25,13 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.opening import opened
 from onlinebayes.criticism.projection import project
-from onlinebayes.criticism.ranking import parameter_changes, rank, steps
+from onlinebayes.criticism.ranking import rank, steps
 from onlinebayes.criticism.results import (
     Criticism,
     FittedModel,
     Remainder,
     ReplayedRun,
     Selection,
-    WidenedBounds,
-    Wiring,
 )
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.scoped import scoped
@@ -215,10 +214,10 @@ def _assemble(
             *_notes(simulator, found),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),
-        widened=_bounds(found),
+        widened=widened_bounds(found),
         detail=detail,
         timings=say.timings(),
-        wiring=None if fault is None else _wiring(fault),
+        wiring=None if fault is None else wiring_of(fault),
         changes=parameter_changes(found, final_model.parameters),
     )
 
@@ -286,18 +285,6 @@ def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
     if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
-
-
-def _bounds(found: Found) -> dict[str, WidenedBounds]:
-    wide = found.widened
-    if wide is None:
-        return {}
-    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
-
-
-def _wiring(suspicion: Suspicion) -> Wiring:
-    fault, equals = suspicion.fault, tuple((equal.says, equal.lines) for equal in suspicion.equals)
-    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.after, equals)
 
 
 def _silent(line: str) -> None:
