@@ -80,15 +80,15 @@ def differing(
     free = [name for name in current.simulator.parameters if may_change(name)]
     if len(runs) < 2 or not free:
         return ()
-    splits = {address: split(current, windows, runs, address) for address in free}
     # A change makes whole runs err alike: how long noise is correlated shows in what own values leave.
-    correlation = min(_left_correlation(apart, windows) for apart in splits.values())
+    correlation = min(_left_correlation(split(current, windows, runs, address), windows) for address in free)
     level, tried = HALF_LEVEL * selection.alpha, []
     for address, p in contrast_p_values(current, windows, free, correlation).items():
         if p < level:
-            gain, falls = _gains(cross_validate(splits[address], windows, stage.blocks), stage.scores, windows)
+            apart = split(current, windows, runs, address)
+            gain, falls = _gains(cross_validate(apart, windows, stage.blocks), stage.scores, windows)
             if falls[0] > 0.5 * LEAST_FALL:
-                tried.append((gain.gain, p, splits[address], address))
+                tried.append((gain.gain, p, apart, address))
     tried.sort(key=lambda one: -one[0])
     judged = []
     for _, p, apart, address in tried[:MOST_REFITS]:

@@ -1,8 +1,8 @@
 """A parameter that changes in time, looked for where no effect and no change between runs was found.
 
 Each free parameter is tried with a ``parameter_drift`` and a ``parameter_step``. With a number for every instant they
-find something in whatever another law leaves; therefore they come last, at half the level, and one is believed only
-where it leaves no more than noise.
+find something in whatever another law leaves; therefore they come last, at half the level shared out among the
+parameters, and one is believed only where it leaves no more than noise.
 """
 
 from __future__ import annotations
@@ -40,13 +40,17 @@ def changed_in_time(
         selection: how effects are judged.
         say: takes one line of progress.
     """
-    if not effects:
-        return []
-    say("looking for changes in time")
-    stricter = replace(selection, alpha=HALF_LEVEL * selection.alpha)
-    stage = run_stage(current.fitted, current.windows, effects, current.numerics, stricter, say, thorough=False)
-    quiet = [judged for judged in stage.judged if judged.admissible and _noise(judged, current, selection.tolerance)]
-    return [(stage, choose(quiet, current.windows.bin_step))] if quiet else []
+    parameters = dict.fromkeys(effect.target for effect in effects)
+    stricter = replace(selection, alpha=HALF_LEVEL * selection.alpha / max(len(parameters), 1))
+    found: list[tuple[Stage, Judged]] = []
+    for name in parameters:  # a step may be at any of many instants: all parameters at once would fill the memory
+        say(f"looking for changes of {name} in time")
+        mine = [effect for effect in effects if effect.target == name]
+        stage = run_stage(current.fitted, current.windows, mine, current.numerics, stricter, say, thorough=False)
+        quiet = [one for one in stage.judged if one.admissible and _noise(one, current, selection.tolerance)]
+        if quiet:
+            found.append((stage, choose(quiet, current.windows.bin_step)))
+    return [max(found, key=lambda one: one[1].gain.gain)] if found else []
 
 
 def _noise(judged: Judged, current: Grounds, tolerance: float) -> bool:
