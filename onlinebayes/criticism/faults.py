@@ -56,6 +56,11 @@ class Fault(ABC):
     def lines(self) -> str:
         """What to put in the problem file, as TOML; a comment where only the table can say it."""
 
+    @property
+    def smoothed_anew(self) -> bool:
+        """Whether the windows' starts follow from the mended table alone, not from those of the table as it stands."""
+        return False
+
     def mended(self, measurement: Measurement) -> Measurement:
         """The measurement with the fault put right."""
         return measurement

@@ -9,13 +9,12 @@ is the machine's doing or the log's is said in :mod:`.log_notes`.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import torch
 
 from onlinebayes.criticism.faults import Fault
-from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.measurements.latency import advanced
 
@@ -45,6 +44,11 @@ class Ahead(Fault):
         """``latency`` of every signal."""
         return "\n".join(f'[signals."{name}"]\nlatency = {-self.seconds:g}' for name in self.signals)
 
+    @property
+    def smoothed_anew(self) -> bool:
+        """Positions and velocities of other instants."""
+        return True
+
     def mended(self, measurement: Measurement) -> Measurement:
         """The columns put back to when they happened; a run's first rows are then not measured."""
         known = [signal.name for signal in measurement.signals]
@@ -59,13 +63,6 @@ class Ahead(Fault):
                 data["measured"][r, :rows, s] = seen
                 data["signal"][r, :rows, s] = torch.where(seen, moved, torch.zeros_like(moved))
         return replace(measurement, data=data)
-
-    def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
-        """Positions back along their velocities; these as they are."""
-        start, J = windows.start.clone(), len(shown)
-        moved = start.new_tensor([self.seconds if signal in self.signals else 0.0 for signal in shown])
-        start[:, :J] -= moved * start[:, J:]
-        return replace(windows, start=start)
 
 
 def shifts(measurement: Measurement) -> Iterator[Ahead]:
