@@ -4,8 +4,9 @@
 
 e is the held-out error of the base model, e0 the same on a case with nothing hidden; fewer runs than the rig's own are
 enough for both. Each further step takes another seed of the tuning ones, for commands and base parameters differ from
-case to case; the result is the geometric mean of the last two proposals. What is not as linear as that (limits, dead
-zones) is halved between a size that was too small and one that was too large.
+case to case; the result is the geometric mean of the last two proposals, or the first one where the law need not reach
+far from what was measured. What is not as linear as that (limits, dead zones) is halved between a size that was too
+small and one that was too large. The effects of ties are measured with what the tie fixes fixed.
 
     python -m recipes.studies.blind_rigs.sizes --rigs swing thrown_ball          prints what to write into envs/rigs
 """
@@ -16,17 +17,19 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import torch
 import tyro
 
-from envs.rigs import RIGS, HiddenEffect, Rig, sized_case
+from envs.rigs import RIGS, HiddenEffect, Rig, Tie, sized_case
 from onlinebayes.runs import BadInput
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.truth import base_error
 
 MEDIUM = 2.8
 FARTHEST = 8.0  # factor of one step
+NEAR = 2.0  # ratio up to which the law is trusted, from either side
 SEED = 900
 FIT, HELD = 4, 3  # runs
 
@@ -38,7 +41,7 @@ class Calibration:
     Args:
         rigs: which.
         effects: keys, or none for all of a rig.
-        steps: cases an effect; the last two decide.
+        steps: cases an effect at most; the last two decide.
     """
 
     rigs: tuple[str, ...] = tuple(RIGS)
@@ -70,14 +73,16 @@ class Sized:
 def calibrate(rig: Rig, effects: tuple[HiddenEffect, ...], steps: int) -> Iterator[Sized]:
     """The new sizes of a rig's effects, one after the other."""
     rig = replace(rig, protocol=replace(rig.protocol, fit=FIT, held=HELD))
-    quiet = [error_at(rig, None, 1.0, SEED + k) for k in range(steps)]
+    quiet = cache(lambda k: error_at(rig, None, 1.0, SEED + k))
     for effect in effects:
         tried: list[tuple[float, float]] = []
         proposals = [1.0]
         for k in range(steps):
             scale = proposals[-1]
-            tried.append((scale, error_at(rig, effect, scale, SEED + k) / quiet[k]))
+            tried.append((scale, error_at(rig, effect, scale, SEED + k) / quiet(k)))
             proposals.append(next_scale(tried))
+            if MEDIUM / NEAR <= tried[-1][1] <= MEDIUM * NEAR:
+                break
         last = proposals[1:][-2:]
         yield Sized(effect, math.prod(last) ** (1 / len(last)), tuple(ratio for _, ratio in tried))
 
@@ -101,17 +106,28 @@ def next_scale(tried: Sequence[tuple[float, float]]) -> float:
     return proposed if low <= proposed <= high else math.sqrt(low * high)
 
 
+def tied(rig: Rig, tie: Tie) -> Rig:
+    """The rig as the cases of a tie have it: what would look alike is not free."""
+    return replace(rig, free={name: bound for name, bound in rig.free.items() if name not in tie.fixed})
+
+
+def questions(rig: Rig, keys: Sequence[str]) -> Iterator[tuple[Rig, tuple[HiddenEffect, ...]]]:
+    """The rig with all that may hide in it, or with these keys of it, ties each on its own."""
+    known = ((rig, (*rig.effects, *rig.rare, *rig.outside)), *((tied(rig, tie), (tie.hidden,)) for tie in rig.ties))
+    for posed, effects in known:
+        if wanted := tuple(effect for effect in effects if not keys or effect.key in keys):
+            yield posed, wanted
+
+
 def main(calibration: Calibration) -> None:
     """Print rig, effect, measured ratios and the new sizes."""
     torch.set_num_threads(1)
     for name in calibration.rigs:
-        rig = RIGS[name]
-        known = (*rig.effects, *rig.outside)
-        wanted = tuple(e for e in known if not calibration.effects or e.key in calibration.effects)
         began = time.monotonic()
-        for sized in calibrate(rig, wanted, calibration.steps):
-            ratios = " ".join(f"{ratio:.2f}" for ratio in sized.ratios)
-            print(f"{name} {sized.text}   ({ratios}) [{time.monotonic() - began:.0f} s]", flush=True)
+        for rig, effects in questions(RIGS[name], calibration.effects):
+            for sized in calibrate(rig, effects, calibration.steps):
+                ratios = " ".join(f"{ratio:.2f}" for ratio in sized.ratios)
+                print(f"{name} {sized.text}   ({ratios}) [{time.monotonic() - began:.0f} s]", flush=True)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,53 @@
+"""A block on a rough table, pushed along x under a position controller:  m a = g u - d v - mu m g sign(v)."""
+
+from __future__ import annotations
+
+from envs.rigs.drive import Actuator
+from envs.rigs.equations import Equations, Translation, Values
+from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
+
+
+def _block(values: Values) -> Equations:
+    return Translation.of(values, "block", "xz", values.get("contact_friction@block.friction", 0.3))
+
+
+PUSHED_BLOCK = Rig(
+    name="pushed_block",
+    joints=("along", "lift"),
+    actuators=(Actuator("pusher", 0, reference=6.0),),
+    nominal={"body.block.mass": 1.5, "joint.along.damping": 0.5, "actuator.pusher.gear[0]": 1.0},
+    free={"joint.along.damping": (0.0, 5.0), "actuator.pusher.gear[0]": (0.5, 2.0)},
+    equations=_block,
+    protocol=Protocol(
+        step=1e-3,
+        period=4,
+        jitter=0,
+        fit=8,
+        held=2,
+        seconds=3.2,
+        resolution=(1e-5, 1e-5),
+        sd=(3e-4, 1e-3),
+        speed_sd=(),
+        amplitude=(0.15,),
+        feedback=((150.0, 12.0),),
+        band=(0.3, 2.0),
+    ),
+    effects=(
+        HiddenEffect("contact_friction@block", {"friction": 0.018}, neutral=0.3),
+        HiddenEffect("quadratic_drag@along", {"drag": 0.21}),
+        HiddenEffect("joint_stiffness@along", {"stiffness": 1.8}, {"springref": 0.0}),
+        HiddenEffect("constant_load@along", {"load": 0.071}),
+        HiddenEffect("actuator_delay@pusher", {"delay": 0.0029}),
+        HiddenEffect("actuator_saturation@pusher", {"limit": 24.0}, shrinks=True),
+    ),
+    outside=(
+        HiddenEffect("periodic@along", {"amplitude": 0.59}, {"frequency": 2.3, "phase": 0.2}),
+        HiddenEffect("flexible_mode@along", {"mass": 0.053}, {"frequency": 1.5}),
+    ),
+    ties=(Tie(HiddenEffect("contact_friction@block", {"friction": 0.018}, neutral=0.3), "dry_friction@along"),),
+    alike=(
+        ("contact_friction@block", "dry_friction@along"),
+        ("constant_load@along", "gravity_tilt@world"),
+        ("actuator_delay@pusher", "actuator_lag@pusher", "sensor_delay@qpos.along"),
+    ),
+)
