@@ -9,7 +9,7 @@
 | :class:`Compensated`    | commands on top of a controller that holds the weight | the model without the weight   |
 
 A fault is discrete: nothing in it is fitted, the offset apart. What can be any number (a gain, a delay, a load) is an
-effect and no fault.
+effect and no fault. Orientations have faults of their own (:mod:`.conventions`), and so has the clock (:mod:`.shifts`).
 """
 
 from __future__ import annotations
@@ -55,6 +55,11 @@ class Fault(ABC):
     @abstractmethod
     def lines(self) -> str:
         """What to put in the problem file, as TOML; a comment where only the table can say it."""
+
+    @property
+    def smoothed_anew(self) -> bool:
+        """Whether the windows' starts follow from the mended table alone, not from those of the table as it stands."""
+        return False
 
     def mended(self, measurement: Measurement) -> Measurement:
         """The measurement with the fault put right."""

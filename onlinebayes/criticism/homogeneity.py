@@ -47,7 +47,8 @@ def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, t
     rows = short.measured_rows((size * short.columns[..., columns]).sum(-1))
     r = short.measured_rows(short.residual)
     scale = float((r.square().sum() / short.seen().sum()).sqrt()) * spread
-    for half in halves(fitted, windows, effect):
+    joint = effect.target if effect.target_kind == "joint" else None
+    for half in halves(fitted, windows, joint):
         masks = torch.stack([half, ~half]) & short.seen()
         cross, square = ((x * masks).sum((1, 2, 3)) for x in (rows * r, rows.square()))
         if not agree(cross, square, scale):
@@ -90,11 +91,11 @@ def between_sd(alpha: Float[Tensor, " G"], w: Float[Tensor, " G"]) -> float:
     return math.sqrt(max(0.0, (q - (len(alpha) - 1)) / c)) if c > 0 else 0.0
 
 
-def halves(fitted: Fit, windows: Windows, effect: Effect) -> list[Bool[Tensor, "V n S"]]:
+def halves(fitted: Fit, windows: Windows, joint: str | None = None) -> list[Bool[Tensor, "V n S"]]:
     """The three ways to halve the short windows' bins: by the sign of v, by abs(v), by q.
 
-    An effect at a joint is halved by that joint's motion, one at an actuator by each signal's own joint. What was not
-    measured halves nothing: a joint that is seen by its velocity alone is halved by abs(v) twice.
+    An effect at a joint is halved by that ``joint``'s motion, one at an actuator by each signal's own joint. What was
+    not measured halves nothing: a joint that is seen by its velocity alone is halved by abs(v) twice.
     """
     names = joint_names(fitted.simulator)
     signals = [fitted.simulator.signals[c] for c in windows.columns]
@@ -102,8 +103,8 @@ def halves(fitted: Fit, windows: Windows, effect: Effect) -> list[Bool[Tensor, "
     motion = windows.bin(windows.value)
     found: list[list[Tensor]] = [[], [], []]
     for name in signals:
-        joint = effect.target if effect.target_kind == "joint" else name.partition(".")[2]
-        by = seen_by(joint if joint in names else names[0], signals)
+        moving = joint or name.partition(".")[2]
+        by = seen_by(moving if moving in names else names[0], signals)
         v, seen = by.velocity(motion, windows.bin_step), windows.seen[..., by.column]
         q = motion[..., by.column] if by.position else v.abs()
         fast = v.abs() > v.abs()[seen].median() if bool(seen.any()) else seen

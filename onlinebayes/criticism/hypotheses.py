@@ -2,8 +2,8 @@
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
 of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity, and what
-:mod:`.conventions` has. Per actuator: the command's sign and unit; per pair: swapped. And once: a controller that
-carries the weight.
+:mod:`.conventions` has. Per actuator: the command's sign and unit; per pair: swapped. And once: signals that
+run ahead of the commands, and a controller that carries the weight.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from onlinebayes.criticism.faults import (
     Rescaled,
     Swapped,
 )
+from onlinebayes.criticism.shifts import shifts
 from onlinebayes.criticism.windows import joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
@@ -43,6 +44,7 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
         *_of_signals(simulator, measured),
         *conventions(simulator, measured),
         *_of_commands(simulator),
+        *(shifts(measurement) if simulator.commands else ()),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
     )
 

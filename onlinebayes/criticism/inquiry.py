@@ -67,7 +67,7 @@ def inquire(
     if leads is not None and not leads.overwhelming and not found.interrupted:
         fault = leads.explain(selection) if _structured(found.final, simulator, selection) else None
     if fault is not None and fault.beats(found.final, selection):
-        return replace(found, final=base, accepted=(), widened=None), fault
+        return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
 
 

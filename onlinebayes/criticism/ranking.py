@@ -26,8 +26,13 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
     rows: list[Candidate] = []
     for stage, judged in found.accepted:
         rows.append(_judged(stage, judged, len(rows) + 1, equal, accepted=True))
-    listed = {row.effect for row in rows}
     last = found.stages[-1]
+    tried = {screened.effect.key for screened in last.screened}
+    for stage, judged in found.accepted:  # equals that are no candidates of the last round: zeros, changes in time
+        for rival in stage.judged:
+            if rival.effect.key in equal.get(judged.effect.key, ()) and rival.effect.key not in tried:
+                rows.append(_judged(stage, rival, len(rows) + 1, equal, accepted=False))
+    listed = {row.effect for row in rows}
     verdicts = {judged.effect.key: judged for judged in last.judged}
     order = sorted(last.screened, key=lambda s: _place(s, verdicts.get(s.effect.key)))
     for screened in order:

@@ -12,6 +12,7 @@ from typing import Literal
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.heldout import replay_runs
@@ -19,6 +20,7 @@ from onlinebayes.criticism.identifiability import covariance_of, estimates, flat
 from onlinebayes.criticism.inquiry import inquire, left_over, suspect
 from onlinebayes.criticism.ladder import Rung
 from onlinebayes.criticism.localise import failures
+from onlinebayes.criticism.log_notes import log_notes
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.opening import opened
@@ -30,8 +32,6 @@ from onlinebayes.criticism.results import (
     Remainder,
     ReplayedRun,
     Selection,
-    WidenedBounds,
-    Wiring,
 )
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.scoped import scoped
@@ -160,7 +160,7 @@ def _assemble(
     blocks = blocks_for(final.fitted, final.windows, selection.folds)
     correlation = residual_tau(final)
     say("comparing with its equals" if found.accepted else "weighing what is left")
-    equal = alternatives(simulator, found, selection.folds)
+    equal = alternatives(found.simulator(simulator), found, selection.folds)
     before, after = (left_over(grounds, simulator) for grounds in (base, final))
     moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
@@ -175,6 +175,7 @@ def _assemble(
         after,
         selection.tolerance,
         fault is not None,
+        bool(found.changes),
     )
     say("opening the held-out runs")
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
@@ -184,6 +185,7 @@ def _assemble(
     held = _all_rows(final_model.simulator, held_runs, selection, final.windows.noise)
     heldout_error, detail = opened(base_model, final_model, held, signals, units)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
+    candidates = rank(found, equal)
     lacking = verdict == "insufficient_data"
     return Criticism(
         command=question,
@@ -192,7 +194,7 @@ def _assemble(
         remainder=_remainder(final, after, units, selection),
         heldout_error=heldout_error,
         steps=steps(found),
-        candidates=rank(found, equal),
+        candidates=candidates,
         candidates_tried=len(found.effects),
         holdout_looks=1,
         failures=failures(base.fitted, base.windows, units),
@@ -208,11 +210,15 @@ def _assemble(
         selection=selection,
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
-        notes=_notes(simulator, found),
-        widened=_bounds(found),
+        notes=(
+            *_notes(simulator, found),
+            *log_notes(candidates, final_model.parameters, simulator.commands, signals),
+        ),
+        widened=widened_bounds(found),
         detail=detail,
         timings=say.timings(),
-        wiring=None if fault is None else _wiring(fault),
+        wiring=None if fault is None else wiring_of(fault),
+        changes=parameter_changes(found, final_model.parameters),
     )
 
 
@@ -279,18 +285,6 @@ def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
     if not final.fitted.converged:
         notes.append("the last fit did not converge fully")
     return tuple(notes)
-
-
-def _bounds(found: Found) -> dict[str, WidenedBounds]:
-    wide = found.widened
-    if wide is None:
-        return {}
-    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
-
-
-def _wiring(suspicion: Suspicion) -> Wiring:
-    fault, equals = suspicion.fault, tuple((equal.says, equal.lines) for equal in suspicion.equals)
-    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.after, equals)
 
 
 def _silent(line: str) -> None:

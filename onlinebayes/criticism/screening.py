@@ -119,7 +119,7 @@ def p_values(
     Returns:
         Per candidate: z of its best column, p of the maximum test, index of that column (-1 where it has none).
     """
-    signs = _flips(horizons[0].g.shape[0], horizons[0].g)
+    signs = flips(horizons[0].g.shape[0], horizons[0].g)
     two_sided = torch.tensor([column.two_sided for column in columns], device=signs.device)
     flipped = torch.stack([_standardised(scores, signs) for scores in horizons])  # (horizons, flips, columns)
     flipped = torch.where(two_sided, flipped.abs(), flipped)
@@ -153,7 +153,7 @@ def _standardised(scores: Scores, signs: Float[Tensor, "X B"]) -> Float[Tensor, 
     return total / (max(scores.scale, 1e-300) * variance.sqrt())
 
 
-def _flips(blocks: int, like: Tensor) -> Float[Tensor, "X B"]:
+def flips(blocks: int, like: Tensor) -> Float[Tensor, "X B"]:
     """All 2^B sign patterns, or as many drawn ones as are enough; the identity first."""
     if blocks <= ALL_FLIPS:
         return torch.tensor(list(itertools.product((1.0, -1.0), repeat=blocks)), dtype=like.dtype, device=like.device)

@@ -16,6 +16,8 @@ from onlinebayes.criticism.acceptance import Judged, choose, interval
 from onlinebayes.criticism.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import grown, propose
+from onlinebayes.criticism.changes import Changed, changed
+from onlinebayes.criticism.changes_in_time import candidates_in_time, changed_in_time
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
@@ -23,6 +25,7 @@ from onlinebayes.criticism.pairs import pair
 from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
+from onlinebayes.criticism.zeros import beside_zeros
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
@@ -43,6 +46,7 @@ class Found:
         interrupted: whether it was stopped.
         enough: whether there is enough motion to judge by: 7 windows' worth.
         widened: the bound that excludes the truth; ``final`` is then the base model with that bound widened.
+        changes: the parameters that were given one value a run, in order.
     """
 
     base: Grounds
@@ -53,6 +57,11 @@ class Found:
     interrupted: bool = False
     enough: bool = True
     widened: Widened | None = None
+    changes: tuple[Changed, ...] = ()
+
+    def simulator(self, base: Simulator) -> Simulator:
+        """The base model at its own step, with a value in every run of what was found to differ between them."""
+        return self.changes[-1].simulator if self.changes else base
 
     @property
     def undecided(self) -> bool:
@@ -95,11 +104,13 @@ def search(
     effects = propose(base.fitted.simulator, base.windows, candidates)
     stages: list[Stage] = []
     accepted: list[tuple[Stage, Judged]] = []
+    changes: list[Changed] = []
+    late: tuple[Effect, ...] = ()
     moves = bool(base.windows.observed.any())
     enough = moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
     while enough and current.numerics.sufficient:
         if interrupt is not None and interrupt.requested:
-            return Found(base, current, effects, tuple(stages), tuple(accepted), True)
+            return Found(base, current, effects, tuple(stages), tuple(accepted), True, changes=tuple(changes))
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
         left = [effect for effect in effects if effect.key not in present]
@@ -110,25 +121,60 @@ def search(
             continue  # a round that was cut short accepts nothing
         if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
             return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
-        admissible = [judged for judged in stage.judged if judged.admissible]
-        if admissible:
-            added = [(stage, choose(admissible, current.windows.bin_step))]
-        elif _at_floor(current, selection.tolerance):
+        chosen = _chosen(simulator, measurement, selection, current, stage, left, accepted, say)
+        if isinstance(chosen, Changed):
+            say(f"giving every run its own {chosen.judged.address}")
+            changes.append(chosen)
+            simulator, current = chosen.simulator, chosen.grounds
+            kept = _without_idle(simulator, measurement, selection, current, accepted, accepted)
+            current, accepted = kept or (current, accepted)
+            continue
+        if not chosen and candidates == "all" and not late and not _at_floor(current, selection.tolerance):
+            late = candidates_in_time(current)
+            chosen = changed_in_time(current, late, selection, say)
+        if not chosen:
             break
-        else:
-            added = list(pair(stage, left, current.numerics, selection, say) or ())
-        if not added:
-            break
-        say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
-        accepted += added
-        current = _resettled(simulator, measurement, selection, current, added[-1][1], accepted)
-        kept = _without_idle(simulator, measurement, selection, current, accepted)
+        say(f"adding {' and '.join(judged.effect.key for _, judged in chosen)}")
+        accepted += chosen
+        current = _resettled(simulator, measurement, selection, current, chosen[-1][1], accepted)
+        kept = _without_idle(simulator, measurement, selection, current, accepted, accepted[:-1])
         if kept is not None:
             current, accepted = kept
             break  # a round that takes away what an earlier one gave would only repeat itself
         if len(accepted) >= most:
             break
-    return Found(base, current, effects, tuple(stages), tuple(accepted), enough=enough)
+    tried = (*effects, *late)
+    return Found(base, current, tried, tuple(stages), tuple(accepted), enough=enough, changes=tuple(changes))
+
+
+def _chosen(
+    simulator: Simulator,
+    measurement: Measurement,
+    selection: Selection,
+    current: Grounds,
+    stage: Stage,
+    left: Sequence[Effect],
+    accepted: Sequence[tuple[Stage, Judged]],
+    say: Callable[[str], None],
+) -> Changed | list[tuple[Stage, Judged]]:
+    """What a round adds: a parameter that differs between runs, an effect, or two; nothing where nothing is admissible.
+
+    A change that leaves noise goes before two effects, one that leaves more after them.
+    """
+    admissible = [judged for judged in stage.judged if judged.admissible]
+    best = choose(admissible, current.windows.bin_step) if admissible else None
+    if best is not None:
+        stage = beside_zeros(stage, best, current.numerics, selection, say)
+        admissible = [judged for judged in stage.judged if judged.admissible]
+        best = choose(admissible, current.windows.bin_step)
+    if best is None and _at_floor(current, selection.tolerance):
+        return []
+    effects = [judged.effect for _, judged in accepted]
+    change = changed(simulator, measurement, selection, current, stage, effects, best)
+    if change is not None and change.noise:
+        return change
+    added = [(stage, best)] if best else list(pair(stage, left, current.numerics, selection, say) or ())
+    return change if not added and change is not None and change.halved else added
 
 
 def _at_floor(grounds: Grounds, tolerance: float) -> bool:
@@ -163,10 +209,11 @@ def _without_idle(
     selection: Selection,
     current: Grounds,
     accepted: list[tuple[Stage, Judged]],
+    earlier: list[tuple[Stage, Judged]],
 ) -> tuple[Grounds, list[tuple[Stage, Judged]]] | None:
-    """The model without an earlier effect that may now be nothing; None where all are needed."""
+    """The model without an ``earlier`` effect that may now be nothing; None where all are needed."""
     blocks = blocks_for(current.fitted, current.windows, selection.folds)
-    for idle in accepted[:-1]:
+    for idle in earlier:
         effect = idle[1].effect
         low, high = interval(current.fitted, blocks, effect)
         if low <= effect.neutral[effect.parameters.names[0]] <= high:

@@ -24,6 +24,7 @@ from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
 from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values, promise
 from onlinebayes.criticism.sensitivities import columns
+from onlinebayes.criticism.timed import instants
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.effects import Effect
 
@@ -165,10 +166,12 @@ def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Seque
     make it walk timestep by timestep, and those whose hidden states remember equally long.
     """
     groups: dict[tuple[bool, float], list[int]] = {}
+    known = _in_time(current, windows, effects, tried)
     for k, effect in enumerate(effects):
-        groups.setdefault((effect.staged, effect.memory), []).append(k)
+        if k not in {tried[i].candidate for i in known}:
+            groups.setdefault((effect.staged, effect.memory), []).append(k)
     mirrors = opposites(effects, tried)
-    found: dict[int, Tensor] = {}
+    found: dict[int, Tensor] = {**known}
     for members in groups.values():
         group = [effects[k] for k in members]
         mine = [i for i, trial in enumerate(tried) if trial.candidate in members and i not in mirrors]
@@ -180,6 +183,27 @@ def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Seque
         found.update(zip(mine, raw * valid[:, None, None, None], strict=True))
     found.update({i: -found[other] for i, other in mirrors.items()})
     return torch.stack([found[i] for i in range(len(tried))])
+
+
+def _in_time(
+    current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]
+) -> dict[int, Float[Tensor, "W n S"]]:
+    """How the replay moves with the trials that move a fitted parameter in time: its own column times their shift."""
+    names = current.simulator.parameters.names
+    begin, end = (instant.to(current.theta) for instant in instants(windows))
+    found = {}
+    for i, trial in enumerate(tried):
+        effect = effects[trial.candidate]
+        if effect.target_kind != "parameter" or effect.target not in names:
+            continue
+        moved, still = (
+            effect.shift({name: torch.full_like(begin, value) for name, value in values.items()}, begin, end)
+            for values in (trial.values, effect.neutral)
+        )
+        if moved is not None and still is not None:
+            column = current.lin.by_theta[..., names.index(effect.target)]
+            found[i] = column * (moved - still)[:, None, None]
+    return found
 
 
 def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:

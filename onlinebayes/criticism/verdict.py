@@ -78,6 +78,7 @@ def decide(
     after: dict[str, float],
     tolerance: float,
     miswired: bool = False,
+    changed: bool = False,
 ) -> Verdict:
     """The first verdict that applies.
 
@@ -91,6 +92,7 @@ def decide(
         before, after: rms_over_floor of the base and the final model.
         tolerance: up to which a model is adequate.
         miswired: whether a wiring fault explains the misfit.
+        changed: whether a parameter was given a value in every run.
     """
     if miswired:
         return "data_problem"
@@ -106,10 +108,15 @@ def decide(
     if accepted and tie:
         return "tie"
     if accepted:
-        excess = sum(max(0.0, value**2 - 1) for value in before.values())
-        left = sum(max(0.0, value**2 - 1) for value in after.values())
-        return "missing_effect" if left <= 0.5 * excess or worst <= AT_FLOOR else "unexplained"
-    return "adequate" if worst <= tolerance else "unexplained"
+        return "missing_effect" if halved(before, after) or worst <= AT_FLOOR else "unexplained"
+    # A change of a parameter is no effect, and a model that lacks it does not agree with the measurements.
+    return "adequate" if worst <= tolerance and not changed else "unexplained"
+
+
+def halved(before: dict[str, float], after: dict[str, float]) -> bool:
+    """Whether at least half of the squared error above the floor is gone; by signal, in floors."""
+    excess, left = (sum(max(0.0, value**2 - 1) for value in errors.values()) for errors in (before, after))
+    return left <= 0.5 * excess
 
 
 def what_to_record(blocks: int, moves: bool, windows: Windows, tau: float) -> str:

@@ -146,16 +146,19 @@ class Bench:
         """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged.
 
         Args:
-            fault: what is put right, in the starts too: the table is smoothed once, as it stands.
+            fault: what is put right, in the starts too: the table is smoothed once, as it stands, for most faults.
             thetas: M parameter vectors [SI].
             excerpt: replay only the windows that are enough to screen by.
         """
         floor = self.carried(fault)
         own, table = (self._part, self.excerpt) if excerpt else (self.whole, self.measurement)
-        names = [signal.name for signal in table.signals]
-        shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
-        like = replace(fault.started(own, shown), noise=floor)
-        windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
+        if fault.smoothed_anew:
+            windows = make_windows(self.coarse, fault.mended(table), self.horizon, 0.0, floor)
+        else:
+            names = [signal.name for signal in table.signals]
+            shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
+            like = replace(fault.started(own, shown), noise=floor)
+            windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
         starts = windows.start.expand(len(thetas), *windows.start.shape)
         signals, valid = replay(self.model(fault), windows, thetas, starts)
         wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))

@@ -111,8 +111,14 @@ def find_rivals(
         candidates: which effects were tried.
 
     Raises:
-        BadInput: no effect is left that could be a rival.
+        BadInput: no effect is left that could be a rival, or a parameter differs between the runs.
     """
+    if result.changes:
+        raise BadInput(
+            f"{', '.join(change.parameter for change in result.changes)} differs between the runs, and an experiment "
+            "for such parameters is not planned by this version",
+            "plan with runs in which it is the same, or record again",
+        )
     for name, wide in result.widened.items():
         low, high = wide.after
         simulator = simulator.with_bounds(name, replace(simulator.parameters[name], low=low, high=high))
@@ -121,7 +127,11 @@ def find_rivals(
     noise = torch.tensor([result.sensor_sd[signal] for signal in result.signals]).to(result.final.theta)
     begin = carried(result.final.simulator, result.final.theta, model)
     grounds = settle(model, measurement, result.selection.horizon_s, noise, begin)
-    found = {effect.key: effect for effect in propose(grounds.rung.of(simulator), grounds.windows, candidates)}
+    stepped = grounds.rung.of(simulator)
+    found = {effect.key: effect for effect in propose(stepped, grounds.windows, candidates)}
+    # Zeros of sensors are tried in an effect's place without being candidates.
+    tied = {key for row in result.candidates if row.accepted for key in row.indistinguishable_from} - set(found)
+    found |= {effect.key: effect for effect in propose(stepped, grounds.windows, sorted(tied))} if tied else {}
     name = " + ".join(result.accepted) or AS_IT_IS
     final = explanation(name, grounds.fitted, grounds.windows)
     pairs = (

@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from onlinebayes.criticism.results import Candidate, Criticism, Estimate
+from onlinebayes.criticism.results import Candidate, Criticism, Estimate, ParameterChange
 from onlinebayes.runs.results import machine, versions
 
 SCHEMA = 1
@@ -53,6 +53,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "detail": asdict(result.detail),
         "timings": [asdict(timing) for timing in result.timings],
         "wiring": None if result.wiring is None else asdict(result.wiring),
+        "changes": [_change(change) for change in result.changes],
         "machine": machine(),
     }
 
@@ -76,6 +77,10 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "rms_fall": candidate.rms_fall,
         "refused_because": candidate.refused_because,
     }
+
+
+def _change(change: ParameterChange) -> dict[str, Any]:
+    return {**asdict(change), "values": _estimates(change.values)}
 
 
 def _estimates(estimates: Mapping[str, Estimate], *, identifiable: bool = True) -> dict[str, dict[str, Any]]:

@@ -25,6 +25,8 @@ VERDICTS = {
     "adequate": "adequate",
     None: "compared",
 }
+SHOWN_RUNS = 8
+"""How many runs' own values stand in a sentence."""
 
 
 def plain(effect: str) -> str:
@@ -76,7 +78,8 @@ def headline(result: Criticism) -> str:
     """One sentence: what is wrong, or that nothing is."""
     effects = together(result.accepted)
     if result.verdict == "missing_effect":
-        return f"The model misses {effects}."
+        besides = f"; besides, {_differs(result)}" if result.changes else ""
+        return f"The model misses {effects}{besides}."
     if result.verdict == "tie":
         return f"Something is missing, and the data cannot tell which: {together(tie_members(result), 'or')}."
     if result.verdict == "adequate":
@@ -88,6 +91,9 @@ def headline(result: Criticism) -> str:
     if result.verdict == "data_problem":
         fault = f" ({result.wiring.fault})" if result.wiring else ""
         return f"The data themselves explain the misfit better than any missing physics{fault}."
+    if result.verdict == "unexplained" and result.changes:
+        helped = f"; {effects} helps, but not enough" if result.accepted else ""
+        return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     if result.verdict == "unexplained":
         helped = f"; {effects} helps, but not enough" if result.accepted else ""
         return f"The model is wrong, and no effect that was tried explains it{helped}."
@@ -128,6 +134,23 @@ def bounds(result: Criticism) -> list[str]:
         sentences.append(
             f"The data ask for {estimate(result.parameters[name])}; the bounds were {low} to {high}. If that can be, "
             f'write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts like it.'
+        )
+    return sentences
+
+
+def changes(result: Criticism) -> list[str]:
+    """One sentence for each parameter that differs between runs: its values, and what one in every run brought."""
+    sentences = []
+    for change in result.changes:
+        shown = [f"{run} {estimate(value)}" for run, value in list(change.values.items())[:SHOWN_RUNS]]
+        left = len(change.values) - SHOWN_RUNS
+        shown += [f"{left} more in the report"] if left > 0 else []
+        unit = next(iter(change.values.values())).unit
+        others = f" Values of {listing(list(change.equals), 'or')} would do as well." if change.equals else ""
+        sentences.append(
+            f"{change.parameter} differs between runs: {listing(shown)}, where one value for all was "
+            f"{quantities.text(change.shared, unit)}; with a value in every run the cross-validated error falls by "
+            f"{quantities.percent(change.rms_fall[0])}.{others}"
         )
     return sentences
 
@@ -243,6 +266,12 @@ def outcome(candidate: Candidate) -> str:
         reason = candidate.refused_because[0] if candidate.refused_because else "not tried further"
         return reason.partition(" (")[0].partition(":")[0]
     return "; ".join(candidate.refused_because) or "not needed"
+
+
+def _differs(result: Criticism) -> str:
+    """``body.cart.mass differs between the runs``."""
+    named = [change.parameter for change in result.changes]
+    return f"{listing(named)} {'differs' if len(named) == 1 else 'differ'} between the runs"
 
 
 def _compared(result: Criticism) -> str:

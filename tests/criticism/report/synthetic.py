@@ -6,6 +6,8 @@ and is replayed window by window from the measured state, as criticism does.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from onlinebayes.criticism.results import (
     FlatDirection,
     HeldOutError,
     Numerics,
+    ParameterChange,
     Remainder,
     ReplayedRun,
     Selection,
@@ -247,3 +250,14 @@ def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Simulator | 
         timings=(Timing("fitting the base model", 1.1), Timing("screening 23 effects", 0.4)),
         notes=("column 'qfrc.carriage' was not used: the model has no such signal",),
     )
+
+
+def changed(result: Criticism) -> Criticism:
+    """The same with nothing accepted and a mass of its own in every run."""
+    values = {"plain": _estimate(92.0, 0.4, "kg"), "slow": _estimate(101.0, 0.5, "kg")}
+    lines = '[parameters]\n"body.carriage.mass" = { low = 50, high = 150, scope = "per_run" }'
+    mass = ParameterChange(
+        "body.carriage.mass", values, 95.1, 2e-4, 80.0, 9.0, 10, (0.7, 0.4), ("joint.carriage.damping",), lines
+    )
+    rows = tuple(replace(candidate, accepted=False) for candidate in result.candidates)
+    return replace(result, verdict="unexplained", accepted=(), candidates=rows, steps=(), changes=(mass,))

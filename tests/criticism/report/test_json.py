@@ -9,7 +9,7 @@ import math
 import pytest
 
 from onlinebayes.criticism.report.json import to_json
-from tests.criticism.report.synthetic import SIGNAL, criticism
+from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
 CONTRACT = [
     "schema", "versions", "verdict", "accepted", "remainder", "heldout_error", "steps", "candidates",
@@ -73,3 +73,11 @@ def test_numbers_that_json_lacks_become_null(value: float) -> None:
 def test_compare_has_no_verdict() -> None:
     result = dataclasses.replace(criticism(), command="compare", verdict=None, accepted=(), candidates=(), steps=())
     assert load(to_json(result))["verdict"] is None
+
+
+def test_changes_between_runs_are_listed() -> None:
+    (change,) = json.loads(to_json(changed(criticism())))["changes"]
+    assert change["parameter"] == "body.carriage.mass"
+    assert change["values"]["plain"]["mean"] == 92.0
+    assert change["lines"].endswith('scope = "per_run" }')
+    assert json.loads(to_json(criticism()))["changes"] == []

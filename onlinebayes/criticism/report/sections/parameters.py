@@ -8,6 +8,7 @@ from typing import Literal
 from onlinebayes.criticism.report import quantities, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag, text
 from onlinebayes.criticism.results import Criticism, Estimate, FlatDirection
+from onlinebayes.criticism.scope import address_of
 from onlinebayes.parameters import Parameter
 
 SHOWN = 16
@@ -23,7 +24,7 @@ def render(result: Criticism) -> Html:
 def _table(result: Criticism) -> Html:
     space, changed, rows = dict(result.final.simulator.parameters), result.changed, []
     for name, value in result.parameters.items():
-        base = result.base.parameters.get(name)
+        base = result.base.parameters.get(name) or result.base.parameters.get(address_of(name))
         bounds = space.get(name)
         cells = [
             tag("code", name),
@@ -37,11 +38,11 @@ def _table(result: Criticism) -> Html:
         rows.append(cells)
     head = ["parameter", "value", "90 % interval", "within what was allowed", "known?"]
     if changed:
-        head.insert(3, "without the effects")
+        head.insert(3, "without the effects" if result.accepted else "in the base model")
     note = (
         "Mean ± standard deviation, from leaving one block of data out at a time. The grey bar is what was allowed "
         "before the data; the coloured part is the 90 % interval after them, the line the mean"
-        + ("; the orange mark is the value without the effects." if changed else ".")
+        + ("; the orange mark is the base model's own value." if changed else ".")
     )
     shown = table("Parameters of the final model", head, rows[:SHOWN])
     rest = rows[SHOWN:]

@@ -110,7 +110,9 @@ def _missing(result: Criticism) -> Html:
     if result.verdict == "data_problem" and result.wiring:
         return _tile("What is wrong?", "the data", words.wiring(result))
     if result.widened:
-        return _tile("What is wrong?", "a bound excludes the truth", join(*map(_bound, words.bounds(result))))
+        return _tile("What is wrong?", "a bound excludes the truth", join(*map(_line, words.bounds(result))))
+    if result.changes and not result.accepted:
+        return _tile("What is wrong?", "a parameter differs between runs", join(*map(_line, words.changes(result))))
     if not result.accepted:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
@@ -124,7 +126,7 @@ def _missing(result: Criticism) -> Html:
     return _tile(question, words.together(result.accepted), join(*sizes))
 
 
-def _bound(sentence: str) -> Html:
+def _line(sentence: str) -> Html:
     return tag("span", prose(sentence), kind="line")
 
 

@@ -1,0 +1,52 @@
+"""Signals that run ahead of the commands are found with the line that mends them; a delay is no such fault."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.inquiry import suspect
+from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.shifts import ROWS, Ahead, shifts
+from onlinebayes.measurements import Measurement
+from tests.criticism.wired import PENDULUM, STEP
+
+POSITION = "qpos.hinge"
+
+
+def ahead(measurement: Measurement, rows: int) -> Measurement:
+    """Every signal shows what happens so many rows later; the last rows show nothing."""
+    data = measurement.data.clone()
+    data["signal"] = torch.roll(data["signal"], -rows, 1)
+    data["measured"] = data["measured"].clone()
+    data["measured"][:, -rows:] = False
+    return replace(measurement, data=data)
+
+
+def test_a_table_put_right_shows_what_happened() -> None:
+    measured = PENDULUM.measure(runs=2)
+    mended = Ahead((POSITION,), 3, STEP).mended(ahead(measured, 3))
+    assert not bool(mended.data["measured"][:, :3].any())
+    assert bool(mended.data["measured"][:, 3:].all())
+    torch.testing.assert_close(mended.data["signal"][:, 3:], measured.data["signal"][:, 3:], atol=1e-9, rtol=0)
+
+
+def test_signals_ahead_are_found() -> None:
+    simulator, selection = PENDULUM.model(), Selection()
+    table = ahead(PENDULUM.measure(), 5)
+    found = suspect(ground(simulator, table, selection), simulator, table, selection, lambda _line: None)
+    assert found is not None
+    assert found.certain
+    assert found.fault.says == "the signals run 0.05 s (5 rows) ahead of the commands"
+    assert found.fault.lines == f'[signals."{POSITION}"]\nlatency = -0.05'
+
+
+def test_shifts_leave_most_of_a_run() -> None:
+    measured = PENDULUM.measure(runs=1)
+    assert [fault.rows for fault in shifts(measured)] == list(ROWS)
+    assert next(iter(shifts(measured))).step == pytest.approx(STEP)
+    short = measured.rows("run0", 0, 18)
+    assert [fault.rows for fault in shifts(short)] == [1, 2, 3]
