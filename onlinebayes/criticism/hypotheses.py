@@ -3,7 +3,7 @@
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
 of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity, and what
 :mod:`.conventions` has. Per actuator: the command's sign and unit; per pair: swapped. And once: signals that
-run ahead of the commands, and a controller that carries the weight.
+run ahead of the commands, where no orientation is among them, and a controller that carries the weight.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import math
 from collections.abc import Iterator
 from itertools import combinations
 
+from onlinebayes.criticism.charted import courses_of
 from onlinebayes.criticism.conventions import conventions
 from onlinebayes.criticism.coordinates import velocity
 from onlinebayes.criticism.faults import (
@@ -44,7 +45,7 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
         *_of_signals(simulator, measured),
         *conventions(simulator, measured),
         *_of_commands(simulator),
-        *(shifts(measurement) if simulator.commands else ()),
+        *(shifts(measurement) if simulator.commands and not courses_of(simulator)[0] else ()),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
     )
 
