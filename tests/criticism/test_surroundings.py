@@ -89,9 +89,6 @@ def test_wind_on_a_pendulum() -> None:
     assert result.remainder.status == "noise"
 
 
-@pytest.mark.xfail(
-    strict=True, reason="at steps of 5 ms the fit sticks at a friction of 0.66: docs/limits.md, contacts"
-)
 def test_a_slippery_foot() -> None:
     mu, mass, noise, runs = 0.3, 2.0, 1e-4, []
     for r in range(9):
