@@ -153,8 +153,9 @@ def add_slope(results: ResultTable, name: str, sizes: Sequence[float], times: Se
 
 def main(study: Study) -> None:
     """Time the parts and write the table."""
-    results = ResultTable("cost", "make cost", [SEED])
     parts = {"arm": arm, "growth": growth, "six joints": six_joints}
+    some = "" if set(study.parts) == set(parts) else f" ({', '.join(study.parts)})"
+    results = ResultTable("cost", f"make cost{some}", [SEED])
     with tempfile.TemporaryDirectory() as folder:
         for part in study.parts:
             parts[part](results, Path(folder))
