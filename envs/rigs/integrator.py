@@ -4,8 +4,9 @@
     a_i = 0,  |load_i| <= F_i                  stuck joints: velocity exactly zero
 
 A joint at rest is stuck while the load that the others put on it stays below its friction; the stuck set is found by
-releasing those that are overloaded, until none is. A joint whose velocity changes sign within a step is stopped by an
-impulse of its own friction (the others feel it through M) and starts the next step at rest.
+releasing those that are overloaded, until none is. A joint whose velocity changes sign within a step is stopped at that
+instant, found by interpolation, by an impulse of its own friction (the others feel it through M); the rest of the step
+begins with it at rest.
 
 Hidden behind a joint there may be one more mass, tied to it by a spring with free play:
 
@@ -27,6 +28,10 @@ from numpy import ndarray
 from envs.rigs.drive import Drive
 from envs.rigs.equations import Equations
 from envs.rigs.laws import CompiledLaws
+
+TURNS = 2  # of joints within one step that are placed in time; a third stops at the step's end
+CLOSE = 0.05  # of the velocity before the step: what is left of it at an instant that was interpolated
+TINY = 1e-12
 
 
 @final
@@ -108,21 +113,45 @@ class Plant:
 
     def advance(self, command: Float[ndarray, "R m"]) -> None:
         """One step of the drive's h under a held command."""
-        h, q, v, t = self.drive.step, self._q, self._v, self.time
-        u = self.drive.shaped(command)
+        u, left = self.drive.shaped(command), np.full((len(self._q), 1), self.drive.step)
+        q, v, sign = self._stepped(u, left)
+        for _ in range(TURNS):
+            part = self._until_a_turn(v, sign, u)
+            if bool((part == 1).all()):
+                break
+            self._q, v, sign = self._stepped(u, part * left)
+            # What interpolation leaves of the velocity counts as turned, so that it is stopped here.
+            near = (np.abs(v) <= CLOSE * np.abs(self._v)) & (part < 1)
+            self._v, left = self._stopped(np.where(near, -sign * TINY, v), sign, u), (1 - part) * left
+            q, v, sign = self._stepped(u, left)
+        self._q, self._v = q, self._stopped(v, sign, u) if self.laws.rubs else v
+        self.drive.warm(self.q, self.v, u)
+        self._remember()
+        self.time += self.drive.step
+
+    def _stepped(self, u: ndarray, h: ndarray) -> tuple[ndarray, ndarray, ndarray]:
+        """Where a step of h [s] (R, 1) leads from here, and the way in which friction acted."""
+        q, v, t = self._q, self._v, self.time
+        half = 0.5 * self.drive.step
         sign, stuck = self._stick(q, v, u)
         a1 = self._acceleration(q, v, u, t, sign, stuck)
         v2 = v + 0.5 * h * a1
-        a2 = self._acceleration(q + 0.5 * h * v, v2, u, t + 0.5 * h, sign, stuck)
+        a2 = self._acceleration(q + 0.5 * h * v, v2, u, t + half, sign, stuck)
         v3 = v + 0.5 * h * a2
-        a3 = self._acceleration(q + 0.5 * h * v2, v3, u, t + 0.5 * h, sign, stuck)
+        a3 = self._acceleration(q + 0.5 * h * v2, v3, u, t + half, sign, stuck)
         v4 = v + h * a3
-        a4 = self._acceleration(q + h * v3, v4, u, t + h, sign, stuck)
-        self._q, v1 = q + h / 6 * (v + 2 * (v2 + v3) + v4), v + h / 6 * (a1 + 2 * (a2 + a3) + a4)
-        self._v = self._stopped(v1, sign, u) if self.laws.rubs else v1
-        self.drive.warm(self.q, self.v, u)
-        self._remember()
-        self.time = t + h
+        a4 = self._acceleration(q + h * v3, v4, u, t + 2 * half, sign, stuck)
+        return q + h / 6 * (v + 2 * (v2 + v3) + v4), v + h / 6 * (a1 + 2 * (a2 + a3) + a4), sign
+
+    def _until_a_turn(self, v: ndarray, sign: ndarray, u: ndarray) -> ndarray:
+        """Share of the step after which the first joint with friction turns round (R, 1); 1 where none does."""
+        turned = (sign * v < 0) & (self._v != 0)
+        if not (self.laws.rubs and turned.any()):
+            return np.ones((len(v), 1))
+        force = self._loads(self._q, self._v, u, self.time)[2]
+        turned &= self._friction(sign, np.zeros_like(v), force) > 0
+        share = np.where(turned, self._v / np.where(turned, self._v - v, 1.0), 1.0)
+        return share.min(1, keepdims=True)
 
     def _loads(self, q: ndarray, v: ndarray, u: ndarray, t: float) -> tuple[ndarray, ndarray, ndarray]:
         """M, all forces but dry friction, and the actuators' alone."""
