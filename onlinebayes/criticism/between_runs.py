@@ -22,7 +22,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.acceptance import LEAST_FALL, STANDARD_ERRORS
-from onlinebayes.criticism.blocks import FEWEST, Blocks, t_quantile
+from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.contrasts import contrast_p_values
 from onlinebayes.criticism.fit import Fit, bounded_step, fit
 from onlinebayes.criticism.homogeneity import agree, halves
@@ -34,7 +34,8 @@ from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scope import Scope, address_of
 from onlinebayes.criticism.scoped import ScopedSimulator, unscoped
 from onlinebayes.criticism.score import PIECES, CrossValidated, Gain, cross_validate, score_gain
-from onlinebayes.criticism.stage import Stage, blocks_for
+from onlinebayes.criticism.stage import Stage
+from onlinebayes.criticism.survey import correlation_of
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -162,7 +163,7 @@ def _judged(
         failed.append("all its values may be the same")
     if not _one_law(fitted, windows, columns, away, scores.tau):
         failed.append("its values differ within the runs, too")
-    if (count := blocks_for(fitted, windows, selection.folds).count) < FEWEST:
+    if (count := independent_parts(windows, correlation_of(fitted, windows), selection.folds)) < FEWEST:
         failed.append(f"what it leaves is slow: {count} independent blocks, not {FEWEST}")
     return Differing(address, p, fitted, scores, gain, falls, stage.blocks, tuple(failed))
 

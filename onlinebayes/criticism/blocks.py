@@ -104,6 +104,20 @@ def flip_groups(windows: Windows, tau: float) -> Int[Tensor, " W"]:
     return (order * count // max(int(moving.sum()), 1)).clamp_max(count - 1)
 
 
+def independent_parts(windows: Windows, tau: float, folds: int | None = None) -> int:
+    """How many parts of the data may be called independent: the fewer of blocks and of groups whose signs flip.
+
+    Eight runs are eight blocks, however slow the misfit; but where it is so slow that they make five groups, no flip
+    could ever be rare enough (2 / 2^5 = .06).
+
+    Args:
+        windows: the fit windows.
+        tau: correlation time of the current residual [s].
+        folds: number of blocks asked for, or None.
+    """
+    return min(make_blocks(windows, tau, folds).count, int(flip_groups(windows, tau).max()) + 1)
+
+
 def leave_one_out(fitted: Fit, blocks: Blocks, whole: bool = False) -> Float[Tensor, "B P"]:
     """theta_-b for every block, within the bounds.
 

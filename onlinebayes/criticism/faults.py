@@ -9,7 +9,8 @@
 | :class:`Compensated`    | commands on top of a controller that holds the weight | the model without the weight   |
 
 A fault is discrete: nothing in it is fitted, the offset apart. What can be any number (a gain, a delay, a load) is an
-effect and no fault. Orientations have faults of their own (:mod:`.conventions`), and so has the clock (:mod:`.shifts`).
+effect and no fault. Orientations have faults of their own (:mod:`.conventions`), and so have the clock
+(:mod:`.shifts`) and parts of runs (:mod:`.outages`).
 """
 
 from __future__ import annotations

@@ -4,7 +4,8 @@
 
 Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
 the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves a small share of
-the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too.
+the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. A sensor
+delay of whole rows is looked at as a fault once it was accepted as an effect.
 """
 
 from __future__ import annotations
@@ -16,12 +17,13 @@ from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.search import Found, ground, search
+from onlinebayes.criticism.shifts import late
 from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.wiring import Suspicion, look
+from onlinebayes.criticism.wiring import Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import Effect, SensorDelay
 
 
 def suspect(
@@ -65,10 +67,25 @@ def inquire(
         return Found(base, base, (), (), ()), fault
     found = search(simulator, measurement, selection, candidates, most, say, interrupt, base)
     if leads is not None and not leads.overwhelming and not found.interrupted:
-        fault = leads.explain(selection) if _structured(found.final, simulator, selection) else None
+        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
+        structured = _structured(found.final, simulator, selection)
+        fault = leads.explain(selection) if structured or found.widened is not None else None
+        if fault is None and structured:
+            fault = outages(base, simulator, measurement, selection, say)
+    if fault is None and (buffer := late(measurement, _delays(found))) is not None:
+        fault = explained(buffer, base, simulator, measurement, selection)
     if fault is not None and fault.beats(found.final, selection):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
+
+
+def _delays(found: Found) -> dict[str, float]:
+    """Signal -> the delay [s] that was accepted for it; nothing where anything else was accepted too."""
+    fitted = found.final.fitted
+    names, effects = fitted.simulator.parameters, [judged.effect for _, judged in found.accepted]
+    if any(not isinstance(effect, SensorDelay) or f"{effect.key}.delay" not in names for effect in effects):
+        return {}
+    return {effect.target: float(fitted.theta[names.index(f"{effect.key}.delay")]) for effect in effects}
 
 
 def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:

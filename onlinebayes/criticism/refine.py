@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal
 
-from jaxtyping import Float
-from torch import Tensor
-
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
@@ -19,6 +16,7 @@ from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.criticism.inquiry import inquire, left_over, suspect
 from onlinebayes.criticism.ladder import Rung
+from onlinebayes.criticism.late_starts import windows_to_replay
 from onlinebayes.criticism.localise import failures
 from onlinebayes.criticism.log_notes import log_notes
 from onlinebayes.criticism.noise import tau
@@ -41,7 +39,6 @@ from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.verdict import decide, what_to_record
-from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
@@ -182,7 +179,9 @@ def _assemble(
     step = min(model.timestep for model in (simulator, base.fitted.simulator, final.fitted.simulator))
     base_model = _model(base, step, base_blocks, fit_runs, held_runs, selection)
     final_model = base_model if final is base else _model(final, step, blocks, fit_runs, held_runs, selection)
-    held = _all_rows(final_model.simulator, held_runs, selection, final.windows.noise)
+    held = windows_to_replay(
+        final_model.simulator, held_runs, final_model.theta, selection.horizon_s, final.windows.noise
+    )
     heldout_error, detail = opened(base_model, final_model, held, signals, units)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
     candidates = rank(found, equal)
@@ -243,7 +242,7 @@ def _model(
     flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
     for runs, held_out in ((fit_runs, False), (held_runs, True)):
-        windows = _all_rows(model, runs, selection, grounds.windows.noise)
+        windows = windows_to_replay(model, runs, fitted.theta, selection.horizon_s, grounds.windows.noise)
         replays += replay_runs(model, windows, fitted.theta, held_out)
     return FittedModel(
         model,
@@ -253,13 +252,6 @@ def _model(
         tuple(effect.key for effect in model.effects),
         tuple(replays),
     )
-
-
-def _all_rows(
-    simulator: Simulator, measurement: Measurement, selection: Selection, noise: Float[Tensor, " S"]
-) -> Windows:
-    memory = MEMORY * selection.horizon_s
-    return make_windows(simulator, measurement, selection.horizon_s, memory, noise, inset=True)
 
 
 def _remainder(final: Grounds, after: dict[str, float], units: dict[str, str], selection: Selection) -> Remainder:

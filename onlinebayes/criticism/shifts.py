@@ -1,15 +1,17 @@
-"""A log whose signals run ahead of its commands: a whole number of rows, which no delay can be.
+"""Columns of a log that lie a whole number of rows from where they belong.
 
-    cell(t) = q(t + k h),  k = 1, 2, 3, 5, 8,  h the row step;        mended: latency = -k h of every signal
+    all signals ahead of the commands    cell(t) = q(t + k h),  k = 1, 2, 3, 5, 8     latency = -k h of every signal
+    one joint's signals late             cell(t) = q(t - k h),  k = 2, 3, ...         latency = k h of these
 
-Commands that were stamped when they had been carried out, or columns joined a few rows apart. The other way round, late
-signals are any number of seconds late and stand in the vocabulary (``sensor_delay``, ``actuator_delay``): whether that
-is the machine's doing or the log's is said in :mod:`.log_notes`.
+with h the row step. Ahead run commands that were stamped when they had been carried out, and columns joined a few rows
+apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay that was accepted is
+the log's where it is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time.
+Where all signals are late alike, or a motor's delay explains as much, nothing says whose it is: see :mod:`.log_notes`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import torch
@@ -19,6 +21,8 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.measurements.latency import advanced
 
 ROWS = (1, 2, 3, 5, 8)
+FEWEST_ROWS = 2
+WHOLE = 0.05  # rows
 
 
 @dataclass(frozen=True)
@@ -51,25 +55,95 @@ class Ahead(Fault):
 
     def mended(self, measurement: Measurement) -> Measurement:
         """The columns put back to when they happened; a run's first rows are then not measured."""
-        known = [signal.name for signal in measurement.signals]
-        data = measurement.data.clone(recurse=False)
-        data["signal"], data["measured"] = data["signal"].clone(), data["measured"].clone()
-        for r, rows in enumerate(measurement.lengths.tolist()):
-            time = data["time"][r, :rows].cpu().numpy()
-            for s in (known.index(name) for name in self.signals):
-                values = torch.where(data["measured"][r, :rows, s], data["signal"][r, :rows, s], torch.nan)
-                moved = torch.as_tensor(advanced(time, values.cpu().numpy(), -self.seconds)).to(values)
-                seen = torch.isfinite(moved)
-                data["measured"][r, :rows, s] = seen
-                data["signal"][r, :rows, s] = torch.where(seen, moved, torch.zeros_like(moved))
-        return replace(measurement, data=data)
+        return moved(measurement, dict.fromkeys(self.signals, -self.seconds))
+
+
+@dataclass(frozen=True)
+class Late(Fault):
+    """Signals that show what happened ``rows`` rows of ``step`` [s] before, while others do not."""
+
+    signals: tuple[str, ...]
+    rows: int
+    step: float
+
+    @property
+    def seconds(self) -> float:
+        """By how much they are late [s]."""
+        return self.rows * self.step
+
+    @property
+    def says(self) -> str:
+        """``qpos.elbow is logged 0.035 s (7 rows) late``."""
+        verb = "is" if len(self.signals) == 1 else "are"
+        return f"{' and '.join(self.signals)} {verb} logged {self.seconds:g} s ({self.rows} rows) late"
+
+    @property
+    def lines(self) -> str:
+        """``latency`` of these signals."""
+        return "\n".join(f'[signals."{name}"]\nlatency = {self.seconds:g}' for name in self.signals)
+
+    @property
+    def smoothed_anew(self) -> bool:
+        """Positions and velocities of other instants."""
+        return True
+
+    def mended(self, measurement: Measurement) -> Measurement:
+        """The columns put back to when they happened; a run's last rows are then not measured."""
+        return moved(measurement, dict.fromkeys(self.signals, self.seconds))
+
+
+def moved(measurement: Measurement, latency: Mapping[str, float]) -> Measurement:
+    """The measurement with these signals as they would read without a latency.
+
+    Args:
+        measurement: the runs.
+        latency: signal -> by how much it is late, negative where it runs ahead [s].
+    """
+    known = [signal.name for signal in measurement.signals]
+    data = measurement.data.clone(recurse=False)
+    data["signal"], data["measured"] = data["signal"].clone(), data["measured"].clone()
+    for r, rows in enumerate(measurement.lengths.tolist()):
+        time = data["time"][r, :rows].cpu().numpy()
+        for name, seconds in latency.items():
+            s = known.index(name)
+            values = torch.where(data["measured"][r, :rows, s], data["signal"][r, :rows, s], torch.nan)
+            put_back = torch.as_tensor(advanced(time, values.cpu().numpy(), seconds)).to(values)
+            seen = torch.isfinite(put_back)
+            data["measured"][r, :rows, s] = seen
+            data["signal"][r, :rows, s] = torch.where(seen, put_back, torch.zeros_like(put_back))
+    return replace(measurement, data=data)
 
 
 def shifts(measurement: Measurement) -> Iterator[Ahead]:
     """Every such shift of all signals together that leaves most of the shortest run."""
     names = tuple(signal.name for signal in measurement.signals)
     rows = int(measurement.lengths.min())
-    step = float(measurement.data["time"][0, : int(measurement.lengths[0])].diff().median())
     for count in ROWS:
         if 4 * count < rows:
-            yield Ahead(names, count, float(f"{step:.9g}"))
+            yield Ahead(names, count, _row_step(measurement))
+
+
+def late(measurement: Measurement, delays: Mapping[str, float]) -> Late | None:
+    """The fault of the log that accepted sensor delays are; None where they may be the sensors' own.
+
+    Args:
+        measurement: the runs.
+        delays: position or velocity signal -> its delay [s], of every accepted effect.
+    """
+    names, step = [signal.name for signal in measurement.signals], _row_step(measurement)
+    joints = {_joint(name) for name in delays}
+    signals = tuple(name for name in names if _joint(name) in joints)
+    if len(joints) != 1 or len(signals) == len(names):
+        return None
+    rows = {round(delay / step) for delay in delays.values()}
+    whole = all(abs(delay / step - round(delay / step)) <= WHOLE for delay in delays.values())
+    return Late(signals, rows.pop(), step) if whole and len(rows) == 1 and min(rows) >= FEWEST_ROWS else None
+
+
+def _joint(signal: str) -> str:
+    return signal.partition(".")[2]
+
+
+def _row_step(measurement: Measurement) -> float:
+    step = float(measurement.data["time"][0, : int(measurement.lengths[0])].diff().median())
+    return float(f"{step:.9g}")

@@ -1,7 +1,7 @@
 """One round of the search: every candidate screened against the current model, the best refitted and judged.
 
-Where the current residual is correlated for so long that it leaves fewer than 7 blocks, the misfit itself may be what
-is slow. Then windows are the blocks, and only a candidate is admissible whose own residual allows 7.
+Where the current residual is correlated for so long that it leaves fewer than 7 independent parts, the misfit itself
+may be what is slow. Then it is taken as uncorrelated, and only a candidate is admissible whose own residual allows 7.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import torch
 
 from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, contained, judge
 from onlinebayes.criticism.asleep import woken
-from onlinebayes.criticism.blocks import FEWEST, Blocks, make_blocks
+from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, make_blocks
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.scoped import effect_entries
@@ -118,7 +118,7 @@ def judged_stage(
 
 def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
-    count = blocks_for(judged.fitted, windows, selection.folds).count
+    count = independent_parts(windows, correlation_of(judged.fitted, windows), selection.folds)
     if count >= FEWEST:
         return judged
     slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST}"

@@ -1,7 +1,7 @@
 """Every candidate screened against the current model: what a round does before it refits any.
 
-Where the current residual is correlated for so long that it leaves fewer than 7 blocks, the misfit itself may be what
-is slow: windows are the blocks then.
+Where the current residual is correlated for so long that it leaves fewer than 7 independent parts, the misfit itself
+may be what is slow: it is taken as uncorrelated then, and a round asks of its candidates that what they leave is quick.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.acceptance import LEAST_FALL
-from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, make_blocks, t_quantile
+from onlinebayes.criticism.blocks import FEWEST, Blocks, flip_groups, independent_parts, make_blocks, t_quantile
 from onlinebayes.criticism.candidates import Trial, grown, grown_theta, opposites, trials
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.noise import tau
@@ -57,7 +57,7 @@ class Survey:
 
     Args:
         current, windows: the model, and what it was fitted on.
-        blocks, slow: its blocks, and whether they are windows because its residual leaves too few.
+        blocks, slow: its blocks, and whether its residual is too slow to tell how much is independent.
         scores: its cross-validation.
         screened: the candidates, best first.
     """
@@ -73,9 +73,9 @@ class Survey:
 def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int | None) -> Survey:
     """Screen all effects against the current model."""
     correlation = correlation_of(current, windows)
+    if slow := independent_parts(windows, correlation, folds) < FEWEST:
+        correlation = 0.0
     blocks = make_blocks(windows, correlation, folds)
-    if slow := blocks.count < FEWEST:
-        correlation, blocks = 0.0, make_blocks(windows, 0.0, folds)
     scores = cross_validate(current, windows, blocks)
     return Survey(
         current, windows, blocks, slow, scores, screen(current, windows, effects, flip_groups(windows, correlation))

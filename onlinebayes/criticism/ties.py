@@ -1,8 +1,8 @@
 """Effects that the data do not tell apart: could another one stand in the accepted one's place?
 
 The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
-judged; a later one is compared with its rivals in the round that added it. What is not parted (see ``verdict``) is
-tied.
+judged (where it is the only one and the step is the same, its round has fitted just that); a later one is compared with
+its rivals in the round that added it. What is not parted (see ``verdict``) is tied.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from onlinebayes.criticism.stage import GROSS, blocks_for
 from onlinebayes.criticism.verdict import tied
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+
+NEAR = 1.5  # times the error of the one that was accepted: what a rival may leave at a coarser step
 
 
 def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, tuple[str, ...]]:
@@ -38,7 +40,11 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
             and judged.effect.key not in contained(other.effect)
             and other.effect.key not in contained(judged.effect)
         ]
-        if k > 0 or len(found.accepted) == 1:
+        # Two models may differ by nothing but how a coarse step damps the one and not the other.
+        finer = found.final.fitted.simulator.timestep < stage.current.simulator.timestep
+        if finer and len(found.accepted) == 1:
+            rivals = [r for r in rivals if r.scores.rms_long < NEAR * judged.scores.rms_long]
+        if k > 0 or (len(found.accepted) == 1 and not finer):
             step = stage.windows.bin_step
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
         else:

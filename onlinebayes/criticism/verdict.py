@@ -2,9 +2,10 @@
 
 In this order: data_problem (a wiring fault explains the misfit, see ``wiring``), insufficient_data (nothing moves,
 fewer than 7 windows' worth of motion, or an effect that only more independent blocks could decide on),
-bounds_exclude_truth (see ``bounds``), tie (the first accepted effect can be swapped for another that is not parted from
-it), missing_effect (accepted effects remove half of the squared error above the floor, or reach it), adequate (nothing
-accepted, rms_over_floor within the tolerance), unexplained.
+bounds_exclude_truth (see ``bounds``), tie (accepted effects remove half of the squared error above the floor, or reach
+it, and the first one can be swapped for another that is not parted from it), missing_effect (they do, and it cannot),
+adequate (nothing accepted, rms_over_floor within the tolerance), unexplained. Effects that leave more than that are
+equals in explaining little: none of them is what is missing.
 
     two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
     abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
@@ -105,10 +106,9 @@ def decide(
         return "adequate" if quiet else "unexplained"
     if bounds:
         return "bounds_exclude_truth"
-    if accepted and tie:
-        return "tie"
     if accepted:
-        return "missing_effect" if halved(before, after) or worst <= AT_FLOOR else "unexplained"
+        explains = halved(before, after) or worst <= AT_FLOOR
+        return ("tie" if tie else "missing_effect") if explains else "unexplained"
     # A change of a parameter is no effect, and a model that lacks it does not agree with the measurements.
     return "adequate" if worst <= tolerance and not changed else "unexplained"
 

@@ -16,28 +16,22 @@ A base model within three floors is not looked at: no fault of this kind is that
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.bench import Bench
 from onlinebayes.criticism.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.grid import row_step, run_grids
-from onlinebayes.criticism.hypotheses import hypotheses
-from onlinebayes.criticism.ladder import Rung, ladder
-from onlinebayes.criticism.motion import seen_by
-from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.outages import outage
 from onlinebayes.criticism.projection import signal_rms
-from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -48,8 +42,6 @@ HALF = 0.5
 EQUAL = 1.05
 OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
 OVERWHELMING = 0.3
-DRAWS = 4
-MOST_WINDOWS = 8  # that screening looks at
 MOST_FITS = 4
 NEAR = 3.0  # of the best screened fault's error: what another may have to be fitted
 
@@ -124,97 +116,27 @@ def look(
     return _promising(Bench(simulator, measurement, selection.horizon_s, base))
 
 
-@dataclass(frozen=True)
-class Bench:
-    """What hypotheses are tried on: the base model on the coarsest rung, and the table as it stands."""
+def explained(
+    fault: Fault, base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection
+) -> Suspicion | None:
+    """What one fault explains that something else spoke for; arguments as :func:`look`, but for the fault."""
+    bench = Bench(simulator, measurement, selection.horizon_s, base)
+    return Leads(bench, ((fault, base.fitted.theta),), 1.0).explain(selection)
 
-    simulator: Simulator
-    measurement: Measurement
-    horizon: float
-    base: Grounds
 
-    @property
-    def faults(self) -> tuple[Fault, ...]:
-        """Every hypothesis but those about single runs."""
-        return hypotheses(self.simulator, self.measurement)
-
-    def windows(self, fault: Fault, noise: Float[Tensor, " S"]) -> Windows:
-        """All windows with a fault put right, smoothed anew."""
-        return make_windows(self.coarse, fault.mended(self.measurement), self.horizon, 0.0, noise)
-
-    def replayed(self, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
-        """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged.
-
-        Args:
-            fault: what is put right, in the starts too: the table is smoothed once, as it stands, for most faults.
-            thetas: M parameter vectors [SI].
-            excerpt: replay only the windows that are enough to screen by.
-        """
-        floor = self.carried(fault)
-        own, table = (self._part, self.excerpt) if excerpt else (self.whole, self.measurement)
-        if fault.smoothed_anew:
-            windows = make_windows(self.coarse, fault.mended(table), self.horizon, 0.0, floor)
-        else:
-            names = [signal.name for signal in table.signals]
-            shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
-            like = replace(fault.started(own, shown), noise=floor)
-            windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
-        starts = windows.start.expand(len(thetas), *windows.start.shape)
-        signals, valid = replay(self.model(fault), windows, thetas, starts)
-        wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
-        rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
-        return torch.where(valid, rms, torch.full_like(rms, float("inf")))
-
-    @cached_property
-    def whole(self) -> Windows:
-        """All windows of the table as it stands."""
-        same = self.base.rung == self._rung
-        return self.base.windows if same else self.windows(AsItStands(), self.base.windows.noise)
-
-    @cached_property
-    def _part(self) -> Windows:
-        return make_windows(self.coarse, self.excerpt, self.horizon, 0.0, self.base.windows.noise)
-
-    @cached_property
-    def excerpt(self) -> Measurement:
-        """Runs, evenly chosen, that hold enough windows; the beginning of a run that is long enough alone."""
-        data, enough = self.measurement, MOST_WINDOWS * self.horizon
-        mean = sum(data.durations) / len(data.runs)
-        if mean >= 2 * enough:
-            rows = int(data.lengths[0] * enough / mean)
-            return data.rows(data.runs[0], 0, rows)
-        return data.select(data.runs[:: max(1, int(len(data.runs) * mean / enough))])
-
-    def model(self, fault: Fault) -> Simulator:
-        """The coarse model with a fault put right."""
-        return fault.model(self.coarse)
-
-    def floor(self, fault: Fault) -> Float[Tensor, " S"]:
-        """The floor that the table has once the fault is put right [SI]."""
-        mended = fault.mended(self.measurement)
-        return floors(mended.signals, run_grids(mended, row_step(mended))).to(self.base.windows.noise)
-
-    def carried(self, fault: Fault) -> Float[Tensor, " S"]:
-        """The table's floor as it stands, put right like the table [SI]: what errors are counted in."""
-        return fault.noise([signal.name for signal in self.measurement.signals], self.base.windows.noise)
-
-    def thetas(self) -> Float[Tensor, "M P"]:
-        """The fitted theta, the nominal one, and points of the box."""
-        space, fitted = self.simulator.parameters, self.base.fitted.theta
-        nominal = space.clamp(self.simulator.nominal.to(fitted))
-        if not len(space):
-            return nominal[None]
-        draws = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(DRAWS).to(fitted)
-        return torch.cat([fitted[None], nominal[None], space.from_unit(draws)])
-
-    @cached_property
-    def coarse(self) -> Simulator:
-        """The base model on the coarsest rung."""
-        return self._rung.of(self.simulator)
-
-    @property
-    def _rung(self) -> Rung:
-        return ladder(self.simulator, self.horizon)[0]
+def outages(
+    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+) -> Suspicion | None:
+    """Actuators that were off for parts of runs, if that explains the misfit; arguments as :func:`look`."""
+    if not simulator.commands:
+        return None
+    say("looking for actuators that were off for a while")
+    bench = Bench(simulator, measurement, selection.horizon_s, base)
+    try:
+        fault = outage(base, bench.coarse, bench.whole)
+    except BadInput:  # on the coarsest rung the model diverges
+        return None
+    return None if fault is None else explained(fault, base, simulator, measurement, selection)
 
 
 def _promising(bench: Bench) -> Leads:

@@ -3,7 +3,14 @@ import math
 import pytest
 import torch
 
-from onlinebayes.criticism.blocks import flip_groups, jackknife, leave_one_out, make_blocks, t_quantile
+from onlinebayes.criticism.blocks import (
+    flip_groups,
+    independent_parts,
+    jackknife,
+    leave_one_out,
+    make_blocks,
+    t_quantile,
+)
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.score import cross_validate, score_gain
 from onlinebayes.criticism.windows import make_windows
@@ -22,6 +29,12 @@ def test_a_run_is_a_block_from_seven_on(windows) -> None:
     assert blocks.count == 8
     assert torch.equal(blocks.of, windows.run)
     assert all(torch.equal(blocks.train[b], blocks.of != b) for b in range(8))
+
+
+@pytest.mark.parametrize(("tau", "expected"), [(0.05, 8), (0.5, 8), (2.0, 3)])
+def test_runs_are_no_more_independent_than_the_groups_that_flip(windows, tau: float, expected: int) -> None:
+    assert make_blocks(windows, tau).count == 8
+    assert independent_parts(windows, tau) == expected
 
 
 def test_one_run_is_cut_into_blocks_with_gaps() -> None:

@@ -1,4 +1,4 @@
-"""Signals that run ahead of the commands are found with the line that mends them; a delay is no such fault."""
+"""Signals that run ahead of the commands, or late by whole rows, are found with the line that mends them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism import Selection
+from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.search import ground
-from onlinebayes.criticism.shifts import ROWS, Ahead, shifts
+from onlinebayes.criticism.shifts import ROWS, Ahead, Late, late, shifts
 from onlinebayes.measurements import Measurement
-from tests.criticism.wired import PENDULUM, STEP
+from tests.criticism.wired import ARM, PENDULUM, STEP
 
 POSITION = "qpos.hinge"
 
@@ -50,3 +50,28 @@ def test_shifts_leave_most_of_a_run() -> None:
     assert next(iter(shifts(measured))).step == pytest.approx(STEP)
     short = measured.rows("run0", 0, 18)
     assert [fault.rows for fault in shifts(short)] == [1, 2, 3]
+
+
+@pytest.mark.parametrize(("rows", "log"), [(1.0, False), (1.98, True), (2.5, False), (7.03, True), (7.1, False)])
+def test_a_buffer_is_late_by_whole_rows(rows: float, log: bool) -> None:
+    found = late(ARM.measure(runs=1), {"qpos.elbow": rows * STEP})
+    assert found == (Late(("qpos.elbow",), round(rows), STEP) if log else None)
+
+
+def test_where_all_signals_are_late_it_may_be_the_motors() -> None:
+    assert late(PENDULUM.measure(runs=1), {POSITION: 3 * STEP}) is None
+    assert late(ARM.measure(runs=1), {"qpos.elbow": 3 * STEP, "qpos.shoulder": 3 * STEP}) is None
+    assert late(ARM.measure(runs=1), {}) is None
+
+
+@pytest.mark.slow
+def test_a_column_that_is_late_by_rows_is_the_logs() -> None:
+    measured = ARM.measure(runs=10)
+    data = measured.data.clone()
+    data["signal"][:, 3:, 1] = data["signal"][:, :-3, 1].clone()
+    result = refine(ARM.model(), replace(measured, data=data), candidates=["sensor_delay", "actuator_delay"])
+    assert result.verdict == "data_problem"
+    assert result.wiring is not None
+    assert result.wiring.fault == "qpos.elbow is logged 0.03 s (3 rows) late"
+    assert result.wiring.lines == '[signals."qpos.elbow"]\nlatency = 0.03'
+    assert result.accepted == ()

@@ -1,5 +1,5 @@
-"""A servo's single run, whose misfit is slower than its windows: what explains it is found, what does not is no matter
-of more data."""
+"""A misfit slower than its windows, in a servo's single run or in many: what explains it is found, what does not is no
+matter of more data."""
 
 from __future__ import annotations
 
@@ -9,9 +9,11 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, numerics, refine
+from onlinebayes.criticism.faults import Offset
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.wired import PENDULUM
 
 SERVO = """
 <mujoco><option timestep="{step}" integrator="{method}"/><worldbody><body name="link">
@@ -72,3 +74,13 @@ def test_both_models_are_replayed_row_beside_row(monkeypatch: pytest.MonkeyPatch
     for before, after in zip(result.base.replays, result.final.replays, strict=True):
         assert torch.equal(before.time, after.time)
         assert torch.equal(before.window, after.window)
+
+
+def test_a_zero_error_in_eight_runs_is_found() -> None:
+    """Nothing is slower than an offset: its windows make three groups, of which no flip is rare."""
+    measured = Offset("qpos.hinge", 0.02).mended(PENDULUM.measure(runs=10))
+    result = refine(PENDULUM.model(), measured, candidates=["sensor_bias", "quadratic_drag"])
+    assert result.accepted == ("sensor_bias@qpos.hinge",)
+    assert result.verdict == "missing_effect"
+    assert result.parameters["sensor_bias@qpos.hinge.bias"].mean == pytest.approx(0.02, rel=0.05)
+    assert result.remainder.status == "noise"

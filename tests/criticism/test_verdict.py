@@ -15,6 +15,11 @@ def test_a_bound_comes_before_a_tie_and_after_too_little_data() -> None:
     assert decide(False, False, FINE, 0, False, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "insufficient_data"
 
 
+def test_equals_in_explaining_little_are_no_tie() -> None:
+    assert decide(True, False, FINE, 1, True, False, {"q": 9.0}, {"q": 4.0}, 1.2) == "tie"
+    assert decide(True, False, FINE, 1, True, False, {"q": 9.0}, {"q": 8.0}, 1.2) == "unexplained"
+
+
 def test_a_wiring_fault_comes_before_everything() -> None:
     for enough, bounds in ((False, False), (True, True)):
         verdict = decide(enough, False, FINE, 0, False, bounds, {"q": 5.0}, {"q": 5.0}, 1.2, miswired=True)

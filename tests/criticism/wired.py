@@ -8,6 +8,7 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism.faults import SwitchedOff
+from onlinebayes.criticism.outages import Outage
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Effect
@@ -44,7 +45,7 @@ class Rig:
     def measure(
         self,
         effects: dict[Effect, tuple[float, ...]] | None = None,
-        off: SwitchedOff | None = None,
+        off: SwitchedOff | Outage | None = None,
         compensated: bool = False,
         runs: int = 8,
         seconds: float = 3.0,
@@ -65,8 +66,12 @@ class Rig:
         command = torch.sin(6.2832 * frequency * t + phase).sum(1).mT * torch.tensor(self.drive, dtype=torch.float64)
         enable = torch.ones_like(command)
         if off is not None:
-            for run in off.runs:
-                enable[int(run.removeprefix("run")), :, self.commands.index(off.actuator)] = 0.0
+            whole = isinstance(off, SwitchedOff)
+            actuators = (off.actuator,) if whole else off.actuators
+            for run, begin, end in ((run, 0.0, seconds + STEP) for run in off.runs) if whole else off.spans:
+                rows_off = torch.nonzero((t > begin - STEP / 2) & (t < end - STEP / 2))
+                columns = [self.commands.index(name) for name in actuators]
+                enable[int(run.removeprefix("run")), rows_off, columns] = 0.0
         zero = torch.zeros(runs, joints, dtype=torch.float64)
         path = truth.rollout(
             torch.tensor(theta, dtype=torch.float64).expand(runs, -1),

@@ -20,6 +20,7 @@ from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
+from onlinebayes.criticism.late_starts import windows_to_replay
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.windows import MEMORY, make_windows
@@ -74,7 +75,7 @@ def held_error(
     model, theta, horizon = fitted.simulator, fitted.theta, problem.selection.horizon_s
     _, held = split(problem.measurement, problem.holdout)
     signals = tuple(signal.name for signal in held.signals)
-    windows = make_windows(model, held, horizon, MEMORY * horizon, noise, inset=True)
+    windows = windows_to_replay(model, held, theta, horizon, noise)
     error = replay_error(replay_runs(model, windows, theta, held_out=True), signals)
     return in_floors(error, floor or start_floor(windows, start_spread(model, windows, theta), signals))
 

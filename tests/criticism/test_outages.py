@@ -1,0 +1,63 @@
+"""Actuators that were off for a while: found with their edges; what hits every window is no outage."""
+
+from __future__ import annotations
+
+import pytest
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.bench import Bench
+from onlinebayes.criticism.outages import Outage, outage
+from onlinebayes.criticism.search import ground
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import DryFriction
+from tests.criticism.wired import ARM, PENDULUM, STEP, Rig
+
+OFF = Outage(("motor",), (("run1", 0.72, 1.31), ("run4", 1.8, 2.6)))
+
+
+def found(rig: Rig, measurement: Measurement) -> Outage | None:
+    simulator, selection = rig.model(), Selection()
+    bench = Bench(simulator, measurement, selection.horizon_s, ground(simulator, measurement, selection))
+    return outage(bench.base, bench.coarse, bench.whole)
+
+
+def test_edges_are_found_where_the_command_was_large() -> None:
+    """An edge at which the command passes through zero may lie anywhere beside it."""
+    measured = PENDULUM.measure(off=OFF)
+    seen = found(PENDULUM, measured)
+    assert seen is not None
+    assert seen.actuators == OFF.actuators
+    assert [run for run, *_ in seen.spans] == [run for run, *_ in OFF.spans]
+    for (run, *edges), (_, *true) in zip(seen.spans, OFF.spans, strict=True):
+        command = measured.data["command"][measured.runs.index(run), :, 0]
+        for edge, right in zip(edges, true, strict=True):
+            between = slice(*sorted((round(edge / STEP), round(right / STEP))))
+            lost = float(command[between].sum().abs()) * STEP  # N m s, of 1.2 N m for half a second and more
+            assert lost < 0.05
+            assert edge == pytest.approx(right, abs=0.15)
+
+
+def test_a_machine_that_was_on_or_lacks_an_effect_has_none() -> None:
+    assert found(PENDULUM, PENDULUM.measure()) is None
+    assert found(PENDULUM, PENDULUM.measure({DryFriction("hinge", Parameter(0.0, 2.0, "N m")): (0.3,)})) is None
+
+
+def test_it_is_said_with_the_column_that_the_table_lacks() -> None:
+    assert OFF.says == (
+        "motor was off from 0.72 s to 1.31 s in run1, from 1.8 s to 2.6 s in run4, whatever the table commands"
+    )
+    assert OFF.lines == (
+        "# in the table: enable.motor, 1 in every row, but 0 in\n#   run1: 0.72 to 1.31 s\n#   run4: 1.8 to 2.6 s"
+    )
+
+
+@pytest.mark.slow
+def test_an_arm_that_was_off_for_a_while_is_a_data_problem() -> None:
+    spans = tuple((f"run{r}", 1.2, 1.8) for r in range(8))
+    off = Outage(("lift", "bend"), spans)
+    result = refine(ARM.model(), ARM.measure(off=off), candidates=["dry_friction", "actuator_gain"])
+    assert result.verdict == "data_problem"
+    assert result.wiring is not None
+    assert "lift and bend were off" in result.wiring.fault
+    assert result.accepted == ()
