@@ -4,7 +4,7 @@
     struck:     windows with e_w(none) > 3 times the median, and min over (i, j) e_w(i, j) < e_w(none) / 2
 
 An outage of a second spoils the windows that it touches and no others, but also the fit of all: parameters are fitted
-to the better half of the windows first, twice (concentration steps, Rousseeuw and Van Driessen 1999). The edges are
+to the better half of the windows first, three times (concentration steps, Rousseeuw and Van Driessen 1999). Edges are
 looked for on eighths of a window, then on sixty-fourths. Which actuators: each alone, or all together.
 """
 
@@ -18,7 +18,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.faults import Fault
-from onlinebayes.criticism.fit import fit, unfitted
+from onlinebayes.criticism.fit import Fit, fit, unfitted
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.windows import Windows
@@ -30,7 +30,7 @@ HALF = 0.5
 EIGHTHS = 8
 FINER = 8
 MOST_STRUCK = 24  # windows
-CONCENTRATIONS = 2
+CONCENTRATIONS = 3
 
 Spans = tuple[tuple[str, float, float], ...]
 
@@ -101,14 +101,20 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> Outage | None:
 
 
 def _robust(base: Grounds, coarse: Simulator, windows: Windows) -> Float[Tensor, " P"]:
-    """Theta of the half of the windows that fit best."""
-    fitted = unfitted(coarse, windows, base.fitted.theta)
-    for _ in range(CONCENTRATIONS):
-        misfit = fitted.projected.residual.square().mean(1)
-        better = misfit.argsort()[: (windows.count + 1) // 2].sort().values
-        theta = fit(coarse, windows.select(better), fitted.theta).theta
-        fitted = unfitted(coarse, windows, theta)
-    return fitted.theta
+    """Theta of the half of the windows that fit best, from the fitted theta or from the nominal one."""
+    half = (windows.count + 1) // 2
+    found = []
+    for start in (base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))):
+        fitted = unfitted(coarse, windows, start)
+        for _ in range(CONCENTRATIONS):
+            better = _misfit(fitted).argsort()[:half].sort().values
+            fitted = unfitted(coarse, windows, fit(coarse, windows.select(better), fitted.theta).theta)
+        found.append((float(_misfit(fitted).sort().values[:half].sum()), fitted.theta))
+    return min(found, key=lambda one: one[0])[1]
+
+
+def _misfit(fitted: Fit) -> Float[Tensor, " W"]:
+    return fitted.projected.residual.square().sum(1)
 
 
 def _errors(simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:

@@ -1,8 +1,8 @@
 """Effects that the data do not tell apart: could another one stand in the accepted one's place?
 
 The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
-judged (where it is the only one and the step is the same, its round has fitted just that); a later one is compared with
-its rivals in the round that added it. What is not parted (see ``verdict``) is tied.
+judged (where it is the only one and the integrator stayed the same, its round has fitted just that); a later one is
+compared with its rivals in the round that added it. What is not parted (see ``verdict``) is tied.
 """
 
 from __future__ import annotations
@@ -41,10 +41,10 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
             and other.effect.key not in contained(judged.effect)
         ]
         # Two models may differ by nothing but how a coarse step damps the one and not the other.
-        finer = found.final.fitted.simulator.timestep < stage.current.simulator.timestep
-        if finer and len(found.accepted) == 1:
+        anew = found.final.rung != found.base.rung
+        if anew and len(found.accepted) == 1:
             rivals = [r for r in rivals if r.scores.rms_long < NEAR * judged.scores.rms_long]
-        if k > 0 or (len(found.accepted) == 1 and not finer):
+        if k > 0 or (len(found.accepted) == 1 and not anew):
             step = stage.windows.bin_step
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
         else:
