@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import Judged, choose, interval
+from onlinebayes.criticism.acceptance import Judged, choose, contained, interval
 from onlinebayes.criticism.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import grown, propose
@@ -23,6 +23,7 @@ from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.pairs import pair
 from onlinebayes.criticism.projection import signal_rms
+from onlinebayes.criticism.replaced import replaced
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
 from onlinebayes.criticism.zeros import beside_zeros
@@ -113,6 +114,7 @@ def search(
             return Found(base, current, effects, tuple(stages), tuple(accepted), True, changes=tuple(changes))
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
+        present = present.union(*(contained(judged.effect) for _, judged in accepted))
         left = [effect for effect in effects if effect.key not in present]
         thorough = not stages and not _at_floor(current, selection.tolerance)
         stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough, interrupt)
@@ -137,6 +139,9 @@ def search(
         say(f"adding {' and '.join(judged.effect.key for _, judged in chosen)}")
         accepted += chosen
         current = _resettled(simulator, measurement, selection, current, chosen[-1][1], accepted)
+        if (richer := replaced(simulator, measurement, selection, current, accepted)) is not None:
+            say(f"{chosen[-1][1].effect.key} takes the place of what it contains")
+            current, accepted = richer
         kept = _without_idle(simulator, measurement, selection, current, accepted, accepted[:-1])
         if kept is not None:
             current, accepted = kept

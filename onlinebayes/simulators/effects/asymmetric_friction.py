@@ -45,6 +45,7 @@ class AsymmetricFriction(Effect):
     target_kind = "joint"
     fields = (*FIELDS, "actuator_biasprm")
     contains = ("dry_friction",)
+    absorbs = ("frictionloss_positive", "frictionloss_negative")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "frictionloss_positive", self.frictionloss_positive)

@@ -174,6 +174,7 @@ class Effect(ABC):
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
+        absorbs: its parameters to which the first one of such a simpler effect adds.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
 
@@ -189,6 +190,7 @@ class Effect(ABC):
     excludes: ClassVar[tuple[str, ...]] = ()
     needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
+    absorbs: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 
     @classmethod

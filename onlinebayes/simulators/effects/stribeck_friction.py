@@ -38,6 +38,7 @@ class StribeckFriction(Effect):
     name = "stribeck_friction"
     target_kind = "joint"
     contains = ("dry_friction",)
+    absorbs = ("static", "coulomb")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "coulomb", self.coulomb)
@@ -57,23 +58,32 @@ class StribeckFriction(Effect):
 
     @property
     def parameters(self) -> ParameterSpace:
-        """``coulomb``, ``static`` and ``stribeck_velocity``."""
+        """``static``, ``coulomb`` and ``stribeck_velocity``: what is at rest is the law's own, and is tested."""
         return ParameterSpace(
-            {"coulomb": self.coulomb, "static": self.static, "stribeck_velocity": self.stribeck_velocity}
+            {"static": self.static, "coulomb": self.coulomb, "stribeck_velocity": self.stribeck_velocity}
         )
 
     @property
     def neutral(self) -> Mapping[str, float]:
         """Fc = Fs = 0; vs, without meaning then, is the geometric middle of its bounds."""
-        return {"coulomb": 0.0, "static": 0.0, "stribeck_velocity": self._speed(0.5)}
+        return {"static": 0.0, "coulomb": 0.0, "stribeck_velocity": self._speed(0.5)}
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
-        """A static friction of twice the sliding one, at three Stribeck velocities: the curve is not linear in vs."""
-        coulomb = 0.05 * self.coulomb.high
-        static = min(2 * coulomb, self.static.high)
-        return tuple(
-            {"coulomb": coulomb, "static": static, "stribeck_velocity": self._speed(part)} for part in (0.25, 0.5, 0.75)
+        """What dry friction lacks at rest, at two sizes and three Stribeck velocities; and both frictions at once.
+
+        The largest force in play may be a hundred times what rubs: a trial of that size would only stick.
+        """
+        least, most = (part * self.static.high for part in (1e-3, 1e-2))
+        excess = tuple(
+            {"static": size, "coulomb": 0.0, "stribeck_velocity": self._speed(part)}
+            for size in (least, most)
+            for part in (0.25, 0.5, 0.75)
+        )
+        both = 0.05 * self.coulomb.high
+        return (
+            *excess,
+            {"static": min(2 * both, self.static.high), "coulomb": both, "stribeck_velocity": self._speed(0.5)},
         )
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:

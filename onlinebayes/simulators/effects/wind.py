@@ -50,6 +50,7 @@ class Wind(Effect):
     rare = True
     fields = (*FIELDS, "opt.wind")
     contains = ("air_drag",)
+    absorbs = ("drag",)
     axes = AXES
 
     def __post_init__(self) -> None:
