@@ -77,7 +77,7 @@ def judge(
     falls = (1 - scores.rms_long / current.rms_long, 1 - scores.rms_short / current.rms_short)
     same = homogeneous(fitted, windows, blocks, effect, scores.tau)
     low, high = interval(fitted, blocks, effect)
-    neutral = effect.neutral[effect.parameters.names[0]]
+    neutral = effect.neutral[effect.magnitude]
     failed = []
     if not p_value < alpha:
         failed.append(f"p = {p_value:.3g} is not below {alpha:g}")
@@ -91,9 +91,7 @@ def judge(
         failed.append(f"its size, in [{low:.3g}, {high:.3g}], may be nothing")
     if not same:
         failed.append("its size differs between parts of the data: a patch, not a law")
-    if effect.parameters[effect.parameters.names[0]].unit == "s" and _within_integration(
-        fitted, effect, high, numerics
-    ):
+    if effect.parameters[effect.magnitude].unit == "s" and _within_integration(fitted, effect, high, numerics):
         failed.append(f"the integration step of {fitted.simulator.timestep:g} s shifts time as much as it does")
     return Judged(effect, p_value, fitted, scores, gain, falls, same, tuple(failed))
 
@@ -106,7 +104,7 @@ def interval(fitted: Fit, blocks: Blocks, effect: Effect) -> tuple[float, float]
     """
     columns = first_columns(fitted, effect)
     sd = covariance_of(fitted, blocks).diagonal().sqrt()[columns]
-    away = fitted.theta[columns] - effect.neutral[effect.parameters.names[0]]
+    away = fitted.theta[columns] - effect.neutral[effect.magnitude]
     clearest = int((away.abs() / sd.clamp_min(1e-300)).argmax())
     reach = t_quantile(1 - 0.025 / len(columns), blocks.count) * float(sd[clearest])
     mode = float(fitted.theta[columns[clearest]])

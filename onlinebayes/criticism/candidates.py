@@ -211,7 +211,7 @@ def trials(effects: Sequence[Effect]) -> tuple[Trial, ...]:
     """Where screening tries each candidate: a small step from neutral, and its own finite starting values."""
     found = []
     for k, effect in enumerate(effects):
-        first = effect.parameters.names[0]
+        first = effect.magnitude
         bounds, neutral = effect.parameters[first], effect.neutral[first]
         two_sided = bounds.low < neutral < bounds.high
         step = 1e-3 * (bounds.high - bounds.low)

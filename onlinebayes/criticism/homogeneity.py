@@ -32,7 +32,7 @@ SPREAD = 0.5
 
 def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, tau: float) -> bool:
     """Whether ``effect``, a part of the fitted model, has the same size everywhere."""
-    first = effect.parameters.names[0]
+    first = effect.magnitude
     columns = first_columns(fitted, effect)
     size = fitted.theta[columns] - effect.neutral[first]
     if not bool(size.any()):
@@ -58,7 +58,7 @@ def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, t
 
 def first_columns(fitted: Fit, effect: Effect) -> list[int]:
     """Where the effect's first parameter stands in theta: one place, or one a run."""
-    first, entries = effect.parameters.names[0], effect_entries(fitted.simulator, effect)
+    first, entries = effect.magnitude, effect_entries(fitted.simulator, effect)
     return [fitted.simulator.parameters.index(entry) for entry, name in entries.items() if name == first]
 
 

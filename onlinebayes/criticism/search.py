@@ -221,7 +221,7 @@ def _without_idle(
     for idle in earlier:
         effect = idle[1].effect
         low, high = interval(current.fitted, blocks, effect)
-        if low <= effect.neutral[effect.parameters.names[0]] <= high:
+        if low <= effect.neutral[effect.magnitude] <= high:
             kept = [item for item in accepted if item is not idle]
             model = grown(simulator, [judged.effect for _, judged in kept])
             theta = carried(current.fitted.simulator, current.fitted.theta, model)

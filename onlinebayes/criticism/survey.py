@@ -156,7 +156,7 @@ def _run_by_run(
 
 
 def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:
-    return simulator.scope.owned(f"{effect.key}.{effect.parameters.names[0]}")
+    return simulator.scope.owned(f"{effect.key}.{effect.magnitude}")
 
 
 def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]) -> Float[Tensor, "C W n S"]:
@@ -208,7 +208,7 @@ def _in_time(
 
 def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:
     """Where a refit begins: the linear estimate of the first parameter, inside its bounds, off neutral."""
-    first = effect.parameters.names[0]
+    first = effect.magnitude
     bounds, neutral = effect.parameters[first], effect.neutral[first]
     width = bounds.high - bounds.low
     value = neutral + size * trial.reach

@@ -207,14 +207,14 @@ def _excluded(result: Criticism, grounds: Grounds, base: Explanation, found: dic
         values = _possible(effect, candidate)
         model = grown(grounds.fitted.simulator, [effect])
         theta = torch.cat([base.hypothesis.theta, base.hypothesis.theta.new_tensor(values)])
-        size = f"{effect.key} = {values[0]:.3g} {effect.parameters[effect.parameters.names[0]].unit}".rstrip()
+        size = f"{effect.key} = {values[0]:.3g} {effect.parameters[effect.magnitude].unit}".rstrip()
         pairs.append(Pair(Hypothesis(size, model, theta), base))
     return tuple(pairs)
 
 
 def _possible(effect: Effect, candidate: Candidate) -> list[float]:
     """The effect's parameters at its exclusion limit; at a tenth of what its bounds allow where there is none."""
-    first = effect.parameters.names[0]
+    first = effect.magnitude
     bounds, neutral = effect.parameters[first], effect.neutral[first]
     reach = bounds.high - neutral if bounds.high > neutral else bounds.low - neutral
     limit = candidate.exclusion_limit

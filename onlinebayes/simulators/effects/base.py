@@ -174,7 +174,7 @@ class Effect(ABC):
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
-        absorbs: its parameters to which the first one of such a simpler effect adds.
+        absorbs: its parameters to which the magnitude of such a simpler effect adds.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
 
@@ -212,6 +212,11 @@ class Effect(ABC):
     def key(self) -> str:
         """``name@target``."""
         return f"{self.name}@{self.target}"
+
+    @property
+    def magnitude(self) -> str:
+        """Short name of the parameter that says how much of it there is, and is tested: the first one."""
+        return self.parameters.names[0]
 
     @property
     def element(self) -> str:

@@ -38,7 +38,7 @@ class StribeckFriction(Effect):
     name = "stribeck_friction"
     target_kind = "joint"
     contains = ("dry_friction",)
-    absorbs = ("static", "coulomb")
+    absorbs = ("coulomb", "static")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "coulomb", self.coulomb)
@@ -58,15 +58,20 @@ class StribeckFriction(Effect):
 
     @property
     def parameters(self) -> ParameterSpace:
-        """``static``, ``coulomb`` and ``stribeck_velocity``: what is at rest is the law's own, and is tested."""
+        """``coulomb``, ``static`` and ``stribeck_velocity``."""
         return ParameterSpace(
-            {"static": self.static, "coulomb": self.coulomb, "stribeck_velocity": self.stribeck_velocity}
+            {"coulomb": self.coulomb, "static": self.static, "stribeck_velocity": self.stribeck_velocity}
         )
+
+    @property
+    def magnitude(self) -> str:
+        """``static``: beside dry friction, which it contains, the law's own is what holds at rest."""
+        return "static"
 
     @property
     def neutral(self) -> Mapping[str, float]:
         """Fc = Fs = 0; vs, without meaning then, is the geometric middle of its bounds."""
-        return {"static": 0.0, "coulomb": 0.0, "stribeck_velocity": self._speed(0.5)}
+        return {"coulomb": 0.0, "static": 0.0, "stribeck_velocity": self._speed(0.5)}
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
@@ -76,14 +81,14 @@ class StribeckFriction(Effect):
         """
         least, most = (part * self.static.high for part in (1e-3, 1e-2))
         excess = tuple(
-            {"static": size, "coulomb": 0.0, "stribeck_velocity": self._speed(part)}
+            {"coulomb": 0.0, "static": size, "stribeck_velocity": self._speed(part)}
             for size in (least, most)
             for part in (0.25, 0.5, 0.75)
         )
         both = 0.05 * self.coulomb.high
         return (
             *excess,
-            {"static": min(2 * both, self.static.high), "coulomb": both, "stribeck_velocity": self._speed(0.5)},
+            {"coulomb": both, "static": min(2 * both, self.static.high), "stribeck_velocity": self._speed(0.5)},
         )
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
