@@ -79,11 +79,14 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> Outage | None:
         coarse: the same on the coarsest rung.
         windows: the fit windows on that rung's rows.
     """
-    theta = _robust(base, coarse, windows)
+    starts = (base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta)))
+    if not any(_some_stand_out(_errors(coarse, windows, theta)) for theta in starts):
+        return None  # before anything is fitted
+    theta = _robust(starts, coarse, windows)
     own = _errors(coarse, windows, theta)
-    apart = torch.nonzero(own > APART * own.median())[:, 0]
-    if not 0 < len(apart) <= windows.count // 2:
+    if not _some_stand_out(own):
         return None
+    apart = torch.nonzero(own > APART * own.median())[:, 0]
     suspects = apart[own[apart].argsort(descending=True)[:MOST_STRUCK]].sort().values
     part, before = windows.select(suspects), own[suspects]
     found = []
@@ -100,11 +103,16 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> Outage | None:
     return Outage(tuple(coarse.commands[u] for u in columns), spans)
 
 
-def _robust(base: Grounds, coarse: Simulator, windows: Windows) -> Float[Tensor, " P"]:
-    """Theta of the half of the windows that fit best, from the fitted theta or from the nominal one."""
+def _some_stand_out(errors: Float[Tensor, " W"]) -> bool:
+    """Whether a few windows err by far more than the others; more than half of them cannot (see the median)."""
+    return bool((errors > APART * errors.median()).any())
+
+
+def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Simulator, windows: Windows) -> Float[Tensor, " P"]:
+    """Theta of the half of the windows that fit best, from the best of these starts."""
     half = (windows.count + 1) // 2
     found = []
-    for start in (base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))):
+    for start in starts:
         fitted = unfitted(coarse, windows, start)
         for _ in range(CONCENTRATIONS):
             better = _misfit(fitted).argsort()[:half].sort().values

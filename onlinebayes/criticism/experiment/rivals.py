@@ -20,6 +20,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown, propose, trials
 from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.fit import Fit, fit, refreshed_weight
@@ -166,7 +167,14 @@ def _swaps(
     rows = {candidate.effect: candidate for candidate in result.candidates}
     swaps = [(k, other) for k, effect in enumerate(accepted) for other in rows[effect.key].indistinguishable_from]
     if not swaps:
-        others = [c.effect for c in result.candidates if c.rank is not None and not c.accepted]
+        # What contains another candidate could only do as well as that one.
+        others = [
+            c.effect
+            for c in result.candidates
+            if c.rank is not None
+            and not c.accepted
+            and not (c.effect in found and contained(found[c.effect]) & set(rows))
+        ]
         swaps = [(0, other) for other in others[:2]]
     models = [final]
     for k, other in swaps[: MOST_RIVALS - 1]:
