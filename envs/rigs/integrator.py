@@ -130,7 +130,10 @@ class Plant:
         self.time += self.drive.step
 
     def _stepped(self, u: ndarray, h: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-        """Where a step of h [s] (R, 1) leads from here, and the way in which friction acted."""
+        """Where a step of h [s] (R, 1) leads from here, and the way in which friction acted.
+
+        What depends on time alone is taken over the whole step, also where h is a part of it.
+        """
         q, v, t = self._q, self._v, self.time
         half = 0.5 * self.drive.step
         sign, stuck = self._stick(q, v, u)

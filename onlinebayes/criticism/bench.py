@@ -60,11 +60,7 @@ class Bench:
             shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
             like = replace(fault.started(own, shown), noise=floor)
             windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
-        starts = windows.start.expand(len(thetas), *windows.start.shape)
-        signals, valid = replay(self.model(fault), windows, thetas, starts)
-        wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
-        rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
-        return torch.where(valid, rms, torch.full_like(rms, float("inf")))
+        return replay_rms(self.model(fault), windows, thetas, floor)
 
     @cached_property
     def whole(self) -> Windows:
@@ -116,3 +112,14 @@ class Bench:
     @property
     def _rung(self) -> Rung:
         return ladder(self.simulator, self.horizon)[0]
+
+
+def replay_rms(
+    simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
+) -> Float[Tensor, "M W"]:
+    """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
+    starts = windows.start.expand(len(thetas), *windows.start.shape)
+    signals, valid = replay(simulator, windows, thetas, starts)
+    wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
+    rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
+    return torch.where(valid, rms, torch.full_like(rms, float("inf")))

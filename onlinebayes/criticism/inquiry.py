@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from onlinebayes.criticism.late_starts import sensor_delays
 from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.results import Selection
@@ -81,11 +82,9 @@ def inquire(
 
 def _delays(found: Found) -> dict[str, float]:
     """Signal -> the delay [s] that was accepted for it; nothing where anything else was accepted too."""
-    fitted = found.final.fitted
-    names, effects = fitted.simulator.parameters, [judged.effect for _, judged in found.accepted]
-    if any(not isinstance(effect, SensorDelay) or f"{effect.key}.delay" not in names for effect in effects):
+    if not all(isinstance(judged.effect, SensorDelay) for _, judged in found.accepted):
         return {}
-    return {effect.target: float(fitted.theta[names.index(f"{effect.key}.delay")]) for effect in effects}
+    return sensor_delays(found.final.fitted.simulator, found.final.fitted.theta)
 
 
 def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.grid import row_step, run_grids
-from onlinebayes.criticism.shifts import moved
+from onlinebayes.criticism.shifts import without_latency
 from onlinebayes.criticism.starts import window_starts
 from onlinebayes.criticism.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
@@ -39,32 +39,35 @@ def windows_to_replay(
         noise: floor of each signal [SI].
     """
     windows = make_windows(simulator, measurement, horizon, MEMORY * horizon, noise, inset=True)
-    delays = _delays(simulator, theta)
-    if not any(delays.values()):
+    joints = joint_names(simulator)
+    delays = {
+        signal: delay
+        for signal, delay in sensor_delays(simulator, theta).items()
+        if delay and signal.removeprefix("qpos.") in simulator.joint_kinds and signal.removeprefix("qpos.") in joints
+    }
+    if not delays:
         return windows
-    prompt = moved(measurement, {f"qpos.{joint}": delay for joint, delay in delays.items()})
+    prompt = without_latency(measurement, delays)
     cuts = [
         (r, g * windows.step, (g + windows.rows) * windows.step)
         for r, g in zip(windows.run.tolist(), windows.first.tolist(), strict=True)
     ]
-    names, joints = [signal.name for signal in measurement.signals], joint_names(simulator)
+    names = [signal.name for signal in measurement.signals]
     state, _, moving = window_starts(run_grids(prompt, row_step(prompt)), cuts, names, joints, noise)
     start = windows.start.clone()
-    for joint, delay in delays.items():
-        j = joints.index(joint)
+    for signal, delay in delays.items():
+        j = joints.index(signal.removeprefix("qpos."))
         v = state[:, len(joints) + j]
         known = windows.free[:, j] & moving[:, j]
         start[known, j], start[known, len(joints) + j] = (state[:, j] - delay * v)[known], v[known]
     return replace(windows, start=start)
 
 
-def _delays(simulator: Simulator, theta: Float[Tensor, " P"]) -> dict[str, float]:
-    """Joint -> by how much its position is shown late [s]."""
+def sensor_delays(simulator: Simulator, theta: Float[Tensor, " P"]) -> dict[str, float]:
+    """Signal -> by how much the simulator shows it late [s], where that is one value for all runs."""
     names = simulator.parameters
     return {
-        effect.target.removeprefix("qpos."): float(theta[names.index(f"{effect.key}.delay")])
+        effect.target: float(theta[names.index(f"{effect.key}.delay")])
         for effect in simulator.effects
-        if isinstance(effect, SensorDelay)
-        and effect.target.removeprefix("qpos.") in simulator.joint_kinds
-        and f"{effect.key}.delay" in names
+        if isinstance(effect, SensorDelay) and f"{effect.key}.delay" in names
     }

@@ -17,10 +17,10 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from onlinebayes.criticism.bench import replay_rms
 from onlinebayes.criticism.faults import Fault
 from onlinebayes.criticism.fit import Fit, fit, unfitted
 from onlinebayes.criticism.numerics import Grounds
-from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
@@ -126,11 +126,7 @@ def _misfit(fitted: Fit) -> Float[Tensor, " W"]:
 
 
 def _errors(simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
-    """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
-    signals, valid = replay(simulator, windows, theta[None], windows.start[None])
-    wrong = torch.where(windows.observed, (windows.value - signals[0]) / windows.noise, torch.zeros_like(windows.value))
-    rms = (wrong.square().sum((1, 2)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
-    return torch.where(valid[0], rms, torch.full_like(rms, float("inf")))
+    return replay_rms(simulator, windows, theta[None], windows.noise)[0]
 
 
 def _sets(actuators: int) -> Iterator[tuple[int, ...]]:

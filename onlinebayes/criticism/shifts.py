@@ -26,41 +26,8 @@ WHOLE = 0.05  # rows
 
 
 @dataclass(frozen=True)
-class Ahead(Fault):
-    """Signals that show what happens ``rows`` rows of ``step`` [s] later."""
-
-    signals: tuple[str, ...]
-    rows: int
-    step: float
-
-    @property
-    def seconds(self) -> float:
-        """By how much they run ahead [s]."""
-        return self.rows * self.step
-
-    @property
-    def says(self) -> str:
-        """``the signals run 0.03 s (3 rows) ahead of the commands``."""
-        return f"the signals run {self.seconds:g} s ({self.rows} row{'s' * (self.rows > 1)}) ahead of the commands"
-
-    @property
-    def lines(self) -> str:
-        """``latency`` of every signal."""
-        return "\n".join(f'[signals."{name}"]\nlatency = {-self.seconds:g}' for name in self.signals)
-
-    @property
-    def smoothed_anew(self) -> bool:
-        """Positions and velocities of other instants."""
-        return True
-
-    def mended(self, measurement: Measurement) -> Measurement:
-        """The columns put back to when they happened; a run's first rows are then not measured."""
-        return moved(measurement, dict.fromkeys(self.signals, -self.seconds))
-
-
-@dataclass(frozen=True)
-class Late(Fault):
-    """Signals that show what happened ``rows`` rows of ``step`` [s] before, while others do not."""
+class Shifted(Fault):
+    """Signals that show what happened ``rows`` rows of ``step`` [s] before; negative, what happens that much later."""
 
     signals: tuple[str, ...]
     rows: int
@@ -73,9 +40,11 @@ class Late(Fault):
 
     @property
     def says(self) -> str:
-        """``qpos.elbow is logged 0.035 s (7 rows) late``."""
-        verb = "is" if len(self.signals) == 1 else "are"
-        return f"{' and '.join(self.signals)} {verb} logged {self.seconds:g} s ({self.rows} rows) late"
+        """``the signals run 0.03 s (3 rows) ahead of the commands``, ``qpos.elbow is logged 0.035 s (7 rows) late``."""
+        size = f"{abs(self.seconds):g} s ({abs(self.rows)} row{'s' * (abs(self.rows) > 1)})"
+        if self.rows < 0:
+            return f"the signals run {size} ahead of the commands"
+        return f"{' and '.join(self.signals)} {'is' if len(self.signals) == 1 else 'are'} logged {size} late"
 
     @property
     def lines(self) -> str:
@@ -88,11 +57,11 @@ class Late(Fault):
         return True
 
     def mended(self, measurement: Measurement) -> Measurement:
-        """The columns put back to when they happened; a run's last rows are then not measured."""
-        return moved(measurement, dict.fromkeys(self.signals, self.seconds))
+        """The columns put back to when they happened; the rows at a run's end without a value are not measured."""
+        return without_latency(measurement, dict.fromkeys(self.signals, self.seconds))
 
 
-def moved(measurement: Measurement, latency: Mapping[str, float]) -> Measurement:
+def without_latency(measurement: Measurement, latency: Mapping[str, float]) -> Measurement:
     """The measurement with these signals as they would read without a latency.
 
     Args:
@@ -114,16 +83,16 @@ def moved(measurement: Measurement, latency: Mapping[str, float]) -> Measurement
     return replace(measurement, data=data)
 
 
-def shifts(measurement: Measurement) -> Iterator[Ahead]:
+def shifts(measurement: Measurement) -> Iterator[Shifted]:
     """Every such shift of all signals together that leaves most of the shortest run."""
     names = tuple(signal.name for signal in measurement.signals)
     rows = int(measurement.lengths.min())
     for count in ROWS:
         if 4 * count < rows:
-            yield Ahead(names, count, _row_step(measurement))
+            yield Shifted(names, -count, _row_step(measurement))
 
 
-def late(measurement: Measurement, delays: Mapping[str, float]) -> Late | None:
+def late(measurement: Measurement, delays: Mapping[str, float]) -> Shifted | None:
     """The fault of the log that accepted sensor delays are; None where they may be the sensors' own.
 
     Args:
@@ -137,7 +106,7 @@ def late(measurement: Measurement, delays: Mapping[str, float]) -> Late | None:
         return None
     rows = {round(delay / step) for delay in delays.values()}
     whole = all(abs(delay / step - round(delay / step)) <= WHOLE for delay in delays.values())
-    return Late(signals, rows.pop(), step) if whole and len(rows) == 1 and min(rows) >= FEWEST_ROWS else None
+    return Shifted(signals, rows.pop(), step) if whole and len(rows) == 1 and min(rows) >= FEWEST_ROWS else None
 
 
 def _joint(signal: str) -> str:

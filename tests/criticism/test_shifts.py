@@ -10,7 +10,7 @@ import torch
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.search import ground
-from onlinebayes.criticism.shifts import ROWS, Ahead, Late, late, shifts
+from onlinebayes.criticism.shifts import ROWS, Shifted, late, shifts
 from onlinebayes.measurements import Measurement
 from tests.criticism.wired import ARM, PENDULUM, STEP
 
@@ -28,7 +28,7 @@ def ahead(measurement: Measurement, rows: int) -> Measurement:
 
 def test_a_table_put_right_shows_what_happened() -> None:
     measured = PENDULUM.measure(runs=2)
-    mended = Ahead((POSITION,), 3, STEP).mended(ahead(measured, 3))
+    mended = Shifted((POSITION,), -3, STEP).mended(ahead(measured, 3))
     assert not bool(mended.data["measured"][:, :3].any())
     assert bool(mended.data["measured"][:, 3:].all())
     torch.testing.assert_close(mended.data["signal"][:, 3:], measured.data["signal"][:, 3:], atol=1e-9, rtol=0)
@@ -46,16 +46,16 @@ def test_signals_ahead_are_found() -> None:
 
 def test_shifts_leave_most_of_a_run() -> None:
     measured = PENDULUM.measure(runs=1)
-    assert [fault.rows for fault in shifts(measured)] == list(ROWS)
+    assert [-fault.rows for fault in shifts(measured)] == list(ROWS)
     assert next(iter(shifts(measured))).step == pytest.approx(STEP)
     short = measured.rows("run0", 0, 18)
-    assert [fault.rows for fault in shifts(short)] == [1, 2, 3]
+    assert [-fault.rows for fault in shifts(short)] == [1, 2, 3]
 
 
 @pytest.mark.parametrize(("rows", "log"), [(1.0, False), (1.98, True), (2.5, False), (7.03, True), (7.1, False)])
 def test_a_buffer_is_late_by_whole_rows(rows: float, log: bool) -> None:
     found = late(ARM.measure(runs=1), {"qpos.elbow": rows * STEP})
-    assert found == (Late(("qpos.elbow",), round(rows), STEP) if log else None)
+    assert found == (Shifted(("qpos.elbow",), round(rows), STEP) if log else None)
 
 
 def test_where_all_signals_are_late_it_may_be_the_motors() -> None:

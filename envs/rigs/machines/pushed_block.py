@@ -1,7 +1,7 @@
 """A block on a rough table, pushed along x under a position controller:  m a = g u - d v - mu m g sign(v).
 
-It is pushed slowly. MuJoCo's contacts lift what slides (its relaxation of the friction cone): at 1.5 m/s the block hops
-by half a millimetre, and its path is chaotic within a second.
+It is pushed slowly. MuJoCo's contacts lift what slides fast (its relaxation of the friction cone): the block would hop,
+and its path be chaotic.
 """
 
 from __future__ import annotations
