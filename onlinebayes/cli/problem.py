@@ -135,7 +135,7 @@ def _selection(section: Section) -> Selection:
         if not low < value < high:
             rule = f"between {low} and {high}" if high < float("inf") else f"above {low}"
             raise section.error(key, f"{value} is out of range", f"give a number {rule}")
-    return Selection(**given)
+    return Selection(**given, shorten="horizon_s" not in section)  # a horizon that was asked for stands
 
 
 def _scope(

@@ -13,6 +13,7 @@ from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wir
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.heldout import replay_runs
+from onlinebayes.criticism.horizon import shortened, steady
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.criticism.inquiry import inquire, left_over, suspect
 from onlinebayes.criticism.ladder import Rung
@@ -72,15 +73,17 @@ def compare(
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
     """
-    selection, say = selection or Selection(), Stopwatch(progress or _silent)
+    asked, say = selection or Selection(), Stopwatch(progress or _silent)
     simulator, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
+    selection = steady(simulator, fit_runs, asked)
     say("fitting the base model")
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
     fault = suspect(base, simulator, fit_runs, selection, say)
     found = Found(base, base, (), (), ())
-    return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, say)
+    notes = shortened(asked, selection)
+    return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, notes, say)
 
 
 def diagnose(
@@ -133,12 +136,14 @@ def _searched(
     progress: Say | None,
     interrupt: Interrupt | None,
 ) -> Criticism:
-    selection, say = selection or Selection(), Stopwatch(progress or _silent)
+    asked, say = selection or Selection(), Stopwatch(progress or _silent)
     simulator, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
+    selection = steady(simulator, fit_runs, asked)
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)
-    return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, say)
+    notes = shortened(asked, selection)
+    return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, notes, say)
 
 
 def _assemble(
@@ -149,6 +154,7 @@ def _assemble(
     found: Found,
     fault: Suspicion | None,
     selection: Selection,
+    notes: tuple[str, ...],
     say: Stopwatch,
 ) -> Criticism:
     base, final = found.base, found.final
@@ -210,6 +216,7 @@ def _assemble(
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
         notes=(
+            *notes,
             *_notes(simulator, found),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),

@@ -90,7 +90,9 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
         wiring=result.wiring.fault if result.wiring else "",
         before=in_floors(error.before, error.noise_floor),
         after=in_floors(error.after, error.noise_floor),
-        reference=true_error(made, problem, result.base.simulator, error.noise_floor),
+        reference=true_error(
+            made, replace(problem, selection=result.selection), result.base.simulator, error.noise_floor
+        ),
         covered=covered,
         intervals=intervals,
         left=max(result.remainder.rms_over_floor.values(), default=None),

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -20,6 +21,7 @@ from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
+from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.late_starts import windows_to_replay
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.split import split
@@ -35,7 +37,7 @@ def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Map
 
     Args:
         made: the case.
-        problem: as it was loaded.
+        problem: as it was loaded, with the windows that refine used.
         stepped: the base model as refine integrated it in the end; the true one is integrated alike.
         floor: signal -> floor that errors are counted in.
     """
@@ -57,6 +59,7 @@ def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Map
 def base_error(problem: Problem) -> float:
     """Held-out error of the base model, fitted [floors]."""
     fit_runs, _ = split(problem.measurement, problem.holdout)
+    problem = replace(problem, selection=steady(problem.simulator, fit_runs, problem.selection))
     grounds = ground(problem.simulator, fit_runs, problem.selection)
     return held_error(problem, grounds.fitted, grounds.windows.noise)
 

@@ -113,7 +113,7 @@ def every_parameter(task: Task) -> list[Freed]:
         f"{kind}@{name}" for name in task.simulator.commands for kind in ("actuator_delay", "actuator_lag")
     )
     sensors = frozenset(f"sensor_delay@{signal}" for signal in task.signals if signal.startswith("qpos"))
-    longest = 0.1 * task.selection.horizon_s
+    longest = 0.1 * task.steadied.horizon_s
     return [*found, Freed("late", 0.0, longest, 0.0, 0.02 * longest, late | sensors)]
 
 

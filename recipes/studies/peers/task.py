@@ -20,6 +20,7 @@ from torch import Tensor
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.grid import row_step, run_grids
+from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.split import split
@@ -41,7 +42,7 @@ class Task:
         simulator: the engineer's model with its free parameters, on one thread.
         measurement: all runs.
         holdout: names of the held-out ones.
-        selection: how criticism judges; its horizon is everybody's.
+        selection: how criticism judges.
         shapes: ``effect@target.parameter`` -> true value [SI] of what a linear library must know beforehand (a dead
             time, a number of poles): for the peer whose library has to hold the true term.
     """
@@ -70,6 +71,11 @@ class Task:
         return floors(self.fit_runs.signals, grids).to(self.fit_runs.data["signal"])
 
     @cached_property
+    def steadied(self) -> Selection:
+        """The selection with the horizon that criticism uses, which is everybody's."""
+        return steady(self.simulator, self.fit_runs, self.selection)
+
+    @cached_property
     def fit_windows(self) -> Windows:
         """The fit runs in windows of one horizon, from smoothed starts."""
         return self._windows(self.fit_runs)
@@ -82,10 +88,10 @@ class Task:
     @cached_property
     def base_theta(self) -> Float[Tensor, " P"]:
         """The engineer's model fitted by criticism, nothing added: where the peers begin [SI]."""
-        return ground(self.simulator, self.fit_runs, self.selection).fitted.theta
+        return ground(self.simulator, self.fit_runs, self.steadied).fitted.theta
 
     def _windows(self, runs: Measurement) -> Windows:
-        horizon = self.selection.horizon_s
+        horizon = self.steadied.horizon_s
         return make_windows(self.simulator, runs, horizon, MEMORY * horizon, self.noise, inset=True)
 
 
