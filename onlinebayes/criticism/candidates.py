@@ -29,6 +29,8 @@ from onlinebayes.simulators.effects import EFFECTS, AirDrag, ConstantLoad, Effec
 from onlinebayes.simulators.effects.base import split_axis
 
 DEAD_TIME = 0.1  # of the horizon
+LOADS = (1.0, 1e1, 1e2, 1e3, 1e4, 1e5)  # times the smallest force by which a joint's inertia is measured
+HELD = 1.1  # inertia by the smallest force over the least one, above which something holds the joint
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,8 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             raise BadInput(
                 f"'{item}': the simulator has no {kind} '{target}'", f"nearest: {', '.join(near or known) or 'none'}"
             )
-        every = tuple(f"{element}.{axis}" for element in known for axis in axes) if axes else known
+        moving = tuple(element for element in known if not _still(simulator, windows, kind, element))
+        every = tuple(f"{element}.{axis}" for element in moving for axis in axes) if axes else moving
         effects = []
         for place in (target,) if target else every:
             element = split_axis(place, axes)[0]
@@ -113,6 +116,13 @@ def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[
     """What effects of one kind can be tried at; of the signals those that were measured."""
     measured = {simulator.signals[i] for i in windows.columns}
     return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
+
+
+def _still(simulator: Simulator, windows: Windows, kind: TargetKind, element: str) -> bool:
+    """Whether it is a joint, or a joint's signal, that stands still in every window: it shows no effect of its own."""
+    joint = {"joint": element, "signal": element.partition(".")[2]}.get(kind, "")
+    joints = joint_names(simulator)
+    return joint in joints and bool(windows.free.any()) and not bool(windows.free[:, joints.index(joint)].any())
 
 
 def _placed(simulator: Simulator, windows: Windows, effect: Effect, named: bool) -> bool:
@@ -279,7 +289,11 @@ def _seen(simulator: Simulator, windows: Windows, joint: str) -> SeenBy:
 
 
 def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, float]:
-    """Effective inertia of joint j at a window's start, and the acceleration that the largest commands give it."""
+    """Effective inertia of joint j at a window's start, and the acceleration that the largest commands give it.
+
+    A joint that its friction or a contact holds hardly answers a small force. Larger ones are tried as well, as long as
+    they change its velocity in one step by less than it was seen to move: the one that it answers best tells.
+    """
     simulator = unscoped(simulator)
     joint, J = joint_names(simulator)[j], windows.free.shape[1]
     key = f"constant_load@{joint}"
@@ -288,17 +302,25 @@ def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, fl
         loaded = simulator.with_effect(ConstantLoad.scaled(joint, Scales(1.0, 1.0, 1.0, 1.0)))
     theta = torch.cat([simulator.nominal, loaded.nominal[len(simulator.nominal) :]]).to(windows.start)
     bound = loaded.parameters[f"{key}.load"]
-    load, U = min(1e-3 * (bound.high - bound.low), bound.high), len(simulator.commands)
-    worlds = theta.expand(2 + U, -1).clone()
-    worlds[1, loaded.parameters.index(f"{key}.load")] += load
+    load, U, M = min(1e-3 * (bound.high - bound.low), bound.high), len(simulator.commands), len(LOADS)
+    loads = load * theta.new_tensor(LOADS)
+    worlds = theta.expand(1 + M + U, -1).clone()
+    worlds[1 : 1 + M, loaded.parameters.index(f"{key}.load")] += loads
     dt = simulator.timestep
-    start = windows.start[0].expand(2 + U, -1)
-    state = TensorDict({"qpos": start[:, :J], "qvel": torch.zeros_like(start[:, J:])}, batch_size=(2 + U,))
+    start = windows.start[0].expand(len(worlds), -1)
+    state = TensorDict({"qpos": start[:, :J], "qvel": torch.zeros_like(start[:, J:])}, batch_size=(len(worlds),))
     largest = windows.command.abs().amax((0, 1))
-    command = torch.cat([torch.zeros(2, U).to(start), torch.diag(largest)])[:, None]
-    inputs = TensorDict({"command": command}, batch_size=(2 + U, 1))
+    command = torch.cat([torch.zeros(1 + M, U).to(start), torch.diag(largest)])[:, None]
+    inputs = TensorDict({"command": command}, batch_size=(len(worlds), 1))
     v = loaded.rollout(worlds, state, inputs, worlds.new_tensor([dt]))["qvel"][:, 0, j]
-    response = float(v[1] - v[0])
-    inertia = load * dt / response if response > 0 else 1.0
-    drive = float((v[2:] - v[0]).abs().max()) / dt if U else 0.0
-    return inertia, drive
+    response = v[1 : 1 + M] - v[0]
+    inertia = loads * dt / response
+    inertia[1:][response[1:] > _motion(simulator, windows, j)[1]] = torch.inf
+    inertia[~(response > 0)] = torch.inf
+    freest = float(inertia.min())
+    if math.isinf(freest):
+        freest = 1.0
+    elif float(inertia[0]) < HELD * freest:  # nothing holds it, and the smallest force is the most linear
+        freest = float(inertia[0])
+    drive = float((v[1 + M :] - v[0]).abs().max()) / dt if U else 0.0
+    return freest, drive

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,6 +31,7 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 
 Kind = Literal["signal", "command"]
+MISPLACED = 0.1  # rad: what nobody calls an encoder's bias; a servo's horn has teeth a quarter of a radian apart
 HINGE = {math.pi / 180: "degrees for radians", 180 / math.pi: "radians for degrees"}
 SLIDE = {1e-3: "millimetres for metres", 1e3: "metres for millimetres"}
 COMMAND = {
@@ -169,6 +170,12 @@ class Offset(Fault):
         """The joint's position plus the value."""
         values = [self.value if self.signal == signal else 0.0 for signal in shown]
         return replace(windows, start=windows.start + windows.start.new_tensor([*values, *(0.0 for _ in shown)]))
+
+
+def misplaced(offsets: Mapping[str, float]) -> Offset | None:
+    """The largest of the offsets [rad] by which encoders seem to read too much, if it is a horn put on a tooth away."""
+    signal = max(offsets, key=lambda name: abs(offsets[name]), default="")
+    return Offset(signal, -offsets[signal]) if signal and abs(offsets[signal]) >= MISPLACED else None
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@
 Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
 the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves a small share of
 the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. A sensor
-delay of whole rows is looked at as a fault once it was accepted as an effect.
+delay of whole rows and a zero that is off by a tenth of a radian are looked at as faults once effects explain them.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from onlinebayes.criticism.faults import misplaced
 from onlinebayes.criticism.late_starts import sensor_delays
 from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
@@ -24,7 +25,7 @@ from onlinebayes.criticism.wiring import Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect, SensorDelay
+from onlinebayes.simulators.effects import Effect, SensorBias, SensorDelay
 
 
 def suspect(
@@ -73,8 +74,8 @@ def inquire(
         fault = leads.explain(selection) if structured or found.widened is not None else None
         if fault is None and structured:
             fault = outages(base, simulator, measurement, selection, say)
-    if fault is None and (buffer := late(measurement, _delays(found))) is not None:
-        fault = explained(buffer, base, simulator, measurement, selection)
+    if fault is None and (log := late(measurement, _delays(found)) or misplaced(_zeros(found))) is not None:
+        fault = explained(log, base, simulator, measurement, selection)
     if fault is not None and fault.beats(found.final, selection):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
@@ -85,6 +86,20 @@ def _delays(found: Found) -> dict[str, float]:
     if not all(isinstance(judged.effect, SensorDelay) for _, judged in found.accepted):
         return {}
     return sensor_delays(found.final.fitted.simulator, found.final.fitted.theta)
+
+
+def _zeros(found: Found) -> dict[str, float]:
+    """Position of a hinge -> the offset [rad] by which one effect, the only one accepted or its rival, reads it."""
+    if len(found.accepted) != 1:
+        return {}
+    ((stage, first),) = found.accepted
+    biases = [j for j in stage.judged if isinstance(j.effect, SensorBias) and (j.admissible or j is first)]
+    return {
+        judged.effect.target: float(judged.fitted.theta[judged.fitted.simulator.parameters.index(address)])
+        for judged in biases
+        if judged.effect.parameters["bias"].unit == "rad"
+        and (address := f"{judged.effect.key}.bias") in judged.fitted.simulator.parameters
+    }
 
 
 def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:

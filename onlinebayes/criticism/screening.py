@@ -80,10 +80,7 @@ def block_scores(
     """
     V, m, C = candidates.shape
     P = projected.columns.shape[-1]
-    F = projected.columns.reshape(V * m, P)
-    norms = F.norm(dim=0).clamp_min(1e-300)
-    U, singular, _ = torch.linalg.svd(F / norms, full_matrices=False) if P else (F, F.new_zeros(0), F)
-    Q = U[:, singular > 1e-9 * singular.max()] if P else F
+    Q = orthonormal(projected.columns.reshape(V * m, P))
     c = candidates.reshape(V * m, C)
     loads = Q.T @ c
     tilde = c - Q @ loads
@@ -109,6 +106,14 @@ def block_scores(
         g.sum(0) / norm.clamp_min(1e-300),
         loads,
     )
+
+
+def orthonormal(columns: Float[Tensor, "N P"]) -> Float[Tensor, "N Q"]:
+    """An orthonormal basis of what the columns span."""
+    if not columns.shape[1]:
+        return columns
+    U, singular, _ = torch.linalg.svd(columns / columns.norm(dim=0).clamp_min(1e-300), full_matrices=False)
+    return U[:, singular > 1e-9 * singular.max()]
 
 
 def p_values(

@@ -110,7 +110,7 @@ def screen(
                 effect,
                 float(z[k]),
                 float(p[k]),
-                _starting_values(effect, tried[i], float(horizons[0].size[i])),
+                starting_values(effect, tried[i], float(horizons[0].size[i])),
                 promise(horizons, i),
                 (),
                 # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
@@ -123,7 +123,7 @@ def screen(
 def _sensitivities(
     current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
-    raw = _raw(current, windows, effects, tried)
+    raw = trial_columns(current, windows, effects, tried)
     if isinstance(current.simulator, ScopedSimulator):
         raw, tried = _run_by_run(current.simulator, windows, groups, effects, raw, tried)
     horizons = []
@@ -159,7 +159,9 @@ def _owned(simulator: ScopedSimulator, effect: Effect) -> bool:
     return simulator.scope.owned(f"{effect.key}.{effect.magnitude}")
 
 
-def _raw(current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]) -> Float[Tensor, "C W n S"]:
+def trial_columns(
+    current: Fit, windows: Windows, effects: Sequence[Effect], tried: Sequence[Trial]
+) -> Float[Tensor, "C W n S"]:
     """How the binned replay moves under each trial; 0 where a world diverged.
 
     Candidates are grown together in groups that cost the same: those that MuJoCo carries inside the engine, those that
@@ -206,7 +208,7 @@ def _in_time(
     return found
 
 
-def _starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:
+def starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, float]:
     """Where a refit begins: the linear estimate of the first parameter, inside its bounds, off neutral."""
     first = effect.magnitude
     bounds, neutral = effect.parameters[first], effect.neutral[first]

@@ -1,15 +1,20 @@
 """Effects that the data do not tell apart: could another one stand in the accepted one's place?
 
 The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
-judged (where it is the only one and the integrator stayed the same, its round has fitted just that); a later one is
-compared with its rivals in the round that added it. What is not parted (see ``verdict``) is tied.
+judged (where it is the only one and the integrator stayed the same, its round has fitted just that) and for each that
+looks like it at the final model (see :mod:`.lookalikes`); a later one is compared with its rivals in the round that
+added it. What is not parted (see ``verdict``) is tied.
 """
 
 from __future__ import annotations
 
-from onlinebayes.criticism.acceptance import contained
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.lookalikes import NEAR, lookalikes
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import Found, carried
@@ -17,8 +22,15 @@ from onlinebayes.criticism.stage import GROSS, blocks_for
 from onlinebayes.criticism.verdict import tied
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import Effect
 
-NEAR = 1.5  # times the error of the one that was accepted: what a rival may leave at a coarser step
+
+@dataclass(frozen=True)
+class Rival:
+    """An effect to swap in, and where its refit begins: address -> value [SI]."""
+
+    effect: Effect
+    start: Mapping[str, float]
 
 
 def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, tuple[str, ...]]:
@@ -32,41 +44,64 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
     equal: dict[str, tuple[str, ...]] = {}
     accepted = [judged.effect.key for _, judged in found.accepted]
     for k, (stage, judged) in enumerate(found.accepted):
-        # A richer effect that contains this one is no rival: it fits as well by construction.
-        rivals = [
-            other
-            for other in stage.judged
-            if other.effect.key not in accepted
-            and judged.effect.key not in contained(other.effect)
-            and other.effect.key not in contained(judged.effect)
-        ]
+        rivals = [other for other in stage.judged if _is_rival(judged.effect, other.effect, accepted)]
         # Two models may differ by nothing but how a coarse step damps the one and not the other.
         anew = found.final.rung != found.base.rung
-        if anew and len(found.accepted) == 1:
-            rivals = [r for r in rivals if r.scores.rms_long < NEAR * judged.scores.rms_long]
+        step = stage.windows.bin_step
         if k > 0 or (len(found.accepted) == 1 and not anew):
-            step = stage.windows.bin_step
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
+        elif len(found.accepted) == 1:
+            near = [r for r in rivals if r.scores.rms_long < NEAR * judged.scores.rms_long]
+            equal[judged.effect.key] = _swapped(base, found, [_judged_rival(r) for r in near], folds)
         else:
-            equal[judged.effect.key] = _swapped(base, found, [r.effect.key for r in rivals], folds)
+            equal[judged.effect.key] = _swapped(base, found, [_judged_rival(r) for r in rivals], folds)
+        if k == 0:
+            equal[judged.effect.key] += _swapped(base, found, _overlooked(found, judged, accepted), folds)
     return equal
 
 
-def _swapped(base: Simulator, found: Found, rivals: list[str], folds: int | None) -> tuple[str, ...]:
+def _is_rival(accepted: Effect, other: Effect, present: list[str]) -> bool:
+    """Whether an effect could take the accepted one's place; a richer one that contains it fits by construction."""
+    nested = accepted.key in contained(other) or other.key in contained(accepted)
+    return other.key not in present and not nested
+
+
+def _judged_rival(judged: Judged) -> Rival:
+    """A rival at what its own round fitted."""
+    simulator, theta = judged.fitted.simulator, judged.fitted.theta
+    own = effect_entries(simulator, judged.effect)
+    return Rival(judged.effect, {address: float(theta[simulator.parameters.index(address)]) for address in own})
+
+
+def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]:
+    """What its round did not judge, and looks like the first effect at the final model."""
+    seen = {judged.effect.key for judged in found.accepted[0][0].judged}
+    final = found.final.fitted
+    others = [
+        effect
+        for effect in found.effects
+        if effect.key not in seen and effect.target_kind != "parameter" and _is_rival(first.effect, effect, accepted)
+    ]
+    return [
+        Rival(effect, {address: values[name] for address, name in effect_entries(final.simulator, effect).items()})
+        for effect, values in lookalikes(final, found.final.windows, first.effect, others)
+    ]
+
+
+def _swapped(base: Simulator, found: Found, rivals: list[Rival], folds: int | None) -> tuple[str, ...]:
+    """The rivals that do as well in the first effect's place, everything refitted."""
+    if not rivals:
+        return ()
     windows, final = found.final.windows, found.final.fitted
     blocks = blocks_for(final, windows, folds)
     scores = cross_validate(final, windows, blocks)
-    first = found.accepted[0][0]
     equal = []
-    for rival in first.judged:
-        if rival.effect.key not in rivals:
-            continue
+    for rival in rivals:
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
         model = found.final.rung.of(grown(base, effects))
         theta = carried(final.simulator, final.theta, model)
-        for address in effect_entries(model, rival.effect):
-            source = rival.fitted.simulator.parameters.index(address)
-            theta[model.parameters.index(address)] = rival.fitted.theta[source]
+        for address, value in rival.start.items():
+            theta[model.parameters.index(address)] = value
         try:
             beyond = GROSS * final.projected.objective
             fitted = fit(model, windows, theta, final.projected.weight, hopeless=beyond)

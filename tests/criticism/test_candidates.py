@@ -9,6 +9,7 @@ from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown, grown_theta, opposites, propose, target_scales, trials
 from onlinebayes.criticism.sensitivities import columns
 from onlinebayes.criticism.windows import Windows, make_windows
+from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import ActuatorSaturation, AsymmetricFriction, Cogging, Scales, StribeckFriction
@@ -119,3 +120,31 @@ def test_of_two_opposite_starts_one_stands_for_both(windows: Windows) -> None:
     moved, _ = columns(simulator, windows, base, theta, windows.start)
     # What is not opposite is of second order: at 2 % of the largest force a twentieth.
     assert float((moved[0] + moved[1]).norm()) < 0.1 * float(moved[0].norm())
+
+
+def test_a_joint_that_sticks_has_the_bounds_of_one_that_does_not(windows: Windows) -> None:
+    sticky = MujocoSimulator(SLIDE.replace('damping="1"', 'damping="1" frictionloss="3"'), FREE, threads=1)
+    free, held = (target_scales(simulator, windows, "joint", "rail") for simulator in (model(), sticky))
+    assert held.inertia == pytest.approx(free.inertia, rel=0.25)  # 3 N beside the 20 N that move it
+    assert held.force == pytest.approx(free.force, rel=0.3)
+
+
+def test_a_joint_that_stands_still_has_no_candidates_of_its_own() -> None:
+    xml = SLIDE.replace("</worldbody>", '<body><joint name="idle" type="slide"/><geom size=".1"/></body></worldbody>')
+    two, moving = MujocoSimulator(xml, FREE, threads=1), measure(runs=2)
+    draw = torch.Generator().manual_seed(0)
+    table = {
+        run: {
+            "time": moving.data["time"][r].numpy(),
+            "ctrl.motor": moving.data["command"][r, :, 0].numpy(),
+            "qpos.rail": moving.data["signal"][r, :, 0].numpy(),
+            "qpos.idle": 1e-4 * torch.randn(moving.data["time"].shape[1], generator=draw, dtype=torch.float64).numpy(),
+        }
+        for r, run in enumerate(moving.runs)
+    }
+    signals = [Signal("qpos.rail", "m", sd=1e-4), Signal("qpos.idle", "m", sd=1e-4)]
+    seen = make_windows(two, Measurement.from_runs(table, signals=signals, commands=["motor"]), 1.0, 0.0, None)
+    keys = {effect.key for effect in propose(two, seen)}
+    assert {"dry_friction@rail", "sensor_bias@qpos.rail"} <= keys
+    assert not {key for key in keys if "idle" in key}
+    assert [effect.key for effect in propose(two, seen, ["dry_friction@idle"])] == ["dry_friction@idle"]
