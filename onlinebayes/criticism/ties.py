@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.lookalikes import NEAR, lookalikes
+from onlinebayes.criticism.lookalikes import lookalikes
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import Found, carried
@@ -23,6 +23,9 @@ from onlinebayes.criticism.verdict import tied
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+
+NEAR = 1.5  # times the error of the one that was accepted: what a rival may leave at a coarser step
+SHARE = 0.5  # of the accepted effect's z: what a candidate that looks like it had in the same round
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,7 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
     equal: dict[str, tuple[str, ...]] = {}
     accepted = [judged.effect.key for _, judged in found.accepted]
     for k, (stage, judged) in enumerate(found.accepted):
-        rivals = [other for other in stage.judged if _is_rival(judged.effect, other.effect, accepted)]
+        rivals = [r for r in stage.judged if r.fitted.converged and _is_rival(judged.effect, r.effect, accepted)]
         # Two models may differ by nothing but how a coarse step damps the one and not the other.
         anew = found.final.rung != found.base.rung
         step = stage.windows.bin_step
@@ -74,13 +77,17 @@ def _judged_rival(judged: Judged) -> Rival:
 
 
 def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]:
-    """What its round did not judge, and looks like the first effect at the final model."""
-    seen = {judged.effect.key for judged in found.accepted[0][0].judged}
-    final = found.final.fitted
+    """What its round saw much of and did not judge, or gave up, and looks like the first effect at the final model."""
+    stage, final = found.accepted[0][0], found.final.fitted
+    seen = {judged.effect.key for judged in stage.judged if judged.fitted.converged}
+    z = {screened.effect.key: abs(screened.z or 0.0) for screened in stage.screened}
     others = [
         effect
         for effect in found.effects
-        if effect.key not in seen and effect.target_kind != "parameter" and _is_rival(first.effect, effect, accepted)
+        if effect.key not in seen
+        and z.get(effect.key, 0.0) >= SHARE * z[first.effect.key]
+        and effect.target_kind != "parameter"
+        and _is_rival(first.effect, effect, accepted)
     ]
     return [
         Rival(effect, {address: values[name] for address, name in effect_entries(final.simulator, effect).items()})

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism import refine
+from dataclasses import replace
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.search import search
+from onlinebayes.criticism.ties import alternatives
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import ViscousFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -18,3 +22,14 @@ def test_back_emf_is_viscous_friction_though_euler_damps_only_one_of_them_implic
     assert result.verdict == "tie"
     (first,) = (c for c in result.candidates if c.effect == result.accepted[0])
     assert {first.effect, *first.indistinguishable_from} == {"viscous_friction@hinge", "back_emf@motor"}
+
+
+def test_an_equal_that_its_round_did_not_refit_is_found_at_the_final_model() -> None:
+    effects = ["viscous_friction", "back_emf", "dry_friction", "quadratic_drag"]
+    model = MujocoSimulator(PENDULUM.xml, MASS, threads=1)
+    measurement = PENDULUM.measure(RUBBING, runs=10)
+    found = search(model, measurement, Selection(), effects, 1, lambda _: None, None)
+    ((stage, first),) = found.accepted
+    alone = replace(stage, judged=(first,))
+    (others,) = alternatives(model, replace(found, stages=(alone,), accepted=((alone, first),)), None).values()
+    assert {first.effect.key, *others} == {"viscous_friction@hinge", "back_emf@motor"}
