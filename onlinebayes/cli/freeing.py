@@ -17,9 +17,9 @@ from __future__ import annotations
 import mujoco
 import torch
 
-from onlinebayes.criticism.candidates import target_scales
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.projection import project
+from onlinebayes.criticism.scales import target_scales
 from onlinebayes.criticism.sensitivities import linearise
 from onlinebayes.criticism.windows import make_windows
 from onlinebayes.measurements import Measurement

@@ -18,14 +18,19 @@ from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.score import score_gain
 from onlinebayes.criticism.stage import MOST_REFITS, Stage, judged_stage, refit, worth
 from onlinebayes.criticism.survey import Survey, survey
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators.effects import Effect
 
 Added = tuple[Stage, Judged]
 
 
 def pair(
-    stage: Stage, effects: Sequence[Effect], numerics: Numerics, selection: Selection, say: Callable[[str], None]
+    stage: Stage,
+    effects: Sequence[Effect],
+    numerics: Numerics,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
 ) -> tuple[Added, Added] | None:
     """The two effects that need each other and predict best together, the stronger one first; None without any.
 
@@ -36,9 +41,12 @@ def pair(
         stage: a round without an admissible candidate; its judged ones are tried, the best gain first.
         effects: all candidates of that round.
         numerics, selection, say: as of that round.
+        interrupt: looked at between screenings and between leads; what is left is then not tried.
     """
     beside: dict[str, Survey] = {}
     for lead in sorted(stage.judged, key=lambda judged: -judged.gain.gain):
+        if interrupt is not None and interrupt.requested:
+            return None
         say(f"screening beside {lead.effect.key}")
         beside[lead.effect.key] = _beside(lead.fitted, lead.effect, stage, effects, selection)
     found: dict[frozenset[str], tuple[Added, Added]] = {}
@@ -48,10 +56,10 @@ def pair(
             for s in worth(beside[lead.effect.key], selection.alpha, selection.alpha)
             if s.effect.key not in beside or _wants(beside[s.effect.key], lead.effect, selection)
         ][:MOST_REFITS]
-        if not wanted:
+        if not wanted or (interrupt is not None and interrupt.requested):
             continue
         say(f"pairs with {lead.effect.key}")
-        both = judged_stage(beside[lead.effect.key], wanted, numerics, selection, _silent)
+        both = judged_stage(beside[lead.effect.key], wanted, numerics, selection, _silent, interrupt)
         for second in (judged for judged in both.judged if judged.admissible):
             keys = frozenset((lead.effect.key, second.effect.key))
             if keys not in found and _needs(stage, lead, second, beside, effects, numerics, selection):

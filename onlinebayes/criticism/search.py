@@ -123,7 +123,9 @@ def search(
             continue  # a round that was cut short accepts nothing
         if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
             return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
-        chosen = _chosen(simulator, measurement, selection, current, stage, left, accepted, say)
+        chosen = _chosen(simulator, measurement, selection, current, stage, left, accepted, say, interrupt)
+        if not chosen and interrupt is not None and interrupt.requested:
+            continue
         if isinstance(chosen, Changed):
             say(f"giving every run its own {chosen.judged.address}")
             changes.append(chosen)
@@ -161,6 +163,7 @@ def _chosen(
     left: Sequence[Effect],
     accepted: Sequence[tuple[Stage, Judged]],
     say: Callable[[str], None],
+    interrupt: Interrupt | None,
 ) -> Changed | list[tuple[Stage, Judged]]:
     """What a round adds: a parameter that differs between runs, an effect, or two; nothing where nothing is admissible.
 
@@ -178,7 +181,7 @@ def _chosen(
     change = changed(simulator, measurement, selection, current, stage, effects, best)
     if change is not None and change.noise:
         return change
-    added = [(stage, best)] if best else list(pair(stage, left, current.numerics, selection, say) or ())
+    added = [(stage, best)] if best else list(pair(stage, left, current.numerics, selection, say, interrupt) or ())
     return change if not added and change is not None and change.halved else added
 
 

@@ -6,7 +6,8 @@ import pytest
 import torch
 
 from onlinebayes.criticism.acceptance import contained
-from onlinebayes.criticism.candidates import grown, grown_theta, opposites, propose, target_scales, trials
+from onlinebayes.criticism.candidates import grown, grown_theta, opposites, propose, trials
+from onlinebayes.criticism.scales import target_scales
 from onlinebayes.criticism.sensitivities import columns
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal

@@ -10,6 +10,7 @@ from onlinebayes.criticism.pairs import pair
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.stage import run_stage
 from onlinebayes.parameters import Parameter
+from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import ActuatorDelay, ConstantLoad, Effect, JointStiffness
 from tests.criticism.rigs import measure, model
 
@@ -31,6 +32,9 @@ def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float
     found = pair(stage, effects, base.numerics, selection, lambda _line: None)
     assert found is not None
     assert {judged.effect.key for _, judged in found} == {effect.key, DELAY.key}
+    stopped = Interrupt()
+    stopped.requested = True
+    assert pair(stage, effects, base.numerics, selection, lambda _line: None, stopped) is None
     result = refine(model(), hidden, holdout=["run9", "run8"], candidates=FEW)
     assert result.verdict == "missing_effect"
     assert set(result.accepted) == {effect.key, DELAY.key}

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Scope, Selection, compare, refine
-from onlinebayes.criticism.faults import Compensated, Fault, Offset, Rescaled, Swapped, SwitchedOff
+from onlinebayes.criticism.faults import Compensated, Fault, Offset, Rescaled, Swapped, SwitchedOff, misplaced
 from onlinebayes.criticism.hypotheses import hypotheses
 from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.report import words
@@ -196,3 +196,22 @@ def test_a_factor_is_carried_by_the_floor() -> None:
     assert fault.noise(("qpos.shoulder", "qpos.elbow"), torch.tensor([1.0, 2.0])).tolist() == pytest.approx([1.0, 2e-3])
     swapped = Swapped("signal", ("qpos.shoulder",), ("qpos.elbow",))
     assert swapped.noise(("qpos.shoulder", "qpos.elbow"), torch.tensor([1.0, 2.0])).tolist() == [2.0, 1.0]
+
+
+@pytest.mark.slow
+def test_a_zero_off_by_a_tooth_is_wiring_and_one_off_by_a_hundredth_an_effect() -> None:
+    def verdict(offset: float) -> tuple[str | None, tuple[str, ...], str]:
+        shifted = Offset(POSITION, offset).mended(PENDULUM.measure())
+        found = refine(PENDULUM.model(), shifted, candidates=["sensor_bias", "dry_friction"])
+        return found.verdict, found.accepted, found.wiring.lines if found.wiring else ""
+
+    gross, accepted, lines = verdict(0.25)
+    assert (gross, accepted) == ("data_problem", ())
+    assert lines.startswith('[signals."qpos.hinge"]\noffset = -0.2')
+    assert verdict(0.03) == ("missing_effect", ("sensor_bias@qpos.hinge",), "")
+
+
+def test_only_the_largest_of_gross_offsets_is_looked_at() -> None:
+    assert misplaced({}) is None
+    assert misplaced({"qpos.a": 0.09}) is None
+    assert misplaced({"qpos.a": 0.2, "qpos.b": -0.3}) == Offset("qpos.b", 0.3)

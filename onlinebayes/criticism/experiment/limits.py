@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.candidates import target_scales
+from onlinebayes.criticism.scales import target_scales
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput

@@ -23,7 +23,7 @@ from typing import final
 
 import mujoco
 
-from onlinebayes.criticism.candidates import target_scales
+from onlinebayes.criticism.scales import target_scales
 from onlinebayes.criticism.windows import joint_names
 from onlinebayes.runs import BadInput
 from recipes.studies.peers.task import Claim, Task
