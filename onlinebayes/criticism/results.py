@@ -36,16 +36,16 @@ class Selection:
     Args:
         folds: number of blocks, or None for as many as the data allow (at most 12; one a run from 7 runs on).
         horizon_s: length of the long windows H [s]; the short ones are 0.3 H.
-        shorten: whether a machine that is unstable in open loop gets shorter ones (see :mod:`.horizon`).
         alpha: level of the screening test.
         tolerance: rms_over_floor up to which a model with nothing missing is called adequate.
+        shorten: whether a machine that is unstable in open loop gets shorter windows (see :mod:`.horizon`).
     """
 
     folds: int | None = None
     horizon_s: float = 1.0
-    shorten: bool = True
     alpha: float = 0.03
     tolerance: float = 1.2
+    shorten: bool = True
 
 
 @dataclass(frozen=True)
