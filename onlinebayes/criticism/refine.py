@@ -12,6 +12,7 @@ from typing import Literal
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
+from onlinebayes.criticism.clock import in_step, restepped
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.horizon import shortened, steady
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
@@ -76,13 +77,14 @@ def compare(
     asked, say = selection or Selection(), Stopwatch(progress or _silent)
     simulator, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
+    given, simulator = simulator, in_step(simulator, fit_runs)
     selection = steady(simulator, fit_runs, asked)
     say("fitting the base model")
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     base = ground(simulator, fit_runs, selection)
     fault = suspect(base, simulator, fit_runs, selection, say)
     found = Found(base, base, (), (), ())
-    notes = shortened(asked, selection)
+    notes = (*restepped(given, simulator), *shortened(asked, selection))
     return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, notes, say)
 
 
@@ -139,10 +141,11 @@ def _searched(
     asked, say = selection or Selection(), Stopwatch(progress or _silent)
     simulator, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
+    given, simulator = simulator, in_step(simulator, fit_runs)
     selection = steady(simulator, fit_runs, asked)
     simulator = scoped(simulator, scope, measurement, fit_runs.runs)
     found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)
-    notes = shortened(asked, selection)
+    notes = (*restepped(given, simulator), *shortened(asked, selection))
     return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, notes, say)
 
 

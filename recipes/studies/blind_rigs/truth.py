@@ -19,6 +19,7 @@ from torch import Tensor
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism.candidates import grown, propose
+from onlinebayes.criticism.clock import in_step
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.criticism.horizon import steady
@@ -59,8 +60,9 @@ def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Map
 def base_error(problem: Problem) -> float:
     """Held-out error of the base model, fitted [floors]."""
     fit_runs, _ = split(problem.measurement, problem.holdout)
-    problem = replace(problem, selection=steady(problem.simulator, fit_runs, problem.selection))
-    grounds = ground(problem.simulator, fit_runs, problem.selection)
+    simulator = in_step(problem.simulator, fit_runs)
+    problem = replace(problem, selection=steady(simulator, fit_runs, problem.selection))
+    grounds = ground(simulator, fit_runs, problem.selection)
     return held_error(problem, grounds.fitted, grounds.windows.noise)
 
 

@@ -14,6 +14,8 @@ from typing import final
 from envs.driven_pendulum import KINDS
 from envs.rigs import case as rig_case
 from onlinebayes.cli.problem import load_problem
+from onlinebayes.criticism.clock import in_step
+from onlinebayes.criticism.split import split
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies import blind_data, emps
@@ -93,11 +95,12 @@ def make(job: Job, folder: Path) -> Case:
 def _rig(job: Job) -> Case:
     made = rig_case(job.rig, job.kind, job.seed)
     problem = loaded(made)
-    assert isinstance(problem.simulator, MujocoSimulator)
+    simulator = in_step(problem.simulator, split(problem.measurement, problem.holdout)[0])
+    assert isinstance(simulator, MujocoSimulator)
     assert problem.holdout is not None
     hidden = tuple(spelt(key, made.truth) for key in made.hidden)
     shapes = _shapes(made.truth, made.hidden)
-    task = Task(job.name, problem.simulator, problem.measurement, problem.holdout, problem.selection, shapes)
+    task = Task(job.name, simulator, problem.measurement, problem.holdout, problem.selection, shapes)
     return Case(task, hidden, tuple(answer(job.rig, key) for key in hidden))
 
 
