@@ -4,8 +4,8 @@
 
 C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual's variance times its correlation. A
 parameter is identifiable when less than a tenth of it lies in flat directions. Intervals are the leave-one-block-out
-jackknife's, Student's t with B - 1 degrees of freedom, cut at the bounds; a run's own value adds the spread between
-its windows (see ``own``).
+jackknife's, widened by what the time step moves theta (see ``numerics``), Student's t with B - 1 degrees of freedom,
+cut at the bounds; a run's own value adds the spread between its windows (see ``own``).
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Literal
 
+import torch
+
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
@@ -248,7 +250,7 @@ def _model(
     """The fitted model integrated with ``step`` [s], with its replays at every row."""
     fitted = grounds.fitted
     model = Rung(step).of(fitted.simulator)
-    covariance = covariance_of(fitted, blocks)
+    covariance = covariance_of(fitted, blocks) + torch.outer(grounds.shift, grounds.shift)
     flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
     for runs, held_out in ((fit_runs, False), (held_runs, True)):
