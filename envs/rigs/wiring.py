@@ -67,9 +67,8 @@ class Fault:
     @staticmethod
     def drawn(rig: Rig, draw: np.random.Generator) -> Fault:
         """One of the faults that make sense on a rig."""
-        kinds = ["sign", "command_unit", "actuator_off"]
         # Where one joint is all that moves, late signals are late motors: nobody could tell.
-        kinds += ["latency"] if rig.name not in _SINGLE else []
+        kinds = ["sign", *(["latency"] if rig.name not in _SINGLE else []), "command_unit", "actuator_off"]
         kinds += ["offset", "gravity_compensation"] if rig.name in _WEIGHED else []
         # A servo's own loop knows nothing of a torque added to its goal.
         kinds = [kind for kind in kinds if kind != "gravity_compensation" or rig.name != "position_servo"]
