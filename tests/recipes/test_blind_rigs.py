@@ -171,7 +171,7 @@ def test_a_study_goes_on_from_its_finished_cases(
     monkeypatch.setattr(study_module, "work", answers(asked, 3))
     assert main(few) == 130
     assert "3 of 8 cases are kept" in capsys.readouterr().err
-    assert not few.results.exists()
+    assert "| cases judged | 3 |" in (few.results / "blind-rigs.md").read_text()
     torn = next(few.cases.iterdir())
     torn.write_text(torn.read_text()[:20])
     monkeypatch.setattr(study_module, "work", answers(asked, 99))
@@ -201,7 +201,8 @@ def test_the_table_counts_and_lists_every_miss() -> None:
         refused={"dry_friction@carriage": "rank 2: p = 0.2"},
     )
     quiet = [Judged("swing", "null", k, verdict="adequate", before=1.0, after=1.0) for k in range(3)]
-    rows = {row.name: row for row in tabulate([NAMED, wrong, *quiet]).rows}
+    rows = {row.name: row for row in tabulate([NAMED, wrong, *quiet], 6).rows}
+    assert (rows["cases judged"].value, rows["cases judged"].goal, rows["cases judged"].holds) == (5, "6", False)
     assert (rows["one effect: ranked first"].unit, rows["one effect: ranked first"].holds) == ("1 of 2", False)
     assert (rows["null: something accepted"].value, rows["null: something accepted"].holds) == (0.0, True)
     assert rows["dry_friction: one effect ranked first"].value == 0.5

@@ -1,6 +1,7 @@
 """The blind study over the rigs of ``envs/rigs``: does refine name what is missing, and nothing where nothing is.
 
-Every judged case is a file of its own, written at once: a study that was stopped goes on where it stopped.
+Every judged case is a file of its own, written at once: a study that was stopped goes on where it stopped. All kinds
+and rigs advance together, so that the table of a part, which says of how many, is a sample of the whole.
 
     python -m recipes.studies.blind_rigs                               all cases -> docs/results/blind-rigs.json
     python -m recipes.studies.blind_rigs --rigs swing --effects 3 --null 1 --others 0 --first 0 --results /tmp/rigs
@@ -70,7 +71,7 @@ class Study:
 
 
 def main(study: Study) -> int:
-    """Judge what is not judged yet, write the table and print its overall rows; returns the exit status."""
+    """Judge what is not judged yet, write the table of all that is and print it; returns the exit status."""
     if unknown := set(study.rigs) - set(RIGS):
         raise BadInput(f"rig '{unknown.pop()}' is unknown", f"use some of {', '.join(RIGS)}")
     if study.processes < 1:
@@ -81,18 +82,19 @@ def main(study: Study) -> int:
     print(f"{len(wanted)} cases, {len(found)} of them judged before (in {study.cases})", file=sys.stderr)
     if old := sum(judged.code != code for judged in found.values()):
         print(f"{old} of them by other code or with other candidates: remove their files to go anew", file=sys.stderr)
+    stopped = False
     try:
         judge_all(study, todo, found, code)
     except KeyboardInterrupt:
         print(f"stopped; {len(found)} of {len(wanted)} cases are kept; the same command goes on", file=sys.stderr)
-        return 130
-    table = tabulate(list(found.values()))
+        stopped = True
+    table = tabulate(list(found.values()), len(wanted))
     for row in table.rows:
         held = {None: "", True: "holds", False: "MISSED"}[row.holds]
         value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
         print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
     print(f"written: {table.write(study.results)}")
-    return 0
+    return 130 if stopped else 0
 
 
 def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str) -> None:

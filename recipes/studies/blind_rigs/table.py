@@ -51,11 +51,12 @@ GOALS = {
 Rule = Callable[[Judged], bool]
 
 
-def tabulate(found: Sequence[Judged], command: str = "make blind-rigs") -> ResultTable:
-    """All rows, overall ones first."""
+def tabulate(found: Sequence[Judged], wanted: int, command: str = "make blind-rigs") -> ResultTable:
+    """All rows, overall ones first; ``wanted`` is how many cases the whole study has."""
     table = ResultTable("blind-rigs", command, sorted({judged.seed for judged in found}))
     ordered = sorted(found, key=lambda judged: (judged.rig, judged.kind, judged.seed))
     effects = [judged for judged in ordered if judged.kind == "effect" and judged.counts]
+    table.add("cases judged", len(found), unit=_sizes(found), goal=str(wanted), holds=len(found) == wanted)
     _overall(table, ordered, effects)
     for size in SIZES:
         _named(table, f"size {size}", [judged for judged in effects if judged.size == size])
@@ -71,7 +72,6 @@ def tabulate(found: Sequence[Judged], command: str = "make blind-rigs") -> Resul
 
 def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judged]) -> None:
     one, two = ([judged for judged in effects if len(judged.hidden) == n] for n in (1, 2))
-    table.add("cases judged", len(found), unit=_sizes(found))
     _share(table, "verdict right", [judged for judged in found if judged.counts], lambda judged: judged.right)
     _share(table, "one effect: ranked first", one, lambda judged: judged.first_right)
     _share(table, "one effect: ranked first, or tied with the first", one, lambda judged: judged.first_or_tied)
