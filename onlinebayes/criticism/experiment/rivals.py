@@ -22,6 +22,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown, propose, trials
+from onlinebayes.criticism.clock import in_step
 from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.fit import Fit, fit, refreshed_weight
 from onlinebayes.criticism.noise import tau
@@ -120,6 +121,7 @@ def find_rivals(
             "for such parameters is not planned by this version",
             "plan with runs in which it is the same, or record again",
         )
+    simulator = in_step(simulator, measurement)
     for name, wide in result.widened.items():
         low, high = wide.after
         simulator = simulator.with_bounds(name, replace(simulator.parameters[name], low=low, high=high))
