@@ -30,7 +30,7 @@ from onlinebayes.criticism.survey import starting_values, trial_columns
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.effects import Effect
 
-NEAR = 3.0  # times the final error; beside kinks a straight line is off by as much, and a refit tells
+ALIKE = 3.0  # times the final error; beside kinks a straight line is off by as much, and a refit tells
 MOST = 3
 ROUNDS = 4  # of enlarging a trial: a small one may overstate what a larger one does, or understate it
 
@@ -57,16 +57,15 @@ def lookalikes(
         if k < ROUNDS - 1:
             known = zip(tried, size.tolist(), larger.tolist(), strict=True)
             tried = tuple(_resized(others[trial.candidate], trial, b, factor) for trial, b, factor in known)
-    most = (NEAR**2 - 1) * final.projected.objective
-    near: dict[int, tuple[float, dict[str, float]]] = {}
+    most = (ALIKE**2 - 1) * final.projected.objective
+    near: dict[int, dict[str, float]] = {}
     for i in left.argsort().tolist():
         trial = tried[i]
         if float(left[i]) >= most or len(near) == MOST:
             break
         if trial.candidate not in near and (trial.two_sided or float(size[i]) > 0):
-            values = starting_values(others[trial.candidate], trial, float(size[i]))
-            near[trial.candidate] = (float(left[i]), values)
-    return [(others[k], values) for k, (_, values) in near.items()]
+            near[trial.candidate] = starting_values(others[trial.candidate], trial, float(size[i]))
+    return [(others[k], values) for k, values in near.items()]
 
 
 def _resized(effect: Effect, trial: Trial, size: float, factor: float) -> Trial:

@@ -7,6 +7,7 @@ held-out runs: opened once, for the reported error
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Literal
 
 import torch
@@ -76,18 +77,12 @@ def compare(
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
     """
-    asked, say = selection or Selection(), Stopwatch(progress or _silent)
-    simulator, measurement = charted(simulator, measurement)
-    fit_runs, held_runs = split(measurement, holdout)
-    given, simulator = simulator, in_step(simulator, fit_runs)
-    selection = steady(simulator, fit_runs, asked)
+    say = Stopwatch(progress or _silent)
+    task = _prepared(simulator, measurement, holdout, selection, scope)
     say("fitting the base model")
-    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
-    base = ground(simulator, fit_runs, selection)
-    fault = suspect(base, simulator, fit_runs, selection, say)
-    found = Found(base, base, (), (), ())
-    notes = (*restepped(given, simulator), *shortened(asked, selection))
-    return _assemble("compare", simulator, fit_runs, held_runs, found, fault, selection, notes, say)
+    base = ground(task.simulator, task.fit_runs, task.selection)
+    fault = suspect(base, task.simulator, task.fit_runs, task.selection, say)
+    return _assemble("compare", task, Found(base, base, (), (), ()), fault, say)
 
 
 def diagnose(
@@ -140,28 +135,50 @@ def _searched(
     progress: Say | None,
     interrupt: Interrupt | None,
 ) -> Criticism:
-    asked, say = selection or Selection(), Stopwatch(progress or _silent)
-    simulator, measurement = charted(simulator, measurement)
+    say = Stopwatch(progress or _silent)
+    task = _prepared(simulator, measurement, holdout, selection, scope)
+    found, fault = inquire(task.simulator, task.fit_runs, task.selection, candidates, most, say, interrupt)
+    return _assemble(question, task, found, fault, say)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What is asked, made ready: the model on the log's clock, the runs parted, windows as long as the model allows.
+
+    ``notes`` tell the user what was changed for that.
+    """
+
+    simulator: Simulator
+    fit_runs: Measurement
+    held_runs: Measurement
+    selection: Selection
+    notes: tuple[str, ...]
+
+
+def _prepared(
+    simulator: Simulator,
+    measurement: Measurement,
+    holdout: Sequence[str] | None,
+    selection: Selection | None,
+    scope: Scope | None,
+) -> _Task:
+    asked = selection or Selection()
+    given, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
-    given, simulator = simulator, in_step(simulator, fit_runs)
-    selection = steady(simulator, fit_runs, asked)
-    simulator = scoped(simulator, scope, measurement, fit_runs.runs)
-    found, fault = inquire(simulator, fit_runs, selection, candidates, most, say, interrupt)
-    notes = (*restepped(given, simulator), *shortened(asked, selection))
-    return _assemble(question, simulator, fit_runs, held_runs, found, fault, selection, notes, say)
+    stepped = in_step(given, fit_runs)
+    used = steady(stepped, fit_runs, asked)
+    notes = (*restepped(given, stepped), *shortened(asked, used))
+    return _Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)
 
 
 def _assemble(
     question: Question,
-    simulator: Simulator,
-    fit_runs: Measurement,
-    held_runs: Measurement,
+    task: _Task,
     found: Found,
     fault: Suspicion | None,
-    selection: Selection,
-    notes: tuple[str, ...],
     say: Stopwatch,
 ) -> Criticism:
+    simulator, fit_runs, held_runs, selection = task.simulator, task.fit_runs, task.held_runs, task.selection
     base, final = found.base, found.final
     signals = tuple(signal.name for signal in fit_runs.signals)
     units = {signal.name: signal.unit for signal in fit_runs.signals}
@@ -221,7 +238,7 @@ def _assemble(
         what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
         interrupted=found.interrupted,
         notes=(
-            *notes,
+            *task.notes,
             *_notes(simulator, found),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),

@@ -47,6 +47,19 @@ def test_a_rung_changes_step_and_method_and_nothing_else() -> None:
     assert (model.opt.timestep, model.opt.integrator) == (0.002, mujoco.mjtIntegrator.mjINT_RK4)
 
 
+def test_the_shift_is_what_a_step_moves_theta() -> None:
+    measurement = measure(runs=8, noise=2e-3)
+    noise = floors(measurement.signals, ())
+    euler = OneIntegrator(EULER, FREE, threads=1)
+    coarse = settle(euler, measurement, 1.0, noise)
+    at = euler.with_timestep(coarse.rung.timestep / 64)
+    fine = fit(at, make_windows(at, measurement, 1.0, like=coarse.windows), coarse.fitted.theta)
+    # The shift's sign does not matter to a variance; a first-order integrator's is known to a few per cent.
+    assert torch.allclose(coarse.shift.abs(), (fine.theta - coarse.fitted.theta).abs(), rtol=0.2)
+    assert float((coarse.shift / coarse.fitted.theta).abs().max()) > 1e-4
+    assert not bool(settle(model(), measurement, 1.0, noise).shift.abs().max() > 1e-5)
+
+
 def test_a_first_order_integrator_is_given_finer_steps() -> None:
     measurement = measure(runs=8, noise=2e-3)
     noise = floors(measurement.signals, ())
