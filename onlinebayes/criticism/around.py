@@ -44,14 +44,14 @@ class Around(Simulator):
         return self.physics.body_sizes
 
     @property
+    def moving_joints(self) -> Mapping[str, tuple[str, ...]]:
+        """Those of the physics."""
+        return self.physics.moving_joints
+
+    @property
     def contacts(self) -> Mapping[str, Contact]:
         """Those of the physics."""
         return self.physics.contacts
-
-    @property
-    def actuator_gains(self) -> Mapping[str, float]:
-        """Those of the physics."""
-        return self.physics.actuator_gains
 
     @property
     def failed(self) -> Bool[Tensor, " N"]:

@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.scales import seen_in, target_scales
+from onlinebayes.criticism.scales import largest_forces, seen_in, target_scales
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
@@ -55,6 +55,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     if isinstance(listed, str):
         listed = [listed]
     scales: dict[tuple[TargetKind, str], Scales] = {}
+    forces: Float[Tensor, " U"] | None = None
     found: dict[str, Effect] = {}
     for item in listed:
         if isinstance(item, Effect):
@@ -79,9 +80,13 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             element = split_axis(place, axes)[0]
             at = wider.get(element, kind), element
             if at not in scales:
-                scales[at] = target_scales(simulator, windows, *at)
+                if at[0] == "actuator" and forces is None:
+                    forces = largest_forces(simulator, windows)
+                scales[at] = target_scales(simulator, windows, *at, forces)
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
+        if all_of_them:
+            placed = [effect for effect in placed if not _simpler(simulator, effect)]
         carried = [effect for effect in placed if target or _carried(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
         for effect in carried if carried or all_of_them else placed:
@@ -91,12 +96,19 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
 
 
 def _all(simulator: Simulator) -> list[str]:
-    """The vocabulary and the system's own, without what is rare or a simpler effect on one joint or on slides alone."""
-    joints = joint_names(simulator)
-    slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joints)
-    simpler = {GravityTilt.name: slides, AirDrag.name: len(joints) == 1}  # a constant load, a quadratic drag
+    """The vocabulary and the system's own, without what is rare, and the tilt of a machine with slides alone."""
+    slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
     vocabulary = {**EFFECTS, **simulator.own_effects}
-    return [name for name, effect in vocabulary.items() if not (effect.rare or simpler.get(name))]
+    # A tilt is a constant load of every slide.
+    return [name for name, one in vocabulary.items() if not (one.rare or (slides and name == GravityTilt.name))]
+
+
+def _simpler(simulator: Simulator, effect: Effect) -> bool:
+    """Whether it is the same law as a simpler one: air drag of what one joint moves is that joint's quadratic drag."""
+    if effect.name != AirDrag.name:
+        return False
+    chain = simulator.moving_joints.get(effect.target, ())
+    return len(chain) == 1 and chain[0] in simulator.joint_kinds
 
 
 def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:

@@ -111,6 +111,12 @@ class ChartedSimulator(Around):
         """See :meth:`Simulator.recall`; force stages see scalar joints alone, so that any reference does for turns."""
         return self.physics.recall(theta, self._enter(motion), step)
 
+    def actuator_forces(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> Float[Tensor, "N K U"]:
+        """See :meth:`Simulator.actuator_forces`; they depend on scalar joints alone."""
+        return self.physics.actuator_forces(theta, self._enter(motion), step)
+
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """The turns of a state or trajectory, and what else the physics reads of it."""
         own = state.clone(recurse=False)

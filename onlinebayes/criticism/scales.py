@@ -4,7 +4,8 @@
     F    = max(I max abs(dv/dt), I max abs(u) (d v / d u) / dt)      largest force in play at the joint
 
 The joint's speed and travel are the measured ones (smoothed); the longest dead time is a tenth of the horizon. A
-body's sizes are its mass and extent, an actuator's its largest command and what force that makes.
+body's sizes are its mass and extent, an actuator's its largest command and the largest force that it gives while the
+nominal model replays the windows: a servo's goal, times its stiffness, says little about that.
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from __future__ import annotations
 import math
 
 import torch
+from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.criticism.motion import SeenBy, seen_by
+from onlinebayes.criticism.replay import rollout
 from onlinebayes.criticism.scoped import unscoped
 from onlinebayes.criticism.timed import instants
 from onlinebayes.criticism.windows import Windows, joint_names
@@ -23,12 +26,21 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, Scales, TargetKind
 
 DEAD_TIME = 0.1  # of the horizon
+ROOM = 1.25  # times the force of a replay, where the force depends on the motion
 LOADS = (1.0, 1e1, 1e2, 1e3, 1e4, 1e5)  # times the smallest force by which a joint's inertia is measured
 HELD = 1.1  # inertia by the smallest force over the least one, above which something holds the joint
 
 
-def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, target: str) -> Scales:
-    """Typical sizes at a target, from the measurements and one step of the simulator."""
+def target_scales(
+    simulator: Simulator, windows: Windows, kind: TargetKind, target: str, forces: Float[Tensor, " U"] | None = None
+) -> Scales:
+    """Typical sizes at a target, from the measurements and one step of the simulator.
+
+    Args:
+        simulator, windows: the model, and what it is to be fitted on.
+        kind, target: of what.
+        forces: :func:`largest_forces` where they are known; they take a replay.
+    """
     joints = joint_names(simulator)
     time = DEAD_TIME * windows.horizon
     if kind == "actuator":
@@ -37,8 +49,9 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         # Which joint it drives is not known here; the slowest one gives the widest bounds.
         driven = [joints.index(joint) for joint in simulator.targets("joint")] or range(len(joints))
         speed = max(min(_motion(simulator, windows, j)[1] for j in driven), 1e-9)
-        output = largest * (simulator.actuator_gains.get(target, 1.0) or 1.0)
-        return Scales(force=largest, speed=speed, travel=1.0, time=time, output=output)
+        if forces is None:
+            forces = largest_forces(simulator, windows)
+        return Scales(force=largest, speed=speed, travel=1.0, time=time, output=float(forces[column]))
     if kind == "signal":
         return _signal_scales(simulator, windows, target, time)
     if kind == "parameter":
@@ -63,6 +76,29 @@ def target_scales(simulator: Simulator, windows: Windows, kind: TargetKind, targ
         centre=float(position.max() + position.min()) / 2,
         inertia=inertia,
     )
+
+
+def largest_forces(simulator: Simulator, windows: Windows) -> Float[Tensor, " U"]:
+    """Largest force of each actuator, before its gear, while the nominal model replays the windows [N, N m].
+
+    Where that depends on the motion, the model's is not quite the machine's, and there is :data:`ROOM` for more. What
+    diverged does not count; an actuator that gives nothing has the size of its commands.
+    """
+    commands = windows.command.abs().amax((0, 1))
+    theta, starts = simulator.nominal.to(windows.start)[None], windows.start[None]
+    trajectory = rollout(simulator, windows, theta, starts)[0]
+    motion = TensorDict(
+        {"qpos": trajectory["qpos"], "qvel": trajectory["qvel"], "command": windows.command, "enable": windows.enable},
+        batch_size=trajectory.batch_size,
+    )
+    worlds = theta.expand(windows.count, -1)
+    moving = simulator.actuator_forces(worlds, motion, windows.step)
+    moving = moving * (trajectory["valid"] & windows.inside)[..., None]
+    motion["qpos"], motion["qvel"] = torch.zeros_like(motion["qpos"]), torch.zeros_like(motion["qvel"])
+    alone = simulator.actuator_forces(worlds, motion, windows.step) * windows.inside[..., None]
+    largest = moving.abs().amax((0, 1))
+    largest = torch.where((moving - alone).abs().amax((0, 1)) > 0, ROOM * largest, largest)
+    return torch.where(largest > 0, largest, commands).clamp_min(1e-9)
 
 
 def _body_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:

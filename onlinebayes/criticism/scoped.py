@@ -165,6 +165,12 @@ class ScopedSimulator(Around):
         """Typical worlds; see :meth:`Simulator.recall`."""
         return self.physics.recall(self.typical(theta), motion, step)
 
+    def actuator_forces(
+        self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float
+    ) -> Float[Tensor, "N K U"]:
+        """Of typical worlds; see :meth:`Simulator.actuator_forces`."""
+        return self.physics.actuator_forces(self.typical(theta), motion, step)
+
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """See :meth:`Simulator.read`."""
         return self.physics.read(state)

@@ -86,13 +86,13 @@ class Simulator(ABC):
         return {}
 
     @property
-    def contacts(self) -> Mapping[str, Contact]:
-        """What the contacts of each of the geoms among :meth:`targets` are like, as the system was built."""
+    def moving_joints(self) -> Mapping[str, tuple[str, ...]]:
+        """Joints that move each of the bodies among :meth:`targets`; without those of which that is not known."""
         return {}
 
     @property
-    def actuator_gains(self) -> Mapping[str, float]:
-        """Force of an actuator per unit of its command, before the gear; those that are missing have 1."""
+    def contacts(self) -> Mapping[str, Contact]:
+        """What the contacts of each of the geoms among :meth:`targets` are like, as the system was built."""
         return {}
 
     @property
@@ -175,6 +175,16 @@ class Simulator(ABC):
             default, and then criticism replays what came before a window.
         """
         return {}
+
+    def actuator_forces(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> Float[Tensor, "N K U"]:
+        """Force of each actuator before its gear along a known motion [N, N m]; by default its command.
+
+        Args:
+            theta, motion, step: as for :meth:`recall`.
+        """
+        return motion.get("command").to(theta)
 
     @abstractmethod
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:

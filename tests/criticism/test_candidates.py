@@ -1,13 +1,17 @@
 """Which candidates are offered, and within which bounds."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
+from envs.rigs import case, write_case
+from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown, grown_theta, opposites, propose, trials
-from onlinebayes.criticism.scales import target_scales
+from onlinebayes.criticism.replay import rollout
+from onlinebayes.criticism.scales import ROOM, target_scales
 from onlinebayes.criticism.sensitivities import columns
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
@@ -17,6 +21,7 @@ from onlinebayes.simulators.effects import ActuatorSaturation, AsymmetricFrictio
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, measure, model
 
+SERVO = '<position name="motor" joint="rail" kp="500" kv="10"/>'
 SCALES = Scales(force=12.0, speed=2.0, travel=2.0, time=0.1, unit="slide")
 
 
@@ -77,9 +82,24 @@ def test_bounds_come_from_the_target(windows: Windows) -> None:
     assert target_scales(model(), windows, "joint", "rail").inertia == pytest.approx(2.0, rel=1e-2)
 
 
+def test_a_servos_limit_is_looked_for_where_its_force_is() -> None:
+    servo = MujocoSimulator(SLIDE.replace('<motor name="motor" joint="rail"/>', SERVO), FREE, threads=1)
+    measurement = measure(runs=2)
+    windows = make_windows(servo, measurement, 1.0, 0.0, None)
+    (limit,) = propose(servo, windows, ["actuator_saturation"])
+    trajectory = rollout(servo, windows, servo.nominal[None], windows.start[None])[0]
+    q, v = trajectory["qpos"][..., 0], trajectory["qvel"][..., 0]
+    force = 500 * (windows.command[..., 0] - q) - 10 * v
+    largest = float(force.abs()[windows.inside].max())
+    assert limit.parameters["limit"].high == pytest.approx(ROOM * largest)
+    (emf,) = propose(servo, windows, ["back_emf"])
+    speed = target_scales(servo, windows, "joint", "rail").speed
+    assert emf.parameters["constant"].high == pytest.approx(ROOM * largest / speed)
+
+
 def test_a_limit_is_tried_from_no_limit_downwards() -> None:
     effect = ActuatorSaturation("motor", Parameter(1.0, 11.0))
-    assert [trial.values["limit"] for trial in trials([effect])] == pytest.approx([10.99, 9.0, 6.0, 3.5])
+    assert [trial.values["limit"] for trial in trials([effect])] == pytest.approx([10.99, 9.0, 7.5, 6.0, 3.5])
     assert all(trial.reach < 0 and not trial.two_sided for trial in trials([effect]))
 
 
@@ -107,6 +127,14 @@ def test_air_and_contacts_are_tried_where_they_are_something_of_their_own(window
     keys = {effect.key: effect for effect in propose(MujocoSimulator(grounded, FREE), windows)}
     assert keys["contact_friction@foot"].neutral == {"friction": 0.6}
     assert keys["contact_softness@foot"].neutral == {"time_constant": 0.02, "damping_ratio": 1.0}
+
+
+def test_air_drag_of_what_one_joint_moves_is_that_joints(tmp_path: Path) -> None:
+    problem = load_problem(write_case(case("cart_pole", "null", 0), tmp_path))
+    assert problem.simulator.moving_joints == {"cart": ("slider",), "pole": ("slider", "hinge")}
+    windows = make_windows(problem.simulator, problem.measurement, 1.0, 0.0, None)
+    drags = [effect.key for effect in propose(problem.simulator, windows) if effect.name == "air_drag"]
+    assert drags == ["air_drag@pole"]
 
 
 def test_of_two_opposite_starts_one_stands_for_both(windows: Windows) -> None:

@@ -65,7 +65,7 @@ def test_the_map(loaded) -> None:
 def test_no_hook_of_a_simulator_stays_behind(around: type[Simulator]) -> None:
     """What a simulator may override is passed through, or the base class's answer would hide the physics' own."""
     hooks = {name for name, value in vars(Simulator).items() if not name.startswith("_") and name != "parameters"}
-    assert {"with_gravity_compensation", "actuator_gains"} <= hooks
+    assert {"with_gravity_compensation", "actuator_forces"} <= hooks
     passed = {name for base in around.__mro__[: around.__mro__.index(Simulator)] for name in vars(base)}
     assert hooks - passed == set()
 

@@ -18,6 +18,7 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import QuadraticDrag
 from recipes.studies.blind_rigs.names import Answer, answer
+from recipes.studies.blind_rigs.plan import REPORTED
 from recipes.studies.blind_rigs.workers import Done
 from recipes.studies.peers import base, neural
 from recipes.studies.peers.__main__ import Study, main
@@ -171,7 +172,7 @@ def test_a_part_of_the_cases_is_a_sample() -> None:
     assert found[0].rig == EMPS
     assert {job.rig for job in found[1:7]} == set(RIGS)
     assert sum(job.kind == "null" for job in found) == 12
-    assert all(job.seed >= 1000 for job in found if job.rig not in (EMPS, "driven_pendulum"))
+    assert all(job.seed >= REPORTED for job in found if job.rig not in (EMPS, "driven_pendulum"))
 
 
 def outcomes(case: str, errors: dict[str, float | None], hidden: tuple[str, ...]) -> list[Outcome]:
@@ -185,7 +186,8 @@ def test_the_table_says_where_ours_leads_and_where_it_does_not() -> None:
     found = outcomes("swing-effect-1000", leads, ("dry_friction@hinge",))
     found += [Outcome("swing-effect-1000", COST, seconds=1.0, reference=4.0)]
     found += [Outcome("swing-effect-1003", "ours", error=9.0)]  # not all methods yet: left out
-    rows = {row.name: row for row in tabulate(found).rows}
+    rows = {row.name: row for row in tabulate(found, "make versus-peers", 2).rows}
+    assert (rows["cases compared"].value, rows["cases compared"].holds) == (1, False)
     assert rows["held-out error, median: onlinebayes refine"].holds
     assert rows["smallest error, within 2 %: mujoco.sysid"].value == 1
     assert rows["right names: onlinebayes refine"].unit == "of 1"
@@ -193,7 +195,7 @@ def test_the_table_says_where_ours_leads_and_where_it_does_not() -> None:
     assert next(row for name, row in rows.items() if "as documented" in name).value == 4.0
     assert "swing-effect-1003" not in rows
     behind = outcomes("swing-effect-1000", {**leads, "ours": None}, ("dry_friction@hinge",))
-    rows = {row.name: row for row in tabulate(behind).rows}
+    rows = {row.name: row for row in tabulate(behind, "make versus-peers", 1).rows}
     assert rows["held-out error, median: onlinebayes refine"].holds is False
     assert rows["held-out error, median: onlinebayes refine"].value == math.inf
 
@@ -223,7 +225,8 @@ def test_a_study_goes_on_from_its_finished_trials(
     study = Study(cases=2, out=tmp_path, results=tmp_path / "results")
     assert main(study) == 130
     assert "4 of 12 trials are kept" in capsys.readouterr().err
-    assert not study.results.exists()
+    part = json.loads((study.results / "versus-peers.json").read_text())["rows"][0]
+    assert (part["value"], part["goal"], part["holds"]) == (0, "2", False)
     assert main(study) == 0
     assert len(asked) == 13  # all, and the one that was interrupted
     text = capsys.readouterr()

@@ -62,8 +62,8 @@ SWING = Rig(
     ),
     alike=(
         ("com_offset@bob", "gravity_tilt@world.x", "sensor_bias@qpos.hinge"),
-        # Inertia over weight; a tilt along the hinge's axis takes weight away.
-        ("armature@hinge", "com_offset@bob.z", "gravity_tilt@world.y"),
+        # Inertia over weight; a tilt along the hinge's axis takes weight away. With the mass free, so does a gain.
+        ("armature@hinge", "com_offset@bob.z", "gravity_tilt@world.y", "actuator_gain@motor"),
         # A lag of milliseconds is a delay: they part by (2 pi f T)^2 / 2, a thousandth at the highest frequency.
         ("actuator_delay@motor", "actuator_lag@motor", "sensor_delay@qpos.hinge"),
     ),

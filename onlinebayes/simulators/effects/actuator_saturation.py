@@ -66,7 +66,7 @@ class ActuatorSaturation(Effect):
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """Limits that cut more and more: a limit just below the largest force is seen at its peaks alone."""
         low, width = self.limit.low, self.limit.high - self.limit.low
-        return tuple({"limit": low + part * width} for part in (0.8, 0.5, 0.25))
+        return tuple({"limit": low + part * width} for part in (0.8, 0.65, 0.5, 0.25))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Give an actuator without limits some that are never reached, so that each world can have its own."""

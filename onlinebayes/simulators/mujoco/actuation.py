@@ -22,6 +22,7 @@ from onlinebayes.simulators.effects import Servo
 
 _GAINS = (int(mujoco.mjtGain.mjGAIN_FIXED), int(mujoco.mjtGain.mjGAIN_AFFINE))
 _BIASES = (int(mujoco.mjtBias.mjBIAS_NONE), int(mujoco.mjtBias.mjBIAS_AFFINE))
+_SCALAR = (int(mujoco.mjtJoint.mjJNT_SLIDE), int(mujoco.mjtJoint.mjJNT_HINGE))
 _JOINT = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))
 FIELDS = ("actuator_gear", "actuator_gainprm", "actuator_biasprm", "actuator_ctrlrange", "actuator_forcerange")
 """Fields of the model that the force depends on; they may differ between worlds."""
@@ -65,13 +66,19 @@ class JointActuator:
             bool(model.actuator_forcelimited[actuator]),
         )
 
-    def check(self, model: mujoco.MjModel, key: str) -> None:
-        """Raise :class:`BadInput` where the force is not the module's equation (muscles, activations, delays)."""
+    def follows(self, model: mujoco.MjModel) -> bool:
+        """Whether the force is the module's equation, on a slide or a hinge: no muscle, activation or delay."""
         i = self.actuator
         linear = int(model.actuator_gaintype[i]) in _GAINS and int(model.actuator_biastype[i]) in _BIASES
-        if not linear or model.actuator_dyntype[i] != int(mujoco.mjtDyn.mjDYN_NONE) or model.actuator_delay[i]:
+        prompt = model.actuator_dyntype[i] == int(mujoco.mjtDyn.mjDYN_NONE) and not model.actuator_delay[i]
+        return bool(linear and prompt and int(model.jnt_type[self.joint]) in _SCALAR)
+
+    def check(self, model: mujoco.MjModel, key: str) -> None:
+        """Raise :class:`BadInput` where the force is not the module's equation; see :meth:`follows`."""
+        if not self.follows(model):
             raise BadInput(
-                f"{key}: the force of actuator '{model.actuator(i).name}' is not linear in command and motion",
+                f"{key}: the force of actuator '{model.actuator(self.actuator).name}' is not linear in command "
+                "and motion",
                 "use a motor, a servo or a general actuator with affine gain and bias, no activation and no delay",
             )
 

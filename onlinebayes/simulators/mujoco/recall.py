@@ -1,4 +1,4 @@
-"""Hidden states of force stages along a known motion: what would stand in a state at each row, without the engine.
+"""What follows from a known motion without the engine: hidden states of force stages, and the actuators' forces.
 
     h_{k+1} = advance(q_k, v_k, f_k, u_k, h_k),   f_k = the actuators' force at (u_k, q_k, v_k),   u = stages(command)
 
@@ -29,9 +29,7 @@ def recall(
     if not remembering:
         return {}
     ctrl = _ctrl(system, theta, rests, motion.get("command").double(), step)
-    enable = motion.get("enable", None)
-    on = torch.ones(*motion.batch_size, len(system.commands)) if enable is None else enable > 0
-    fields = {name: rows[:, None] for name, rows in actuator_fields(system, system.write(theta.numpy())).items()}
+    on, fields = _on(system, motion), _fields(system, theta)
     qpos, qvel = motion.get("qpos").double(), motion.get("qvel").double()
     found = {}
     for effect in remembering:
@@ -41,6 +39,37 @@ def recall(
         if after is not None:
             found[effect.key] = TensorDict.cat([rest[:, None], after], dim=1)
     return found
+
+
+def actuator_forces(
+    system: MujocoSystem, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+) -> Float[Tensor, "N K U"]:
+    """See :meth:`onlinebayes.simulators.base.Simulator.actuator_forces`."""
+    ctrl = _ctrl(system, theta, system.rest(len(theta), step), motion.get("command").double(), step)
+    on, fields = _on(system, motion), _fields(system, theta)
+    qpos, qvel = motion.get("qpos").double(), motion.get("qvel").double()
+    joints = {one.column: one for one in system.joint_actuators if one.follows(system.model)}
+    forces = []
+    for column, command in enumerate(system.commands):
+        if column in joints:
+            one = joints[column]
+            q, v = (int(at[one.joint]) for at in (system.model.jnt_qposadr, system.model.jnt_dofadr))
+            force = one.force(fields, ctrl, qpos[..., q], qvel[..., v], on)
+        else:
+            force = fields["actuator_gainprm"][..., command.actuator, 0] * ctrl[..., command.ctrl] * on[..., column]
+        forces.append(force)
+    return torch.stack(forces, dim=-1) if forces else qpos.new_zeros(*motion.batch_size, 0)
+
+
+def _on(system: MujocoSystem, motion: TensorDictBase) -> Tensor:
+    """Which actuators are on (N, K, U)."""
+    enable = motion.get("enable", None)
+    return torch.ones(*motion.batch_size, len(system.commands)) if enable is None else enable > 0
+
+
+def _fields(system: MujocoSystem, theta: Float[Tensor, "N P"]) -> dict[str, Tensor]:
+    """The actuators' fields, (N, 1, ...) for K rows at once."""
+    return {name: rows[:, None] for name, rows in actuator_fields(system, system.write(theta.numpy())).items()}
 
 
 def _ctrl(

@@ -24,7 +24,7 @@ from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
-from onlinebayes.simulators.mujoco.recall import recall
+from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
@@ -132,15 +132,19 @@ class MujocoSimulator(Simulator):
         return sizes
 
     @property
+    def moving_joints(self) -> dict[str, tuple[str, ...]]:
+        """Names of the joints between the world and each of :attr:`body_sizes`."""
+        joints = names(self.model, "joint")
+        chains: list[tuple[str, ...]] = [()]
+        for i in range(1, self.model.nbody):
+            first, count = int(self.model.body_jntadr[i]), int(self.model.body_jntnum[i])
+            chains.append((*chains[self.model.body_parentid[i]], *joints[first : first + count]))
+        return {name: chains[self.model.body(name).id] for name in self.body_sizes}
+
+    @property
     def contacts(self) -> dict[str, Contact]:
         """See :meth:`Simulator.contacts`."""
         return contacts(self.model)
-
-    @property
-    def actuator_gains(self) -> dict[str, float]:
-        """The first gain parameter of each actuator; for a servo its kp."""
-        gains = zip(names(self.model, "actuator"), self.model.actuator_gainprm[:, 0], strict=True)
-        return {name: abs(float(gain)) for name, gain in gains}
 
     @property
     def theta(self) -> Float[Tensor, "N P"]:
@@ -204,6 +208,12 @@ class MujocoSimulator(Simulator):
     def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
         """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
         return recall(self._system, _finite(theta), motion, step)
+
+    def actuator_forces(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> Float[Tensor, "N K U"]:
+        """See :meth:`Simulator.actuator_forces`; of an actuator that acts on no joint, its gain times its command."""
+        return actuator_forces(self._system, _finite(theta), motion, step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities, in the model's order, then the sensors that are signals."""

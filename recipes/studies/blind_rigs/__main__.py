@@ -22,12 +22,10 @@ import onlinebayes
 from envs.rigs import KINDS, RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.studies.blind_rigs.judging import Judge, unanswered
-from recipes.studies.blind_rigs.plan import Job, in_words, jobs, seconds_to_go
+from recipes.studies.blind_rigs.plan import REPORTED, Job, in_words, jobs, seconds_to_go
 from recipes.studies.blind_rigs.record import Judged, from_json, to_json
 from recipes.studies.blind_rigs.table import tabulate
 from recipes.studies.blind_rigs.workers import Done, work
-
-REPORTED = 1000
 
 
 @dataclass(frozen=True)
@@ -39,7 +37,7 @@ class Study:
         null: that hide nothing.
         others: of each of the other five kinds.
         rigs: which.
-        first: seed of the first case; from 1000 on they are reported, below they are for tuning.
+        first: seed of the first case; see :data:`REPORTED`.
         candidates: effects that refine tries; none for all.
         processes: that share the cases.
         minutes: that a case may take; one that takes longer is a miss.

@@ -1,6 +1,7 @@
 """``make versus-peers``: ours against pysindy, mujoco.sysid and a neural residual, same data, one run.
 
-Every judged trial (a method on a case) is a file of its own, written at once: a study that was stopped goes on.
+Every judged trial (a method on a case) is a file of its own, written at once: a study that was stopped goes on. Its
+table, of the cases that all methods were tried on so far, says of how many.
 
     python -m recipes.studies.peers                    60 blind cases and EMPS -> docs/results/versus-peers.json
     python -m recipes.studies.peers --cases 6 --processes 1 --results /tmp/peers
@@ -72,20 +73,21 @@ def main(study: Study) -> int:
     print(f"{len(wanted)} trials, {len(found)} of them judged before (in {study.kept})", file=sys.stderr)
     if old := sum(outcome.code != code for outcome in found.values()):
         print(f"{old} of them by other code: remove their files to go anew", file=sys.stderr)
+    stopped = False
     try:
         judge_all(study, [trial for trial in wanted if trial.name not in found], found, code)
     except KeyboardInterrupt:
         print(f"stopped; {len(found)} of {len(wanted)} trials are kept; the same command goes on", file=sys.stderr)
-        return 130
+        stopped = True
     whole = study.cases == Study.cases
     command = "make versus-peers" if whole else f"python -m recipes.studies.peers --cases {study.cases}"
-    table = tabulate(list(found.values()), command)
+    table = tabulate(list(found.values()), command, len({trial.job.name for trial in wanted}))
     for row in table.rows:
         held = {None: "", True: "holds", False: "MISSED"}[row.holds]
         value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
         print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
     print(f"written: {table.write(study.results)}")
-    return 0
+    return 130 if stopped else 0
 
 
 def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: str) -> None:

@@ -21,11 +21,11 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies import blind_data, emps
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import Answer, answer, spelt
+from recipes.studies.blind_rigs.plan import REPORTED
 from recipes.studies.peers.task import Task
 
 PENDULUM, EMPS = "driven_pendulum", "emps"
 RIGS = ("thrown_ball", "swing", PENDULUM, "position_servo", "slide_drive", "cart_pole")
-REPORTED = 1000
 EVERY = 5
 PUBLISHED = ("dry_friction@carriage", "constant_load@carriage")
 """What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""

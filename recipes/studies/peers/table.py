@@ -32,14 +32,21 @@ FASTER = 3.0
 Cases = Mapping[str, Mapping[str, Outcome]]
 
 
-def tabulate(found: Sequence[Outcome], command: str = "make versus-peers") -> ResultTable:
-    """All rows. Cases that not every method has been tried on are left out."""
+def tabulate(found: Sequence[Outcome], command: str, wanted: int) -> ResultTable:
+    """All rows.
+
+    Args:
+        found: the judged trials; cases that not every method has been tried on are left out.
+        command: that the table is printed by.
+        wanted: cases of the whole study.
+    """
     by_case: dict[str, dict[str, Outcome]] = {}
     for outcome in found:
         by_case.setdefault(outcome.case, {})[outcome.method] = outcome
     cases = {name: tried for name, tried in by_case.items() if tried.keys() >= set(METHODS)}
     table = ResultTable("versus-peers", command, sorted({int(name.rsplit("-", 1)[1]) for name in cases}))
-    table.add("cases compared", len(cases), unit=f"{sum(not _hidden(tried) for tried in cases.values())} hide nothing")
+    nulls = sum(not _hidden(tried) for tried in cases.values())
+    table.add("cases compared", len(cases), unit=f"{nulls} hide nothing", goal=str(wanted), holds=len(cases) == wanted)
     if cases:
         _errors(table, cases)
         _names(table, cases)
