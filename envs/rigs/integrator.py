@@ -44,7 +44,8 @@ class HiddenMass:
         mass: m_x [kg, kg m2].
         stiffness, damping: k, c [SI]; the damper acts only outside the play.
         gap: full width of the play [m, rad].
-        driven: does the actuator drive the mass (backlash) or the joint (flexible mode)?
+        driven: whether the actuator drives the mass, which is then a part of the joint's inertia (backlash), or the
+            joint (flexible mode).
     """
 
     joint: int
@@ -161,21 +162,31 @@ class Plant:
         inertia, bias = self.equations.terms(q[:, : self.joints], v[:, : self.joints])
         M = inertia + np.diag(self.laws.armature)
         n = self.joints
-        force = self.drive.force(q[:, :n], v[:, :n], u)
+        force = self.drive.force(self._actuated(q), self._actuated(v), u)
         tau = force + self.laws.smooth(q[:, :n], v[:, :n], t) - bias
         if self.hysteresis:
             tau[:, self.hysteresis.joint] -= self.hysteresis.amplitude * self._memory
         if not self.mass:
             return M, tau, force
         M = np.pad(M, ((0, 0), (0, 1), (0, 1)))
-        M[:, -1, -1] = self.mass.mass
         j, stretch = self.mass.joint, q[:, -1] - q[:, self.mass.joint]
+        M[:, -1, -1] = self.mass.mass
+        if self.mass.driven:  # a rotor is a part of what its joint moves
+            M[:, j, j] -= self.mass.mass
         beyond = np.sign(stretch) * np.maximum(np.abs(stretch) - 0.5 * self.mass.gap, 0.0)
         touch = (beyond != 0) | (self.mass.gap == 0)
         tie = self.mass.stiffness * beyond + self.mass.damping * (v[:, -1] - v[:, j]) * touch
         drives = force[:, j] if self.mass.driven else 0.0
         tau[:, j] += tie - drives
         return M, np.column_stack([tau, drives - tie]), force
+
+    def _actuated(self, x: ndarray) -> ndarray:
+        """Positions or velocities of what the actuators act on: of a joint with play their own side of it."""
+        if not (self.mass and self.mass.driven):
+            return x[:, : self.joints]
+        seen = x[:, : self.joints].copy()
+        seen[:, self.mass.joint] = x[:, -1]
+        return seen
 
     def _friction(self, sign: ndarray, v: ndarray, force: ndarray) -> ndarray:
         n = self.joints

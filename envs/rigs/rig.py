@@ -177,10 +177,10 @@ class Rig:
     def _behind(self, values: Values) -> HiddenMass | None:
         for actuator in self.actuators:
             if (key := f"backlash@{self.joints[actuator.joint]}") + ".gap" in values:
-                # A stiff gear: the rotor's own frequency against it stays a fifth of what the integrator bears.
+                # A stiff gear, whose frequency stays a fifth of what the integrator bears; oiled, it hardly rebounds.
                 rotor = values[f"{key}.rotor"]
                 stiffness = rotor * (0.5 / self.protocol.step) ** 2
-                damping = 0.4 * (stiffness * rotor) ** 0.5
+                damping = 1.4 * (stiffness * rotor) ** 0.5
                 return HiddenMass(actuator.joint, rotor, stiffness, damping, values[f"{key}.gap"], driven=True)
         for joint, name in enumerate(self.joints):
             if (key := f"flexible_mode@{name}") + ".mass" in values:

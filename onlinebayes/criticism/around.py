@@ -49,6 +49,11 @@ class Around(Simulator):
         return self.physics.moving_joints
 
     @property
+    def servos(self) -> tuple[str, ...]:
+        """Those of the physics."""
+        return self.physics.servos
+
+    @property
     def contacts(self) -> Mapping[str, Contact]:
         """Those of the physics."""
         return self.physics.contacts

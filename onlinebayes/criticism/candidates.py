@@ -16,7 +16,7 @@ from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import EFFECTS, AirDrag, Effect, GravityTilt, Scales, TargetKind
+from onlinebayes.simulators.effects import EFFECTS, AirDrag, Backlash, Effect, GravityTilt, Scales, TargetKind
 from onlinebayes.simulators.effects.base import split_axis
 
 
@@ -86,7 +86,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         if all_of_them:
-            placed = [effect for effect in placed if not _simpler(simulator, effect)]
+            placed = [effect for effect in placed if not (_simpler(simulator, effect) or _slow(simulator, effect))]
         carried = [effect for effect in placed if target or _carried(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
         for effect in carried if carried or all_of_them else placed:
@@ -109,6 +109,11 @@ def _simpler(simulator: Simulator, effect: Effect) -> bool:
         return False
     chain = simulator.moving_joints.get(effect.target, ())
     return len(chain) == 1 and chain[0] in simulator.joint_kinds
+
+
+def _slow(simulator: Simulator, effect: Effect) -> bool:
+    """Whether it is play behind a motor, whose trials cost half of all others together: tried where it is named."""
+    return isinstance(effect, Backlash) and effect.target not in simulator.servos
 
 
 def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:

@@ -2,11 +2,13 @@
 
     run r, theta_m:   motion of the run -> h at all its rows (M, R, G)  -> picked at each window's first row (M, W)
 
-One pass a run, however many windows it has and however long its effects remember; see ``Simulator.recall``.
+One pass a run, however many windows it has; where effects remember less than the runs are long, one over what they
+remember before each window, all windows at once. See ``Simulator.recall``.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
@@ -31,6 +33,9 @@ def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]
     motion = _motion(simulator, windows, runs.tolist())
     if motion is None:
         return {}
+    remembered = max(math.ceil(e.memory / windows.step) for e in simulator.effects if e.has_force)
+    if remembered < motion.batch_size[1]:
+        return _lately(simulator, windows, theta, motion[mine], remembered)
     M, R = theta.shape[0], len(runs)
     # Windows of one run share their theta.
     window = torch.stack([(mine == r).nonzero()[0, 0] for r in range(R)])
@@ -39,6 +44,22 @@ def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]
     found = simulator.recall(worlds, moved, windows.step)
     rows = windows.first.clamp_max(motion.batch_size[1])
     return {key: line.unflatten(0, (M, R))[:, mine, rows].flatten(0, 1) for key, line in found.items()}
+
+
+def _lately(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"], motion: TensorDict, rows: int
+) -> dict[str, TensorDict]:
+    """The same from the rows before each window alone; ``motion`` is that of each window's run (W, K)."""
+    M, W = theta.shape[:2]
+    last = windows.first.clamp_max(motion.batch_size[1])
+    begin = (last - rows).clamp_min(0)
+    line = motion[torch.arange(W)[:, None], begin[:, None] + torch.arange(rows)]
+    worlds = theta.flatten(0, 1)
+    moved = unsense(simulator, worlds[:, None], line.expand(M, W, rows).flatten(0, 1))
+    found = simulator.recall(worlds, moved, windows.step)
+    return {
+        key: each.unflatten(0, (M, W))[:, torch.arange(W), last - begin].flatten(0, 1) for key, each in found.items()
+    }
 
 
 def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDict | None:

@@ -91,6 +91,11 @@ class Simulator(ABC):
         return {}
 
     @property
+    def servos(self) -> tuple[str, ...]:
+        """Joints of which an actuator holds a position; none by default."""
+        return ()
+
+    @property
     def contacts(self) -> Mapping[str, Contact]:
         """What the contacts of each of the geoms among :meth:`targets` are like, as the system was built."""
         return {}

@@ -238,10 +238,8 @@ class TorchSimulator(Simulator):
                 f"{effect.key} has no form in torch",
                 "a torch system has joints, actuators and signals, and the laws that its equations hold",
             )
-        if effect.needs_servo:
-            raise BadInput(
-                f"{effect.key} has no form in torch", "a torch system's actuators give forces, none is a servo"
-            )
+        if effect.needs_servo or effect.weighs:
+            raise BadInput(f"{effect.key} has no form in torch", "the inertia of a torch system is in its equations")
         known = self.targets(effect.target_kind)
         if effect.target not in known:
             near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)

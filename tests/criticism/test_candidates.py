@@ -86,6 +86,12 @@ def test_a_servos_limit_is_looked_for_where_its_force_is() -> None:
     servo = MujocoSimulator(SLIDE.replace('<motor name="motor" joint="rail"/>', SERVO), FREE, threads=1)
     measurement = measure(runs=2)
     windows = make_windows(servo, measurement, 1.0, 0.0, None)
+    assert servo.servos == ("rail",)
+    assert model().servos == ()
+    # Play behind a motor is costly to try: it is named, or it is a servo's.
+    assert "backlash@rail" in {effect.key for effect in propose(servo, windows)}
+    assert not any(effect.name == "backlash" for effect in propose(model(), windows))
+    assert [effect.key for effect in propose(model(), windows, ["backlash"])] == ["backlash@rail"]
     (limit,) = propose(servo, windows, ["actuator_saturation"])
     trajectory = rollout(servo, windows, servo.nominal[None], windows.start[None])[0]
     q, v = trajectory["qpos"][..., 0], trajectory["qvel"][..., 0]

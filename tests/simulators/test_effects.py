@@ -29,7 +29,7 @@ from onlinebayes.simulators.testing import check_effect
 from tests.simulators.models import ARM, SLIDE
 
 H, MASS = 0.002, 2.0
-ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4, output=20.0)
+ELBOW = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05, centre=0.4, inertia=0.04, output=20.0)
 
 
 def _effects() -> list[Effect]:

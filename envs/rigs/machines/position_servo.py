@@ -47,7 +47,7 @@ POSITION_SERVO = Rig(
         HiddenEffect("load_dependent_friction@horn", {"mu": 0.046}),
         HiddenEffect("joint_stiffness@horn", {"stiffness": 0.035}, {"springref": 0.3}),
         HiddenEffect("constant_load@horn", {"load": 0.011}),
-        HiddenEffect("backlash@horn", {"gap": 0.0013}, {"rotor": 0.004}),
+        HiddenEffect("backlash@horn", {"gap": 0.006}, {"rotor": 0.004}),
         HiddenEffect("com_offset@load", {"x": 0.0032}),
         HiddenEffect("actuator_delay@servo", {"delay": 0.0017}),
         HiddenEffect("actuator_lag@servo", {"time_constant": 0.002}),

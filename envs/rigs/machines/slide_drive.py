@@ -41,7 +41,6 @@ SLIDE_DRIVE = Rig(
         HiddenEffect("joint_stiffness@carriage", {"stiffness": 4.7}, {"springref": 0.02}),
         HiddenEffect("constant_load@carriage", {"load": 0.16}),
         HiddenEffect("gravity_tilt@world", {"angle": 0.0029}),
-        HiddenEffect("backlash@carriage", {"gap": 0.014}, {"rotor": 1.0}),
         HiddenEffect("actuator_delay@motor", {"delay": 0.002}),
         HiddenEffect("actuator_lag@motor", {"time_constant": 0.002}),
         HiddenEffect("actuator_dead_zone@motor", {"width": 0.027}),
@@ -50,6 +49,7 @@ SLIDE_DRIVE = Rig(
         HiddenEffect("sensor_delay@qpos.carriage", {"delay": 0.0043}),
     ),
     rare=(
+        HiddenEffect("backlash@carriage", {"gap": 0.035}, {"rotor": 1.0}),
         HiddenEffect("cogging@carriage", {"amplitude": 0.77}, {"poles": 120.0, "phase": 0.7}),
         HiddenEffect("parameter_step@joint.carriage.damping", {"size": 5.4}, {"time": 2.0}),
         HiddenEffect("parameter_drift@joint.carriage.damping", {"rate": 1.8}),

@@ -58,7 +58,6 @@ TWO_LINK_ARM = Rig(
         HiddenEffect("constant_load@elbow", {"load": 0.0029}),
         HiddenEffect("armature@elbow", {"armature": 0.00025}),
         HiddenEffect("com_offset@fore", {"x": 0.00064}),
-        HiddenEffect("backlash@elbow", {"gap": 0.0024}, {"rotor": 0.002}),
         HiddenEffect("actuator_gain@shoulder_motor", {"gain": 0.016}),
         HiddenEffect("actuator_delay@shoulder_motor", {"delay": 0.0022}),
         HiddenEffect("actuator_lag@elbow_motor", {"time_constant": 0.0019}),
@@ -67,7 +66,10 @@ TWO_LINK_ARM = Rig(
         HiddenEffect("sensor_bias@qpos.elbow", {"bias": 0.0079}),
         HiddenEffect("sensor_delay@qpos.elbow", {"delay": 0.0032}),
     ),
-    rare=(HiddenEffect("cogging@elbow", {"amplitude": 0.011}, {"poles": 8.0, "phase": 0.5}),),
+    rare=(
+        HiddenEffect("backlash@elbow", {"gap": 0.08}, {"rotor": 0.002}),
+        HiddenEffect("cogging@elbow", {"amplitude": 0.011}, {"poles": 8.0, "phase": 0.5}),
+    ),
     outside=(
         HiddenEffect("detent@elbow", {"amplitude": 0.021}, {"poles": 5.0, "speed": 1.0}),
         HiddenEffect("periodic@shoulder", {"amplitude": 0.028}, {"frequency": 1.1, "phase": 0.6}),

@@ -1,47 +1,59 @@
-"""Free play between a position servo and the joint that it drives.
+"""Free play between an actuator and the joint that it drives.
 
-    the motor's side m stays within half the gap of the joint:    |m - q| <= g/2
-    at a stop, m = q +- g/2:   the joint feels f(m, dq/dt) = kp (u - m) - kv dq/dt, as long as that pushes against it
-    in between:                the joint feels nothing, the motor follows its goal: kv dm/dt = kp (u - m)
+    the motor's side m, of inertia R, stays within half the gap of the joint:    abs(m - q) <= g/2
+    at a stop both move as one:     M a = f(m, v) + tau       (R is a part of the joint's inertia M in the model)
+    in between each for itself:     R dw/dt = f(m, w),   (M - R) a = tau
+    where they meet, plastically:   the joint is struck by R (w - v)
+    they part where the stop would have to pull:   side (f - R a) < 0
 
-f is the servo's own law with its limits, its motor's side without inertia: what that is in the model (``armature``)
-stays with the joint. A motor under a force alone would need an inertia to cross the gap, so that only servos can have
-play. The hidden state is m - q (Nordin and Gutman 2002 survey such models). Positions of the joint are the load's.
+f is the actuator's force with its limits (a motor's does not depend on m and w = dm/dt, a position servo's does), tau
+all others. The hidden state is m - q, w, and what is needed to see a stop let go (Nordin and Gutman 2002 survey such
+models). Positions of the joint are the load's.
 
-Of first order in the timestep h, as all force stages: over a step m relaxes by exp(-h kp / kv), the joint moves with
-its present velocity, and where the two then meet, the force of the stop acts over the whole step.
+Timestep h: the motor's step is implicit in w (a servo may be stiff for a light rotor); a blow at the part phi of a step
+gives 1 - phi of its momentum in that step and the rest in the next, so that the joint is where it would be; the
+acceleration that tells of a pull is the last step's.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Self
+from typing import Self, cast
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.base import Effect, Scales, Seen, Servo
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
-REMEMBERED = 2.0
+REMEMBERED = 1.0
 """How long the side on which the gap was closed last may matter [s]."""
+UNKNOWN, APART, TOUCHING, STRUCK = -1.0, 0.0, 1.0, 2.0
+"""The hidden state ``"contact"``: not begun, in the gap, at a stop, at a stop that was just reached."""
+STATE = ("offset", "speed", "before", "contact", "owed")
 
 
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """Play of full width g between a servo and its joint. Hidden state ``"offset"`` (N,): m - q.
+    """Play of full width g between an actuator, whose side has the inertia R, and its joint.
+
+    Hidden state :data:`STATE`, each (N,): m - q (in the gap without the joint's own way in the last step), the speed of
+    the motor's side, the joint's at the last step's start, the contact, and what the last blow has still to give.
 
     Args:
-        target: joint with one position servo and no other actuator.
+        target: joint with one actuator.
         gap: bounds of g >= 0 [m, rad].
+        rotor: bounds of R > 0, less than what the joint moves [kg, kg m2].
     """
 
     target: str
     gap: Parameter
+    rotor: Parameter
     name = "backlash"
     target_kind = "joint"
     needs_drive = True
@@ -49,65 +61,135 @@ class Backlash(Effect):
 
     def __post_init__(self) -> None:
         non_negative(self.key, "gap", self.gap)
+        if self.rotor.low <= 0:
+            problem = f"{self.key}.rotor may be {self.rotor.low:g} {self.rotor.unit}"
+            raise BadInput(problem, "a motor without inertia crosses its play at once: take a lower bound above 0")
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
-        """g up to a fifth of the travel."""
-        return cls(target, Parameter(0.0, 0.2 * scales.travel, joint_unit(scales.unit, "m", "rad")))
+        """g up to a fifth of the travel, R from a hundredth to two thirds of what the joint moves."""
+        gap, mass = joint_unit(scales.unit, "m", "rad"), joint_unit(scales.unit, "kg", "kg m2")
+        rotor = Parameter(0.01 * scales.inertia, 0.67 * scales.inertia, mass)
+        return cls(target, Parameter(0.0, 0.2 * scales.travel, gap), rotor)
 
     @property
     def parameters(self) -> ParameterSpace:
-        """``gap``."""
-        return ParameterSpace({"gap": self.gap})
+        """``gap``, ``rotor``."""
+        return ParameterSpace({"gap": self.gap, "rotor": self.rotor})
 
     @property
     def neutral(self) -> Mapping[str, float]:
-        """g = 0."""
-        return {"gap": 0.0}
+        """g = 0, for whatever R."""
+        return {"gap": 0.0, "rotor": self._some(0.3)}
+
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """The wait grows with the root of the gap: small gaps with little inertia, wider ones with more."""
+        width = self.gap.high - self.gap.low
+        pairs = ((0.01, 0.3), (0.05, 0.3), (0.2, 0.3), (0.6, 0.3))
+        return tuple({"gap": self.gap.low + g * width, "rotor": self._some(r)} for g, r in pairs)
+
+    def _some(self, part: float) -> float:
+        return self.rotor.low + part * (self.rotor.high - self.rotor.low)
 
     @property
     def memory(self) -> float:
-        """Until a servo that moves has closed its gap again [s]."""
+        """Until a motor that moves has closed its gap again [s]."""
         return REMEMBERED
 
     def rest(self, worlds: int, timestep: float, like: Tensor) -> TensorDict:
-        """The motor in the middle of its play."""
-        offset = torch.zeros(worlds, dtype=like.dtype, device=like.device)
-        return TensorDict({"offset": offset}, batch_size=[worlds], device=like.device)
+        """The motor in the middle of its play, as fast as the joint."""
+        zero = torch.zeros(worlds, dtype=like.dtype, device=like.device)
+        state = {key: zero + UNKNOWN if key == "contact" else zero.clone() for key in STATE}
+        return TensorDict(state, batch_size=[worlds], device=like.device)
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
-        """What the joint feels in place of the servo's force, less that force; 0 for g = 0 [N, N m]."""
-        half, servo = parameters["gap"] / 2, _servo(seen)
-        side = self._side(half, seen)
-        pushed = torch.minimum(torch.maximum(servo.force - servo.stiffness * side * half, servo.low), servo.high)
-        felt = side * (side * pushed).clamp_min(0.0)  # a stop pushes, it does not pull
-        return torch.where(half > 0, felt - seen.drive, torch.zeros_like(felt))
+        """What the joint feels besides the actuator's force in the model [N, N m]; 0 for g = 0.
+
+        In the gap nothing but the loss of it; at a stop the force as it is on the motor's side, and the blow.
+        """
+        now = self._now(parameters, seen)
+        felt = torch.where(now.apart, torch.zeros_like(now.push), now.push + now.blow / seen.timestep) - seen.drive
+        return torch.where(parameters["gap"] > 0, felt, torch.zeros_like(felt))
+
+    def inertia(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
+        """-R in the gap, where the joint moves without the motor [kg, kg m2]; 0 for g = 0."""
+        now, rotor = self._now(parameters, seen), parameters["rotor"]
+        return torch.where((parameters["gap"] > 0) & now.apart, -rotor, torch.zeros_like(rotor))
 
     def advance(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict:
-        """m - q at the end of the step."""
-        half = parameters["gap"] / 2
-        offset = torch.minimum(torch.maximum(_freely(seen), -half), half)
-        return TensorDict({"offset": offset}, batch_size=offset.shape, device=offset.device)
+        """Place and speed of the motor at the step's end; the joint's own way in the gap is not known yet."""
+        now, h = self._now(parameters, seen), seen.timestep
+        rotor, servo = parameters["rotor"] / h, _servo(seen)
+        # R (w' - w) / h = f(m + h w', w'): the servo's force, less what the motor's own way and speed take from it.
+        pull = servo.force + servo.damping * seen.v - servo.stiffness * now.offset
+        resists = servo.damping + h * servo.stiffness
+        force = rotor * (pull - resists * now.speed) / (rotor + resists)
+        speed = torch.where(now.apart, now.speed + _limited(force, servo) / rotor, seen.v)
+        offset = torch.where(now.apart, now.offset + 0.5 * h * (now.speed + speed), now.offset)
+        kind = torch.where(now.apart, APART, torch.where(now.struck, STRUCK, TOUCHING)).to(speed)
+        state = {"offset": offset, "speed": speed, "before": seen.v.clone(), "contact": kind, "owed": now.owed}
+        return TensorDict(state, batch_size=speed.shape, device=speed.device)
 
-    @staticmethod
-    def _side(half: Float[Tensor, " N"], seen: Seen) -> Float[Tensor, " N"]:
-        """1 or -1 at a stop, 0 in between."""
-        offset = _freely(seen)
-        return torch.where(offset.abs() > half, torch.sign(offset), torch.zeros_like(offset))
+    def _now(self, parameters: Mapping[str, Tensor], seen: Seen) -> _Now:
+        """Where the motor's side is at the start of the step, and what it will do; worked out once a step."""
+        if "now" not in seen.memo:
+            seen.memo["now"] = self._look(parameters, seen)
+        return cast(_Now, seen.memo["now"])
+
+    def _look(self, parameters: Mapping[str, Tensor], seen: Seen) -> _Now:
+        assert seen.hidden is not None
+        offset, speed, before, contact, owed = (seen.hidden[key] for key in STATE)
+        half, h, rotor, servo = parameters["gap"] / 2, seen.timestep, parameters["rotor"], _servo(seen)
+        unknown, touched = contact == UNKNOWN, contact >= TOUCHING
+        # At a stop that lets go the motor has the joint's own speed.
+        speed = torch.where(unknown | touched, seen.v, speed)
+        moved = torch.where(unknown | touched, 0.0, 0.5 * h * (before + seen.v))
+        offset = offset - moved
+        away = speed - seen.v
+        side = torch.sign(torch.where(touched, offset, away))
+        phi = ((half - side * offset) / (h * away.abs()).clamp_min(1e-300)).clamp_min(0.0)
+        struck = ~touched & (phi <= 1)
+        push = _limited(servo.force - servo.stiffness * side * half, servo)
+        pulled = side * (push - rotor * (seen.v - before) / h) < 0
+        parting = touched & pulled & (contact != STRUCK)
+        blow = torch.where(struck, rotor * away, torch.zeros_like(away))
+        now = phi.clamp_max(1.0)
+        return _Now(
+            offset=torch.where(touched | struck, side * half, offset),
+            speed=speed,
+            apart=parting | (~touched & ~struck),
+            struck=struck,
+            push=push,
+            blow=(1 - now) * blow + owed,
+            owed=now * blow,
+        )
 
 
-def _freely(seen: Seen) -> Float[Tensor, " N"]:
-    """m - q after the step if there were no stops."""
-    assert seen.hidden is not None
-    servo, offset = _servo(seen), seen.hidden["offset"]
-    stiffness = servo.stiffness.clamp_min(1e-12)
-    goal = (servo.force + servo.damping * seen.v) / stiffness  # less q: where the servo at rest gives no force
-    # Without damping the motor is at its goal at once; 1e-9 of a step stands for none.
-    kept = torch.exp(-seen.timestep * stiffness / servo.damping.clamp_min(1e-9 * seen.timestep * stiffness))
-    followed = torch.where(servo.low < servo.high, goal + (offset - goal) * kept, offset)  # a motor that is off stays
-    return followed - seen.timestep * seen.v
+@dataclass(frozen=True)
+class _Now:
+    """What the motor's side does during a step.
+
+    Args:
+        offset, speed: m - q and w at its start.
+        apart, struck: whether it moves for itself, and whether it meets a stop.
+        push: the actuator's force at that stop [N, N m].
+        blow, owed: momentum of a blow that the joint gets now, and in the next step [N s, N m s].
+    """
+
+    offset: Float[Tensor, " N"]
+    speed: Float[Tensor, " N"]
+    apart: Bool[Tensor, " N"]
+    struck: Bool[Tensor, " N"]
+    push: Float[Tensor, " N"]
+    blow: Float[Tensor, " N"]
+    owed: Float[Tensor, " N"]
 
 
 def _servo(seen: Seen) -> Servo:
     assert seen.servo is not None
     return seen.servo
+
+
+def _limited(force: Float[Tensor, " N"], servo: Servo) -> Float[Tensor, " N"]:
+    return torch.minimum(torch.maximum(force, servo.low), servo.high)

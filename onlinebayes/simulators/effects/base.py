@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import ClassVar, Literal, Self
 
 import mujoco
@@ -89,14 +89,14 @@ class Scales:
 
 @dataclass(frozen=True)
 class Servo:
-    """The position servo of a joint: f(q, v) = clip(force - stiffness (q' - q) - damping (v' - v)) at q', v'.
+    """The actuator of a joint: f(q, v) = clip(force - stiffness (q' - q) - damping (v' - v)) at q', v'.
 
     As in :class:`Seen`, (N,) stands for (N, K) of K rows at once.
 
     Args:
         force: at the joint's present position and velocity, before the limits (N,) [N, N m].
-        stiffness: kp, on the joint (N,) [N/m, N m/rad].
-        damping: kv, on the joint (N,) [N s/m, N m s/rad].
+        stiffness: kp, on the joint; 0 of a motor (N,) [N/m, N m/rad].
+        damping: kv, on the joint; 0 of a motor (N,) [N s/m, N m s/rad].
         low, high: its limits (N,) [N, N m]; both 0 while it is off.
     """
 
@@ -124,7 +124,8 @@ class Seen:
         command: u, the command after the input stages, summed over a joint's actuators (N,) [command units].
         hidden: the effect's own hidden state, see :meth:`Effect.rest`.
         timestep: length h of the step [s].
-        servo: the joint's position servo, for an effect that says it ``needs_servo``.
+        servo: the law of the joint's actuator, for an effect that says it ``needs_servo``.
+        memo: what the effect has worked out of this already; empty at first.
     """
 
     q: Float[Tensor, "*batch"]
@@ -134,6 +135,7 @@ class Seen:
     hidden: TensorDict | None
     timestep: float
     servo: Servo | None = None
+    memo: dict[str, object] = field(default_factory=dict, compare=False, repr=False)
 
     def row(self, k: int, hidden: TensorDict | None) -> Seen:
         """Row k of K at once, with the hidden state before it."""
@@ -170,7 +172,7 @@ class Effect(ABC):
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).
-        needs_servo: whether it reads the joint's position servo, of which there must be one (``Seen.servo``).
+        needs_servo: whether it reads the law of the joint's actuator, of which there must be one (``Seen.servo``).
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
@@ -263,12 +265,17 @@ class Effect(ABC):
     @property
     def has_force(self) -> bool:
         """Whether the effect has a force stage."""
-        return type(self).force is not Effect.force or self.rubs
+        return type(self).force is not Effect.force or self.rubs or self.weighs
 
     @property
     def rubs(self) -> bool:
         """Whether its force stage bounds a dry friction."""
         return type(self).friction_bound is not Effect.friction_bound
+
+    @property
+    def weighs(self) -> bool:
+        """Whether its force stage changes the joint's inertia."""
+        return type(self).inertia is not Effect.inertia
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
         """What is added to the generalised force of the target joint, or to the target actuator's own force [N, N m].
@@ -279,6 +286,10 @@ class Effect(ABC):
 
     def friction_bound(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
         """Bound F >= 0 of a Coulomb force on the target joint [N, N m], which the solver makes stick, or None."""
+        return None
+
+    def inertia(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
+        """What is added to the inertia of the target joint over the step [kg, kg m2], or None."""
         return None
 
     def advance(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict | None:

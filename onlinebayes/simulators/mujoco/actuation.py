@@ -105,7 +105,7 @@ class JointActuator:
         return force * on[..., self.column]
 
     def servo(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor, on: Tensor) -> Servo:
-        """The position servo that it is, on its joint; arguments as :meth:`force`."""
+        """Its law on its joint; arguments as :meth:`force`."""
         i, gear, works = self.actuator, self.gear(fields), on[..., self.column] > 0
         bias, force = fields["actuator_biasprm"][..., i, :], self._unlimited(fields, ctrl, q, v)
         # As many rows as worlds, though the fields may be one for all.
@@ -116,13 +116,6 @@ class JointActuator:
         none = torch.zeros_like(force)
         stiffness, damping = ((-gear.square() * bias[..., k]).expand_as(force) for k in (1, 2))
         return Servo(gear * force, stiffness, damping, torch.where(works, low, none), torch.where(works, high, none))
-
-    def check_servo(self, model: mujoco.MjModel, key: str) -> None:
-        """Raise :class:`BadInput` where the actuator's force does not hold a position."""
-        self.check(model, key)
-        if self.affine_gain or not self.affine_bias or not model.actuator_biasprm[self.actuator, 1] < 0:
-            problem = f"{key}: actuator '{model.actuator(self.actuator).name}' is no position servo"
-            raise BadInput(problem, "make it a <position>: a motor under a force alone cannot cross its play")
 
     def _unlimited(self, fields: Mapping[str, Tensor], ctrl: Tensor, q: Tensor, v: Tensor) -> Float[Tensor, "*batch"]:
         """f before its limits."""

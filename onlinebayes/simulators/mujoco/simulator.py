@@ -142,6 +142,13 @@ class MujocoSimulator(Simulator):
         return {name: chains[self.model.body(name).id] for name in self.body_sizes}
 
     @property
+    def servos(self) -> tuple[str, ...]:
+        """Joints with an actuator whose bias pulls against their position."""
+        own = self._system.joint_actuators
+        holding = {a.joint for a in own if a.affine_bias and self.model.actuator_biasprm[a.actuator, 1] < 0}
+        return tuple(name for name in self.joint_kinds if self.model.joint(name).id in holding)
+
+    @property
     def contacts(self) -> dict[str, Contact]:
         """See :meth:`Simulator.contacts`."""
         return contacts(self.model)

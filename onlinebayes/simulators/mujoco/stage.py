@@ -1,6 +1,7 @@
 """The force stage: what effects without a native form add between the engine's timesteps, over all worlds at once.
 
     qfrc_applied = sum of forces(q, v, f, u, hidden),   dof_frictionloss = the model's + sum of friction bounds
+    dof_armature, dof_M0 = the model's + sum of changes of inertia
 
 The effects' equations are those that the torch backend uses. A force is held over the timestep, as an explicit method
 does; dry friction is the bound of MuJoCo's own friction constraint, so that the solver makes it stick. The engine calls
@@ -23,6 +24,9 @@ from onlinebayes.simulators.effects import Effect, Seen
 from onlinebayes.simulators.mujoco.actuation import FIELDS, JointActuator
 from onlinebayes.simulators.mujoco.addresses import model_array
 from onlinebayes.simulators.mujoco.system import MujocoSystem
+
+INERTIA = ("dof_armature", "dof_M0")
+"""What a change of a joint's inertia is written to; of a body on slides alone the engine reads nothing but dof_M0."""
 
 
 @dataclass(frozen=True)
@@ -81,8 +85,8 @@ class ForceStage:
 
     Args:
         system: the compiled system, with at least one staged effect.
-        batch: whose ``qfrc_applied`` and ``dof_frictionloss`` it sets.
-        fields: the fields of the model that differ between worlds, live.
+        batch: whose ``qfrc_applied`` it sets.
+        fields: the fields of the model that differ between worlds, live; it sets those of the joints.
 
     Attributes:
         hidden: key -> hidden state of each staged effect that has one; replace it to start from another.
@@ -97,9 +101,11 @@ class ForceStage:
             torch.from_numpy(batch.bind(name)) for name in ("qpos", "qvel", "ctrl", "qfrc_applied")
         )
         self._fields = actuator_fields(system, fields)
-        self._rubbing = sorted({place.v for place in self._places if place.effect.rubs})
-        self._loss = torch.from_numpy(fields["dof_frictionloss"]) if self._rubbing else None
-        self._base = torch.zeros(worlds, len(self._rubbing), dtype=torch.float64)
+        self._loss = _JointField(
+            "dof_frictionloss", fields, worlds, {place.v for place in self._places if place.effect.rubs}
+        )
+        weighed = {place.v for place in self._places if place.effect.weighs}
+        self._inertia = [_JointField(name, fields, worlds, weighed) for name in INERTIA]
         self._theta = torch.zeros(worlds, len(system.parameters), dtype=torch.float64)
         self._own: dict[str, dict[str, Tensor]] = {}
         self.hidden: dict[str, TensorDict] = {}
@@ -109,8 +115,12 @@ class ForceStage:
         rows = slice(None) if ids is None else torch.from_numpy(ids).long()
         self._theta[rows] = torch.from_numpy(theta)
         self._own = {place.effect.key: self._system.own(place.effect, self._theta) for place in self._places}
-        if self._loss is not None:
-            self._base[rows] = self._loss[rows][:, self._rubbing]
+
+    def keep(self, ids: np.ndarray | None) -> None:
+        """Take what stands in the joints' fields of the worlds ``ids``, constants included, as the model's own."""
+        rows = slice(None) if ids is None else torch.from_numpy(ids).long()
+        for field in (self._loss, *self._inertia):
+            field.keep(rows)
 
     def apply(self, on: np.ndarray, alive: np.ndarray | None) -> None:
         """Set the forces and bounds of the timestep to come, and move the hidden states to its end.
@@ -122,27 +132,57 @@ class ForceStage:
         switched = torch.from_numpy(on)
         push: dict[int, Tensor] = {}
         bounds: dict[int, Tensor] = {}
+        weights: dict[int, Tensor] = {}
         for place in self._places:
             effect, own = place.effect, self._own[place.effect.key]
             seen = self._see(place, switched)
-            force, bound, after = effect.force(own, seen), effect.friction_bound(own, seen), effect.advance(own, seen)
-            if force is not None:
-                if effect.target_kind == "actuator":
-                    force = force * place.actuators[0].gear(self._fields)
-                push[place.v] = push[place.v] + force if place.v in push else force
-            if bound is not None:
-                bounds[place.v] = bounds[place.v] + bound if place.v in bounds else bound
+            force, after = effect.force(own, seen), effect.advance(own, seen)
+            if force is not None and effect.target_kind == "actuator":
+                force = force * place.actuators[0].gear(self._fields)
+            _add(push, place.v, force)
+            _add(bounds, place.v, effect.friction_bound(own, seen))
+            _add(weights, place.v, effect.inertia(own, seen))
             if after is not None and seen.hidden is not None:
                 self.hidden[effect.key] = after if alive is None else _keep(seen.hidden, after, alive)
         for dof, force in push.items():
             self._applied[:, dof] = force
-        if self._loss is not None:
-            for k, dof in enumerate(self._rubbing):
-                self._loss[:, dof] = self._base[:, k] + bounds[dof]
+        self._loss.raise_by(bounds)
+        for field in self._inertia:
+            field.raise_by(weights)
 
     def _see(self, place: Place, on: Tensor) -> Seen:
         hidden = self.hidden.get(place.effect.key)
         return place.see(self._fields, self._q, self._v, self._ctrl, on, hidden, self._timestep)
+
+
+class _JointField:
+    """A field of the joints' degrees of freedom that the stage sets on every timestep.
+
+    Args:
+        name: of the field.
+        fields: live arrays, this one among them unless there are no columns.
+        worlds: N.
+        columns: which degrees of freedom.
+    """
+
+    def __init__(self, name: str, fields: Mapping[str, np.ndarray], worlds: int, columns: set[int]) -> None:
+        self._columns = sorted(columns)
+        self._live = torch.from_numpy(fields[name]) if columns else torch.zeros(worlds, 0, dtype=torch.float64)
+        self._model = torch.zeros(worlds, len(columns), dtype=torch.float64)
+
+    def keep(self, rows: slice | Tensor) -> None:
+        """Take what stands there as the model's own."""
+        self._model[rows] = self._live[rows][:, self._columns]
+
+    def raise_by(self, more: Mapping[int, Tensor]) -> None:
+        """Set the model's own plus this."""
+        for k, dof in enumerate(self._columns):
+            self._live[:, dof] = self._model[:, k] + more[dof]
+
+
+def _add(sums: dict[int, Tensor], dof: int, part: Tensor | None) -> None:
+    if part is not None:
+        sums[dof] = sums[dof] + part if dof in sums else part
 
 
 def actuator_fields(system: MujocoSystem, fields: Mapping[str, np.ndarray]) -> dict[str, Tensor]:

@@ -137,6 +137,7 @@ class MujocoSystem:
                 {c.array for a in self.addresses for c in a.cells}
                 | {f for e in self.effects for f in e.fields}
                 | {f for e in self.staged if e.rubs for f in sticking.FIELDS}
+                | {"dof_armature" for e in self.staged if e.weighs}
             )
         )
         self._base = {name: model_array(self.model, name).copy() for name in self.fields}
@@ -325,10 +326,8 @@ def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], eff
             actuator.check(model, effect.key)
     if effect.needs_servo:
         if len(mine) != 1:
-            raise BadInput(
-                f"{effect.key}: joint '{effect.target}' has {len(mine)} actuators", "it needs a single servo"
-            )
-        mine[0].check_servo(model, effect.key)
+            raise BadInput(f"{effect.key}: joint '{effect.target}' has {len(mine)} actuators", "it needs a single one")
+        mine[0].check(model, effect.key)
 
 
 def _joint_actuators(model: mujoco.MjModel, commands: Sequence[Command]) -> tuple[JointActuator, ...]:

@@ -12,7 +12,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
-from onlinebayes.simulators.mujoco.stage import ForceStage
+from onlinebayes.simulators.mujoco.stage import INERTIA, ForceStage
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
 
@@ -46,7 +46,9 @@ class Worlds:
         self._range = np.repeat(system.model.actuator_forcerange[None], worlds, axis=0)
         self._on, self._all_on = np.ones((worlds, len(system.commands)), dtype=bool), True
         self.trace: list[dict[str, TensorDict]] = []
-        self.stage = ForceStage(system, self.batch, self._fields, worlds) if system.staged else None
+        weighed = {name: self.batch.expand(name) for name in INERTIA} if any(e.weighs for e in system.staged) else {}
+        fields = {**self._fields, **weighed}
+        self.stage = ForceStage(system, self.batch, fields, worlds) if system.staged else None
 
     # --- writing ------------------------------------------------------------------------------------------------
 
@@ -61,6 +63,8 @@ class Worlds:
             self.stage.write_theta(theta, ids)
         if self.system.needs_const:
             self._run(self.batch.set_const, ids)
+        if self.stage is not None:
+            self.stage.keep(ids)
         if not self._all_on:
             self._switch(self._on)
 
