@@ -84,10 +84,9 @@ class Backlash(Effect):
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
-        """The wait grows with the root of the gap: small gaps with little inertia, wider ones with more."""
+        """Gaps from narrow to wide: the wait grows with the root of the gap, so that none speaks for the others."""
         width = self.gap.high - self.gap.low
-        pairs = ((0.01, 0.3), (0.05, 0.3), (0.2, 0.3), (0.6, 0.3))
-        return tuple({"gap": self.gap.low + g * width, "rotor": self._some(r)} for g, r in pairs)
+        return tuple({**self.neutral, "gap": self.gap.low + part * width} for part in (0.01, 0.05, 0.2, 0.6))
 
     def _some(self, part: float) -> float:
         return self.rotor.low + part * (self.rotor.high - self.rotor.low)
