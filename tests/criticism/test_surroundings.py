@@ -141,11 +141,12 @@ def test_play_in_a_servos_gear() -> None:
         t = test_backlash.H * np.arange(2000)
         goals = 0.4 * np.sin((2.0 + 0.4 * r) * t + r) + 0.2 * np.sin(7.1 * t)
         goals = np.repeat(goals[::10], 10)  # a command a row
-        path = np.concatenate([[0.0], test_backlash._stiff(gap, goals, parts=20)])
-        runs.append(_table(path[::10, None], ["hinge"], noise, r, servo=np.append(goals[::10], goals[-1])))
-    free = {"joint.hinge.damping": Parameter(0.0, 1.0, "N m s/rad")}
+        path = np.concatenate([[0.0], test_backlash.stiff(test_backlash.servo_law, goals, gap, parts=20)])
+        runs.append(_table(path[::10, None], ["hinge"], noise, r, drive=np.append(goals[::10], goals[-1])))
+    free = {"joint.hinge.damping": Parameter(0.0, 30.0, "N m s/rad")}
     model = test_backlash.SERVO.replace('timestep="0.001"', 'timestep="0.005"')
     names = ["backlash", "dry_friction", "actuator_gain"]
     result = _judged(model, free, runs, noise, "rad", names)
     assert result.accepted == ("backlash@hinge",)
     assert result.parameters["backlash@hinge.gap"].mean == pytest.approx(gap, rel=0.1)
+    assert result.parameters["backlash@hinge.rotor"].mean == pytest.approx(test_backlash.ROTOR, rel=0.1)

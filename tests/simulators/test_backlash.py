@@ -30,6 +30,10 @@ TRUE_GAP = 0.03
 Law = Callable[[float, float, float], float]
 
 
+def servo_law(u: float, m: float, w: float) -> float:
+    return KP * (u - m) - KV * w
+
+
 def _inputs(steps: int = STEPS) -> np.ndarray:
     t = H * np.arange(steps)
     return 2.0 * np.sin(7 * t) + 1.2 * np.sign(np.sin(4.3 * t))
@@ -39,16 +43,14 @@ def _goals() -> np.ndarray:
     return 0.15 * _inputs()
 
 
-def _stiff(
-    law: Callable[[float, float, float], float], u: np.ndarray, stops: float = 4e6, parts: int = 50
-) -> np.ndarray:
+def stiff(law: Law, u: np.ndarray, gap: float = TRUE_GAP, stops: float = 4e6, parts: int = 50) -> np.ndarray:
     """Angles (T,) of a load; between it and the motor are stops of finite stiffness [N m/rad] that lose all energy."""
     q = v = m = w = 0.0
     h, load, path = H / parts, INERTIA - ROTOR, []
     damper = 2 * np.sqrt(stops * ROTOR * load / INERTIA)
     for command in u:
         for _ in range(parts):
-            deep, side = abs(m - q) - TRUE_GAP / 2, math.copysign(1.0, m - q)
+            deep, side = abs(m - q) - gap / 2, math.copysign(1.0, m - q)
             push = side * max(stops * deep + damper * side * (w - v), 0.0) if deep > 0 else 0.0
             v += h * (push - DAMPING * v) / load
             w += h * (law(command, m, w) - push) / ROTOR
@@ -72,12 +74,12 @@ def _rolled(model: str, pairs: list[tuple[float, float]], u: np.ndarray, q: floa
     ("model", "law", "u"),
     [
         (MOTOR, lambda u, m, w: 10 * u, _inputs()),
-        (SERVO, lambda u, m, w: KP * (u - m) - KV * w, _goals()),
+        (SERVO, servo_law, _goals()),
     ],
     ids=["motor", "servo"],
 )
 def test_gap_and_rotor_are_recovered_from_stiff_stops(model: str, law: Law, u: np.ndarray) -> None:
-    truth = _stiff(law, u)
+    truth = stiff(law, u)
     gaps, rotors = np.linspace(0.026, 0.034, 9), np.linspace(1.1, 1.9, 9)
     pairs = [(0.0, ROTOR), *itertools.product(gaps.tolist(), rotors.tolist())]
     wrong = np.square(_rolled(model, pairs, u)["qpos"][..., 0].numpy() - truth).sum(1)
