@@ -12,7 +12,7 @@ from onlinebayes.criticism import Criticism, Selection, refine
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.simulators import test_air_effects, test_backlash, test_contact_effects
+from tests.simulators import test_air_effects, test_contact_effects
 
 pytestmark = pytest.mark.slow
 STEP = 0.01
@@ -133,20 +133,3 @@ def test_a_soft_floor() -> None:
     # Along T zeta = const the stiffness stays, and a fit advances slowly there: what is found is the stiffness.
     time, damping = (result.parameters[f"contact_softness@ball.{n}"].mean for n in ("time_constant", "damping_ratio"))
     assert time * damping == pytest.approx(T * ratio, rel=0.02)
-
-
-def test_play_in_a_servos_gear() -> None:
-    gap, noise, runs = 0.08, 1e-4, []
-    for r in range(12):
-        t = test_backlash.H * np.arange(2000)
-        goals = 0.4 * np.sin((2.0 + 0.4 * r) * t + r) + 0.2 * np.sin(7.1 * t)
-        goals = np.repeat(goals[::10], 10)  # a command a row
-        path = np.concatenate([[0.0], test_backlash.stiff(test_backlash.servo_law, goals, gap, parts=20)])
-        runs.append(_table(path[::10, None], ["hinge"], noise, r, drive=np.append(goals[::10], goals[-1])))
-    free = {"joint.hinge.damping": Parameter(0.0, 30.0, "N m s/rad")}
-    model = test_backlash.SERVO.replace('timestep="0.001"', 'timestep="0.005"')
-    names = ["backlash", "dry_friction", "actuator_gain"]
-    result = _judged(model, free, runs, noise, "rad", names)
-    assert result.accepted == ("backlash@hinge",)
-    assert result.parameters["backlash@hinge.gap"].mean == pytest.approx(gap, rel=0.1)
-    assert result.parameters["backlash@hinge.rotor"].mean == pytest.approx(test_backlash.ROTOR, rel=0.1)
