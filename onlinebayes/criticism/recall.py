@@ -2,8 +2,8 @@
 
     run r, theta_m:   motion of the run -> h at all its rows (M, R, G)  -> picked at each window's first row (M, W)
 
-One pass a run, however many windows it has; where effects remember less than the runs are long, one over what they
-remember before each window, all windows at once. See ``Simulator.recall``.
+One pass a run, however many windows it has; where effects remember little more than a window, one over what they
+remember before each, all windows at once: fewer steps, hardly more rows. See ``Simulator.recall``.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import unsense
 
+SLICED = 2.0  # times the runs' rows: what the windows' own pasts may add up to
+
 
 def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]) -> dict[str, TensorDict]:
     """Key of effect -> its hidden state at each window's start, batch size (M * W,).
@@ -34,7 +36,8 @@ def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]
     if motion is None:
         return {}
     remembered = max(math.ceil(e.memory / windows.step) for e in simulator.effects if e.has_force)
-    if remembered < motion.batch_size[1]:
+    whole = len(runs) * motion.batch_size[1]
+    if remembered < motion.batch_size[1] and windows.count * remembered <= SLICED * whole:
         return _lately(simulator, windows, theta, motion[mine], remembered)
     M, R = theta.shape[0], len(runs)
     # Windows of one run share their theta.
