@@ -2,7 +2,7 @@
 
 1. p of the maximum test below alpha.
 2. The cross-validated RMS at H falls by at least 5 %.
-3. score_gain >= 2 standard errors at H, and the cross-validated RMS at H_s falls too.
+3. score_gain >= 2 standard errors at H, or a gain in each of 7 blocks or more; cross-validated RMS at H_s falls, too.
 4. The leave-one-block-out jackknife interval (95 %, Student's t with B - 1 degrees) excludes the neutral value.
 5. Homogeneous: one law, not a patch.
 6. A time effect must move the replay more than the integration error does: an integrator of first order shifts time by
@@ -20,12 +20,11 @@ from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.homogeneity import first_columns, homogeneous
 from onlinebayes.criticism.identifiability import covariance_of
 from onlinebayes.criticism.results import Numerics
-from onlinebayes.criticism.score import CrossValidated, Gain, cross_validate, score_gain
+from onlinebayes.criticism.score import CrossValidated, Gain, cross_validate, parted, score_gain
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.effects import Effect
 
 LEAST_FALL = 0.05
-STANDARD_ERRORS = 2.0
 ALIKE = 0.01  # standard errors between two effects that are the same motion
 
 
@@ -83,7 +82,7 @@ def judge(
         failed.append(f"p = {p_value:.3g} is not below {alpha:g}")
     if falls[0] < LEAST_FALL:
         failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
-    if gain.gain < STANDARD_ERRORS * gain.se:
+    if not gain.clear:
         failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each)")
     if falls[1] <= 0:
         failed.append("the error over short windows does not fall")
@@ -121,7 +120,7 @@ def _within_integration(fitted: Fit, effect: Effect, high: float, numerics: Nume
 
 
 def choose(admissible: list[Judged], bin_step: float) -> Judged:
-    """The best by score; within two paired standard errors of it, the one with the fewest parameters.
+    """The best by score; of those that are not parted from it, the one with the fewest parameters.
 
     A richer effect waits for the simpler one that it contains; of two that fit alike to the last digits, the term at a
     joint or an actuator goes before the one of a body or the world.
@@ -130,11 +129,7 @@ def choose(admissible: list[Judged], bin_step: float) -> Judged:
     admissible = [j for j in admissible if not keys & contained(j.effect)]
     best = max(admissible, key=lambda judged: judged.gain.gain)
 
-    def close(other: Judged) -> bool:
-        difference = score_gain(best.scores, other.scores, bin_step)
-        return difference.gain <= STANDARD_ERRORS * difference.se
-
-    rivals = [judged for judged in admissible if close(judged)]
+    rivals = [judged for judged in admissible if judged is best or not parted(best.scores, judged.scores, bin_step)]
     first = min(rivals, key=lambda judged: (len(judged.fitted.theta), -judged.gain.gain))
     alike = [
         judged

@@ -21,7 +21,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import LEAST_FALL, STANDARD_ERRORS
+from onlinebayes.criticism.acceptance import LEAST_FALL
 from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.contrasts import contrast_p_values
 from onlinebayes.criticism.fit import Fit, bounded_step, fit
@@ -33,7 +33,7 @@ from onlinebayes.criticism.projection import project, replace_columns
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scope import Scope, address_of
 from onlinebayes.criticism.scoped import ScopedSimulator, unscoped
-from onlinebayes.criticism.score import PIECES, CrossValidated, Gain, cross_validate, score_gain
+from onlinebayes.criticism.score import PIECES, STANDARD_ERRORS, CrossValidated, Gain, cross_validate, score_gain
 from onlinebayes.criticism.stage import Stage
 from onlinebayes.criticism.survey import correlation_of
 from onlinebayes.criticism.windows import Windows
@@ -155,7 +155,7 @@ def _judged(
     failed = []
     if falls[0] < LEAST_FALL:
         failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
-    if gain.gain < STANDARD_ERRORS * gain.se:
+    if not gain.clear:
         failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each)")
     if falls[1] <= 0:
         failed.append("the error over short windows does not fall")

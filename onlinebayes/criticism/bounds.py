@@ -15,11 +15,11 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from onlinebayes.criticism.acceptance import LEAST_FALL, STANDARD_ERRORS
+from onlinebayes.criticism.acceptance import LEAST_FALL
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.score import cross_validate, score_gain
+from onlinebayes.criticism.score import STANDARD_ERRORS, cross_validate, score_gain
 from onlinebayes.criticism.stage import Stage
 from onlinebayes.criticism.verdict import rms_over_floor
 from onlinebayes.measurements import Measurement
@@ -74,7 +74,7 @@ def excluded(
         scores = cross_validate(fitted, base.windows, stage.blocks)
         gain = score_gain(scores, stage.scores, base.windows.bin_step)
         fall = 1 - scores.rms_long / stage.scores.rms_long
-        if fall < LEAST_FALL or gain.gain < STANDARD_ERRORS * gain.se:
+        if fall < LEAST_FALL or not gain.clear:
             continue
         if stage.judged:
             best = max(stage.judged, key=lambda judged: judged.gain.gain)

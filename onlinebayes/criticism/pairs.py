@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from onlinebayes.criticism.acceptance import STANDARD_ERRORS, Judged
+from onlinebayes.criticism.acceptance import Judged
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.results import Numerics, Selection
-from onlinebayes.criticism.score import score_gain
+from onlinebayes.criticism.score import parted, score_gain
 from onlinebayes.criticism.stage import MOST_REFITS, Stage, judged_stage, refit, worth
 from onlinebayes.criticism.survey import Survey, survey
 from onlinebayes.runs import BadInput, Interrupt
@@ -69,11 +69,8 @@ def pair(
     step = stage.windows.bin_step
     best = max(found.values(), key=lambda pair: score_gain(pair[1][1].scores, stage.scores, step).gain)
 
-    def close(other: tuple[Added, Added]) -> bool:
-        ahead = score_gain(best[1][1].scores, other[1][1].scores, step)
-        return ahead.gain <= STANDARD_ERRORS * ahead.se
-
-    return min((other for other in found.values() if close(other)), key=_size)
+    rivals = [pair for pair in found.values() if pair is best or not parted(best[1][1].scores, pair[1][1].scores, step)]
+    return min(rivals, key=_size)
 
 
 def _needs(
@@ -89,7 +86,7 @@ def _needs(
     survey = beside.get(second.effect.key)
     if survey is None:
         try:
-            alone = refit(stage.current, stage.windows, second.effect, _values(second))
+            alone, _ = refit(stage.current, stage.windows, second.effect, _values(second))
         except BadInput:  # without the other it diverges
             return False
         survey = _beside(alone, second.effect, stage, effects, selection)

@@ -25,6 +25,10 @@ from onlinebayes.criticism.projection import Projected, project
 from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.windows import Windows
 
+STANDARD_ERRORS = 2.0
+SIGN_LEVEL = 0.01
+SHORT_TAU = 5.0  # bins
+ROW_Z = 4.0
 PIECES = 3  # short windows per long one: H_s = H / 3
 
 
@@ -58,11 +62,27 @@ class CrossValidated:
 
 @dataclass(frozen=True)
 class Gain:
-    """Score gain of one model over another, with its standard error, over B blocks [nats]."""
+    """Score gain of one model over another, with its standard error, over B blocks [nats].
+
+    Args:
+        gain, se: the sum over blocks, and its standard error.
+        blocks: B.
+        better: of them, where the model predicts better.
+    """
 
     gain: float
     se: float
     blocks: int
+    better: int
+
+    @property
+    def clear(self) -> bool:
+        """Whether it is two standard errors, or every one of enough blocks has gained.
+
+        One block that shows most of it makes the standard error large, however surely all others show it too. Were
+        gains and losses alike likely, all B would be gains with probability 2^-B (the sign test; Arbuthnott 1710).
+        """
+        return self.gain >= STANDARD_ERRORS * self.se or (self.better == self.blocks and 0.5**self.blocks <= SIGN_LEVEL)
 
 
 def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValidated:
@@ -113,7 +133,24 @@ def score_gain(candidate: CrossValidated, current: CrossValidated, bin_step: flo
     """What ``candidate`` gains over ``current``, with the current model's tau."""
     d = (bin_step / max(current.tau, bin_step)) * (candidate.log_density - current.log_density)
     B = len(d)
-    return Gain(float(d.sum()), math.sqrt(B) * float(d.std()) if B > 1 else float("inf"), B)
+    return Gain(float(d.sum()), math.sqrt(B) * float(d.std()) if B > 1 else float("inf"), B, int((d > 0).sum()))
+
+
+def parted(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:
+    """Whether the data tell which of two models predicts better.
+
+    By blocks, ``abs(sum_b d_b) > 2 se``; or by bins, where the better one's residual is short-lived (tau of at most 5
+    bins): a z of the bins' differences with that tau exceeds 4. Few blocks, one of which shows most, decide little.
+    """
+    difference = score_gain(a, b, bin_step)
+    if abs(difference.gain) > STANDARD_ERRORS * difference.se:
+        return True
+    better = a if difference.gain > 0 else b
+    if better.tau > SHORT_TAU * bin_step:
+        return False
+    rows = (a.row_density - b.row_density)[a.tested]
+    spread = float(rows.std()) * math.sqrt(len(rows) * max(better.tau / bin_step, 1.0))
+    return abs(float(rows.sum())) > ROW_Z * spread
 
 
 def _rms(rows: Tensor, mask: Tensor) -> float:

@@ -16,6 +16,7 @@ from onlinebayes.criticism.acceptance import LEAST_FALL, Judged, contained, judg
 from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, make_blocks
 from onlinebayes.criticism.fit import Fit, fit
+from onlinebayes.criticism.longer import longer
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import CrossValidated
@@ -107,11 +108,11 @@ def judged_stage(
         say(f"refitting with {candidate.effect.key}")
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
-            fitted = refit(found.current, found.windows, candidate.effect, candidate.start, GROSS * best)
+            fitted, effect = refit(found.current, found.windows, candidate.effect, candidate.start, GROSS * best)
         except BadInput:  # it diverges from where screening would start it
             continue
         p = candidate.p_value or 0.0
-        one = judge(candidate.effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha)
+        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha)
         judged.append(_if_slow(one, found.windows, selection) if found.slow else one)
     return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
 
@@ -125,12 +126,25 @@ def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     return replace(judged, failed=(*judged.failed, slow), undecided=not judged.failed)
 
 
-def refit(current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float = math.inf) -> Fit:
+def refit(
+    current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float = math.inf
+) -> tuple[Fit, Effect]:
     """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
 
     The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see :mod:`.asleep`.
+
+    Returns:
+        The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see :mod:`.longer`).
     """
     simulator = current.simulator.with_effect(effect)
     own = [start[name] for name in effect_entries(current.simulator, effect).values()]
     theta = torch.cat([current.theta, current.theta.new_tensor(own)])
-    return woken(fit(simulator, windows, theta, current.projected.weight, current.lin.starts, hopeless), windows)
+    weight = current.projected.weight
+    fitted = woken(fit(simulator, windows, theta, weight, current.lin.starts, hopeless), windows)
+    while (wider := longer(effect, fitted, windows)) is not None:
+        model = current.simulator.with_effect(wider)
+        again = fit(model, windows, fitted.theta, weight, fitted.lin.starts, hopeless)
+        if again.projected.objective >= fitted.projected.objective:
+            break
+        fitted, effect = again, wider
+    return fitted, effect

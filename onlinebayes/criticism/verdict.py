@@ -7,8 +7,7 @@ it, and the first one can be swapped for another that is not parted from it), mi
 adequate (nothing accepted, rms_over_floor within the tolerance), unexplained. Effects that leave more than that are
 equals in explaining little: none of them is what is missing.
 
-    two models are tied when their cross-validated RMS differ by less than 1 %; else they are parted when
-    abs(sum_b d_b) > 2 se, or, where the better one's tau is at most 5 bins, a row-level z with that tau exceeds 4
+    two models are tied when their cross-validated RMS differ by less than 1 %, or when they are not parted (``score``)
 """
 
 from __future__ import annotations
@@ -22,13 +21,11 @@ from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.projection import row_weights, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict
-from onlinebayes.criticism.score import CrossValidated, score_gain
+from onlinebayes.criticism.score import CrossValidated, parted
 from onlinebayes.criticism.strays import best_starts
 from onlinebayes.criticism.windows import Windows
 
 SAME = 0.01
-SHORT_TAU = 5.0
-ROW_Z = 4.0
 AT_FLOOR = 1.2
 
 
@@ -54,18 +51,8 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened:
 
 
 def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:
-    """Whether the data do not part two models."""
-    if abs(a.rms_long - b.rms_long) < SAME * min(a.rms_long, b.rms_long):
-        return True
-    difference = score_gain(a, b, bin_step)
-    if abs(difference.gain) > 2 * difference.se:
-        return False
-    better = a if difference.gain > 0 else b
-    if better.tau > SHORT_TAU * bin_step:
-        return True
-    rows = (a.row_density - b.row_density)[a.tested]
-    spread = float(rows.std()) * math.sqrt(len(rows) * max(better.tau / bin_step, 1.0))
-    return abs(float(rows.sum())) <= ROW_Z * spread
+    """Whether the data do not tell two models apart: they err alike, or are not parted."""
+    return abs(a.rms_long - b.rms_long) < SAME * min(a.rms_long, b.rms_long) or not parted(a, b, bin_step)
 
 
 def decide(

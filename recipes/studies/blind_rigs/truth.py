@@ -24,6 +24,7 @@ from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.late_starts import windows_to_replay
+from onlinebayes.criticism.longer import longer
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.windows import MEMORY, make_windows
@@ -52,6 +53,10 @@ def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Map
         model = grown(stepped, effects)
         windows = make_windows(model, fit_runs, horizon, MEMORY * horizon)
         fitted = fit(model, windows, true_theta(made, model).to(windows.start))
+        while (wider := [longer(effect, fitted, windows) or effect for effect in effects]) != list(effects):
+            effects = tuple(wider)
+            model = grown(stepped, effects)
+            fitted = fit(model, windows, true_theta(made, model).to(windows.start))
         return held_error(problem, fitted, windows.noise, floor)
     except BadInput:  # at this step the true model diverges
         return None
