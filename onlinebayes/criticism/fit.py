@@ -4,6 +4,7 @@
 
 with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried first. One replay, projected as before the step,
 tells whether it can be taken; only then is the new point linearised, which costs a replay for each parameter and start.
+After a step that promised a thousandth of the objective or less the derivatives are kept (a chord step: Kelley 1995).
 Once a step is rejected, no damping and all dampings are replayed at once before each step, until none is the best
 again: where a kink or a curved valley makes one undamped step too long it makes the next one, too. Where all of these
 are refused far from the optimum, parts of the step of theta and starts together are tried. A world that diverges
@@ -13,7 +14,7 @@ rejects its step.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -26,7 +27,7 @@ from onlinebayes.criticism.sensitivities import Linearisation, linearise
 from onlinebayes.criticism.strays import (
     best_starts,
     misfits,
-    replayed_rows,
+    residual_rows,
     settled_starts,
     strayed,
     strays,
@@ -41,6 +42,7 @@ ROUNDS = 2  # in which windows' starts settle one by one before a further descen
 NOTICED = 0.01  # of the misfit: by what it falls at least where starts had not settled
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
+CHORD = 1e-3  # of the objective: what a step promises at most that changes the derivatives too little to tell
 CREEP = 0.05  # of the objective: what a step gains at least where there is hope
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
 FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
@@ -148,7 +150,7 @@ def descend(begun: Fit, windows: Windows, hopeless: float) -> Fit:
         damped = False
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        there = step_to(simulator, windows, lin, current, step)
+        there = step_to(simulator, windows, lin, current, step, chord=promised <= CHORD * total)
         if there is not None and there[1].objective <= total:
             moved, trial = there
             gained, centred = total - trial.objective, True
@@ -158,6 +160,8 @@ def descend(begun: Fit, windows: Windows, hopeless: float) -> Fit:
             if gained <= CREEP * total and trial.objective > hopeless:
                 return Fit(simulator, lin, current, False)
             searching = damped
+        elif promised <= TOLERANCE * total and centred:
+            return Fit(simulator, lin, current, True)
         elif searching:
             back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
             if back is None:
@@ -213,18 +217,35 @@ def backtracked(
 
 
 def step_to(
-    simulator: Simulator, windows: Windows, lin: Linearisation, current: Projected, step: Float[Tensor, " P"]
+    simulator: Simulator,
+    windows: Windows,
+    lin: Linearisation,
+    current: Projected,
+    step: Float[Tensor, " P"],
+    chord: bool = False,
 ) -> tuple[Linearisation, Projected] | None:
     """The linearisation one step away, with its projection; starts that the step led astray are brought back.
+
+    Args:
+        simulator, windows: what is fitted.
+        lin, current: where the step begins.
+        step: of theta [SI].
+        chord: keep the derivatives.
 
     Returns:
         None where a world diverges, or where one replay shows that the step does not descend.
     """
     theta = simulator.parameters.clamp(lin.theta + step)
     starts = lin.starts + start_shift(windows, lin, current, step)
-    if bool(step.any()) and not descends(simulator, windows, current, theta, starts):
-        return None
-    moved = linearise(simulator, windows, theta, starts, difference_steps(current))
+    shown = None
+    if bool(step.any()):
+        shown = descended(simulator, windows, current, theta, starts)
+        if shown is None:
+            return None
+    if chord and shown is not None:
+        moved = replace(lin, theta=theta, starts=starts, residual=windows.bin(windows.value) - shown)
+    else:
+        moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
     trial = project(windows, moved, current.weight)
     stray = strays(current, trial)
     if not moved.valid:
@@ -240,18 +261,24 @@ def step_to(
     return (moved, project(windows, moved, current.weight)) if moved.valid else None
 
 
-def descends(
+def descended(
     simulator: Simulator,
     windows: Windows,
     current: Projected,
     theta: Float[Tensor, " P"],
     starts: Float[Tensor, "W J2"],
-) -> bool:
-    """Whether one replay at the new point, projected as at the old one, errs by no more; strays count as they were."""
-    rows, valid = replayed_rows(simulator, windows, theta[None], starts[None])
-    now = current.project(rows[0, ..., None])[..., 0].square().sum(1)
+) -> Float[Tensor, "W n S"] | None:
+    """The binned replay at a new point; None where, projected as at the old one, it errs by more; strays as they were.
+
+    Where a window diverged it is None, too.
+    """
+    signals, valid = replay(simulator, windows, theta[None], starts[None])
+    shown = windows.bin(signals)[0]
+    rows = residual_rows(windows, windows.bin(windows.value) - shown, starts)
+    now = current.project(rows[..., None])[..., 0].square().sum(1)
     was = current.residual.square().sum(1)
-    return bool(valid.all()) and float(torch.where(strayed(was, now), was, now).sum()) <= current.objective
+    errs = float(torch.where(strayed(was, now), was, now).sum())
+    return shown if bool(valid.all()) and errs <= current.objective else None
 
 
 def difference_steps(projected: Projected) -> Float[Tensor, " P"]:

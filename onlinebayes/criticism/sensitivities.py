@@ -52,34 +52,41 @@ def linearise(
     theta: Float[Tensor, " P"],
     starts: Float[Tensor, "W J2"],
     largest: Float[Tensor, " P"] | None = None,
+    shown: Float[Tensor, "W n S"] | None = None,
 ) -> Linearisation:
-    """Replay once at (theta, starts) and once for each parameter and start moved.
+    """Replay once at (theta, starts) and once for each parameter and start moved; starts that no window frees stay.
 
     Args:
         simulator, windows: what is replayed.
         theta, starts: where [SI].
         largest: longest difference step of each parameter [SI]; a thousandth of its range when None.
+        shown: the binned replay at (theta, starts), all of it finite, where it is known already [SI].
     """
     steps = parameter_steps(simulator, theta, largest)
-    J2, P = starts.shape[1], len(theta)
-    world = together(simulator)
+    P, world = len(theta), together(simulator)
     Q = int(world.max()) + 1 if P else 0
-    moved_starts = torch.cat([moved_one_by_one(windows, starts), starts.expand(Q, *starts.shape)])
+    moving = torch.cat([windows.free, windows.free], -1).any(0).nonzero()[:, 0]
+    F = len(moving)
+    moved_starts = torch.cat([moved_one_by_one(windows, starts)[1 + moving], starts.expand(Q + 1, *starts.shape)])
     for _ in range(SHORTER):
         moves = theta.new_zeros(Q, P).index_put((world, torch.arange(P, device=theta.device)), steps)
-        moved_theta = theta + torch.cat([theta.new_zeros(1 + J2, P), moves])
-        signals, valid = replay(simulator, windows, moved_theta, moved_starts)
-        stable = valid.all(-1)
-        if not bool(stable[0]) or bool(stable.all()):
+        moved_theta = theta + torch.cat([theta.new_zeros(F, P), moves, theta.new_zeros(1, P)])
+        every = len(moved_theta) - (shown is not None)
+        signals, valid = replay(simulator, windows, moved_theta[:every], moved_starts[:every])
+        binned, stable = windows.bin(signals), valid.all(-1)
+        if shown is not None:
+            binned, stable = torch.cat([binned, shown[None]]), torch.cat([stable, stable.new_ones(1)])
+        if not bool(stable[-1]) or bool(stable.all()):
             break
         # A step that reaches where the model diverges says nothing about where it does not.
-        steps = torch.where(stable[1 + J2 :][world], steps, steps / 100)
-    binned = windows.bin(signals)
-    by_start = (binned[1 : 1 + J2] - binned[0]).movedim(0, -1) / start_steps(windows)[:, None, None, :]
-    by_theta = (binned[1 + J2 :] - binned[0])[world].movedim(0, -1) / steps
+        steps = torch.where(stable[F:-1][world], steps, steps / 100)
+    moved = (binned[:-1] - binned[-1]).movedim(0, -1)
+    by_start = moved.new_zeros(*moved.shape[:-1], starts.shape[1])
+    by_start[..., moving] = moved[..., :F] / start_steps(windows)[:, None, None, moving]
+    by_theta = moved[..., F:][..., world] / steps
     if isinstance(simulator, ScopedSimulator):
         by_theta = by_theta * simulator.touches(windows).T.to(by_theta)[:, None, None, :]
-    return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(stable.all()))
+    return Linearisation(theta, starts, windows.bin(windows.value) - binned[-1], by_start, by_theta, bool(stable.all()))
 
 
 def linearise_starts(

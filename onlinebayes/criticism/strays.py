@@ -92,7 +92,7 @@ def window_errors(
 
 def misfits(windows: Windows, lin: Linearisation, row_weight: Float[Tensor, "W m"]) -> Float[Tensor, " W"]:
     """As :func:`window_errors`, at a linearisation's own point."""
-    return (_rows(windows, lin.residual, lin.starts) * row_weight).square().sum(1)
+    return (residual_rows(windows, lin.residual, lin.starts) * row_weight).square().sum(1)
 
 
 def replayed_rows(
@@ -101,11 +101,14 @@ def replayed_rows(
     """Residuals in noise units, the starts' priors' rows included, and which windows stayed finite."""
     signals, valid = replay(simulator, windows, theta, starts)
     wrong = windows.bin(windows.value) - windows.bin(signals)
-    rows = [_rows(windows, one, start) for one, start in zip(wrong, starts, strict=True)]
+    rows = [residual_rows(windows, one, start) for one, start in zip(wrong, starts, strict=True)]
     return torch.stack(rows), valid
 
 
-def _rows(windows: Windows, residual: Float[Tensor, "W n S"], starts: Float[Tensor, "W J2"]) -> Float[Tensor, "W m"]:
+def residual_rows(
+    windows: Windows, residual: Float[Tensor, "W n S"], starts: Float[Tensor, "W J2"]
+) -> Float[Tensor, "W m"]:
+    """Residuals [SI] in noise units, with the starts' priors' rows."""
     rows = noise_rows(windows, residual[..., None])[..., 0]
     rows[:, -starts.shape[-1] :] = start_misfit(windows, starts)
     return rows
