@@ -21,7 +21,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.bounded import bounded_least_squares
-from onlinebayes.criticism.projection import Projected, project, row_weights, signal_rms, start_shift
+from onlinebayes.criticism.projection import Projected, project, row_weights, start_shift
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.sensitivities import Linearisation, linearise
 from onlinebayes.criticism.strays import (
@@ -297,22 +297,3 @@ def bounded_step(
     step = bounded_least_squares(C.T @ C, C.T @ r, space.low.to(theta) - theta, space.high.to(theta) - theta, damping)
     promised = float(r.square().sum() - (r - C @ step).square().sum())
     return step, promised
-
-
-def starting_theta(simulator: Simulator, windows: Windows, draws: int = 8) -> Float[Tensor, " P"]:
-    """The best of the nominal theta and a few points of the box, by the replay from the smoothed starts."""
-    space = simulator.parameters
-    nominal = space.clamp(simulator.nominal.to(windows.start))
-    if not len(space):
-        return nominal
-    sobol = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(draws).to(nominal)
-    tried = torch.cat([nominal[None], space.from_unit(sobol)])
-    signals, valid = replay(simulator, windows, tried, windows.start.expand(len(tried), *windows.start.shape))
-    wrong = torch.where(windows.seen, windows.bin(windows.value - signals) / windows.bin_noise, 0.0)
-    error = torch.where(valid.all(-1), wrong.square().sum((1, 2, 3)), float("inf"))
-    return tried[int(error.argmin())]
-
-
-def refreshed_weight(windows: Windows, fitted: Fit) -> Float[Tensor, " S"]:
-    """Each signal's weight for the next fit: noise / max(RMS of the current residual, noise)."""
-    return 1 / signal_rms(project(windows, fitted.lin)).clamp_min(1.0)

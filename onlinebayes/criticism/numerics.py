@@ -16,8 +16,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.asleep import woken
-from onlinebayes.criticism.fit import Fit, improve, starting_theta, unfitted
+from onlinebayes.criticism.fit import Fit, improve, unfitted
 from onlinebayes.criticism.grid import even_step
+from onlinebayes.criticism.initial_theta import from_elsewhere, starting_theta
 from onlinebayes.criticism.ladder import Rung, adjustable, ladder
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.replay import replay
@@ -91,7 +92,7 @@ def settle(
         if fitted is None and (numerics.sufficient or first or rung == rungs[-1]):
             here = improve(here, windows)
             if first and afar:
-                here = woken(here, windows)
+                here = woken(from_elsewhere(here, windows), windows)
             numerics, shift = check(simulator, measurement, windows, here)
         begin, starts = here.theta, here.lin.starts
         grounds = Grounds(windows, here, numerics, rung, shift)

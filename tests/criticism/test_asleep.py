@@ -25,5 +25,5 @@ def test_a_limit_added_by_hand_is_found_from_out_of_reach() -> None:
 def test_a_refit_whose_linear_estimate_limits_nothing_finds_the_limit() -> None:
     windows = make_windows(model(), measure({SATURATION: (4.0,)}, runs=3), 1.0)
     current = fit(model(), windows, model().nominal)
-    found = refit(current, windows, SATURATION, {"limit": 29.0})
+    found, _ = refit(current, windows, SATURATION, {"limit": 29.0})
     assert float(found.theta[2]) == pytest.approx(4.0, rel=0.01)

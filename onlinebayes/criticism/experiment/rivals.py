@@ -24,10 +24,10 @@ from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown, propose, trials
 from onlinebayes.criticism.clock import in_step
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.fit import Fit, fit, refreshed_weight
+from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds, settle
-from onlinebayes.criticism.projection import Projected
+from onlinebayes.criticism.projection import Projected, project, signal_rms
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.criticism.search import carried
 from onlinebayes.criticism.windows import Windows
@@ -149,7 +149,7 @@ def find_rivals(
 
 def explanation(name: str, fitted: Fit, windows: Windows) -> Explanation:
     """A fit with what it knows, each signal weighed by its residual."""
-    weight = refreshed_weight(windows, fitted)
+    weight = _refreshed_weight(windows, fitted)
     fitted = fit(fitted.simulator, windows, fitted.theta, weight, fitted.lin.starts)
     long = fitted.projected
     correlation = tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
@@ -237,3 +237,8 @@ def _possible(effect: Effect, candidate: Candidate) -> list[float]:
 def rows_of(projected: Projected, index: Tensor) -> tuple[Tensor, Tensor]:
     """Residual and columns of some windows as one vector and one matrix."""
     return projected.residual[index].flatten(), projected.columns[index].flatten(0, 1)
+
+
+def _refreshed_weight(windows: Windows, fitted: Fit) -> Float[Tensor, " S"]:
+    """Each signal's weight for the next fit: noise / max(RMS of the current residual, noise)."""
+    return 1 / signal_rms(project(windows, fitted.lin)).clamp_min(1.0)

@@ -1,0 +1,27 @@
+"""A first fit that contacts or friction stopped far from the optimum is begun elsewhere; a good one is left alone."""
+
+import pytest
+import torch
+
+from onlinebayes.criticism.fit import fit, unfitted
+from onlinebayes.criticism.initial_theta import from_elsewhere
+from onlinebayes.criticism.windows import make_windows
+from tests.criticism.rigs import TRUTH, measure, model
+
+
+@pytest.fixture(scope="module")
+def windows():
+    return make_windows(model(), measure(runs=8), 1.0)
+
+
+def test_a_fit_that_stopped_far_away_is_begun_elsewhere(windows) -> None:
+    far = torch.tensor([7.0, 9.0]).double()
+    stopped = unfitted(model(), windows, far, starts=windows.start + 20 * windows.start_sd)
+    found = from_elsewhere(stopped, windows)
+    assert found.theta.tolist() == pytest.approx(list(TRUTH), rel=0.01)
+    assert found.projected.objective < 0.01 * stopped.projected.objective
+
+
+def test_a_fit_that_leaves_noise_is_the_one(windows) -> None:
+    good = fit(model(), windows, model().nominal.double())
+    assert from_elsewhere(good, windows) is good
