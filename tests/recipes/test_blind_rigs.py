@@ -184,8 +184,32 @@ def test_a_study_goes_on_from_its_finished_cases(
     assert "MISS swing-null-0" in (few.results / "blind-rigs.md").read_text()
 
 
+@unchecked
+def test_a_study_goes_on_from_what_was_published_elsewhere(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    asked: list[Job] = []
+    rigs = ("thrown_ball", "swing")
+    there = Study(effects=3, null=1, others=0, rigs=rigs, first=0, out=tmp_path / "there", results=tmp_path / "r")
+    monkeypatch.setattr(study_module, "work", answers(asked, 3))
+    assert main(there) == 130
+    published = there.results / "blind-rigs-cases.jsonl"
+    assert len(published.read_text().splitlines()) == 3
+    monkeypatch.setattr(study_module, "work", answers(asked, 99))
+    assert main(replace(there, out=tmp_path / "here", published=published)) == 0
+    assert "8 cases, 3 of them judged before" in capsys.readouterr().err
+    assert len(asked) == len(set(asked)) == 8
+    assert len(published.read_text().splitlines()) == 8
+
+
 @pytest.mark.parametrize(
-    ("study", "problem"), [(Study(rigs=("crane",)), "rig 'crane'"), (Study(processes=0), "0 processes")]
+    ("study", "problem"),
+    [
+        (Study(rigs=("crane",)), "rig 'crane'"),
+        (Study(processes=0), "0 processes"),
+        (Study(published=Path("nowhere.jsonl")), "nowhere.jsonl holds no judged cases"),
+        (Study(published=Path(__file__)), "holds no judged cases"),
+    ],
 )
 def test_what_cannot_be_run_is_refused(study: Study, problem: str) -> None:
     with pytest.raises(BadInput, match=problem):

@@ -18,11 +18,10 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import QuadraticDrag
 from recipes.studies.blind_rigs.names import Answer, answer
-from recipes.studies.blind_rigs.plan import REPORTED
 from recipes.studies.blind_rigs.workers import Done
 from recipes.studies.peers import base, neural
 from recipes.studies.peers.__main__ import Study, main
-from recipes.studies.peers.cases import EMPS, RIGS, jobs
+from recipes.studies.peers.cases import EMPS, FIRST, RIGS, jobs
 from recipes.studies.peers.judging import Judge, Trial
 from recipes.studies.peers.motion import _kernel
 from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, scored, to_json
@@ -172,7 +171,7 @@ def test_a_part_of_the_cases_is_a_sample() -> None:
     assert found[0].rig == EMPS
     assert {job.rig for job in found[1:7]} == set(RIGS)
     assert sum(job.kind == "null" for job in found) == 12
-    assert all(job.seed >= REPORTED for job in found if job.rig not in (EMPS, "driven_pendulum"))
+    assert all(job.seed >= FIRST for job in found if job.rig not in (EMPS, "driven_pendulum"))
 
 
 def outcomes(case: str, errors: dict[str, float | None], hidden: tuple[str, ...]) -> list[Outcome]:

@@ -4,6 +4,7 @@ Every judged case is a file of its own, written at once: a study that was stoppe
 and rigs advance together, so that the table of a part, which says of how many, is a sample of the whole.
 
     python -m recipes.studies.blind_rigs                               all cases -> docs/results/blind-rigs.json
+    python -m recipes.studies.blind_rigs --published docs/results/blind-rigs-cases.jsonl      those not judged yet
     python -m recipes.studies.blind_rigs --rigs swing --effects 3 --null 1 --others 0 --first 0 --results /tmp/rigs
 """
 
@@ -42,7 +43,8 @@ class Study:
         processes: that share the cases.
         minutes: that a case may take; one that takes longer is a miss.
         out: folder of the judged cases.
-        results: folder of the table.
+        results: folder of the table and of all judged cases in one file, ``blind-rigs-cases.jsonl``.
+        published: such a file, of a part of the study that was judged elsewhere; its cases are not judged again.
     """
 
     effects: int = 27
@@ -55,6 +57,7 @@ class Study:
     minutes: float = 10.0
     out: Path = Path("out/blind_rigs")
     results: Path = Path("docs/results")
+    published: Path | None = None
 
     @property
     def jobs(self) -> list[Job]:
@@ -75,7 +78,7 @@ def main(study: Study) -> int:
     if study.processes < 1:
         raise BadInput(f"{study.processes} processes cannot judge anything", "use one or more")
     wanted, code = study.jobs, code_mark(study.candidates)
-    found = kept(study.cases, wanted)
+    found = {**read_published(study.published, wanted), **kept(study.cases, wanted)}
     todo = [job for job in wanted if job.name not in found]
     print(f"{len(wanted)} cases, {len(found)} of them judged before (in {study.cases})", file=sys.stderr)
     if old := sum(judged.code != code for judged in found.values()):
@@ -91,6 +94,8 @@ def main(study: Study) -> int:
         held = {None: "", True: "holds", False: "MISSED"}[row.holds]
         value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
         print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
+    ordered = sorted(found.values(), key=lambda judged: judged.name)
+    write_atomic(study.results / "blind-rigs-cases.jsonl", "".join(map(to_json, ordered)))
     print(f"written: {table.write(study.results)}")
     return 130 if stopped else 0
 
@@ -117,6 +122,22 @@ def kept(folder: Path, wanted: Iterable[Job]) -> dict[str, Judged]:
         except (OSError, ValueError, TypeError):
             continue
     return found
+
+
+def read_published(file: Path | None, wanted: Iterable[Job]) -> dict[str, Judged]:
+    """The wanted cases of a published file, by name.
+
+    Raises:
+        BadInput: it is no such file.
+    """
+    if file is None:
+        return {}
+    try:
+        judged = [from_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
+    except (OSError, ValueError, TypeError) as error:
+        raise BadInput(f"{file} holds no judged cases: {error}", "name a blind-rigs-cases.jsonl") from None
+    names = {job.name for job in wanted}
+    return {one.name: one for one in judged if one.name in names}
 
 
 def code_mark(candidates: Iterable[str]) -> str:

@@ -21,12 +21,13 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies import blind_data, emps
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import Answer, answer, spelt
-from recipes.studies.blind_rigs.plan import REPORTED
 from recipes.studies.peers.task import Task
 
 PENDULUM, EMPS = "driven_pendulum", "emps"
 RIGS = ("thrown_ball", "swing", PENDULUM, "position_servo", "slide_drive", "cart_pole")
 EVERY = 5
+FIRST = 2000
+"""Seed of a rig's first case of a kind."""
 PUBLISHED = ("dry_friction@carriage", "constant_load@carriage")
 """What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""
 
@@ -73,7 +74,7 @@ def jobs(count: int, measured: bool) -> list[Job]:
             kind, seed = ("null", turn // EVERY) if null else (hidden[turn % len(hidden)], turn // len(hidden))
             found.append(Job(rig, kind, seed))
         else:
-            found.append(Job(rig, "null" if null else "effect", REPORTED + (turn // EVERY if null else turn)))
+            found.append(Job(rig, "null" if null else "effect", FIRST + (turn // EVERY if null else turn)))
     return found
 
 
