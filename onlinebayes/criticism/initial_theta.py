@@ -32,7 +32,7 @@ def starting_theta(simulator: Simulator, windows: Windows, draws: int = 8) -> Fl
 
 
 def from_elsewhere(found: Fit, windows: Windows) -> Fit:
-    """The best of a fit and, where it leaves much, of fits from the nominal theta and from its own with fresh starts.
+    """The best of a first fit and, where it leaves much, of others: from nominal theta, from its own with fresh starts.
 
     Where contacts stick, starts that made up for a wrong theta on the way can hold a descent far from the optimum.
     """

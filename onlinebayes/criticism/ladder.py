@@ -46,7 +46,7 @@ def ladder(simulator: Simulator, horizon: float) -> list[Rung]:
         steps.append(factor * own)
         factor //= 2
     rungs = [Rung(step) for step in steps]
-    if _has_runge_kutta(simulator) and simulator.with_runge_kutta() is not simulator:
+    if first_order(simulator):
         rungs += [Rung(step, True) for step in (*steps, own / 2, own / 4)]
     return [*rungs, Rung(own / 4), Rung(own / 16)]
 
@@ -56,5 +56,7 @@ def adjustable(simulator: Simulator) -> bool:
     return type(innermost(simulator)).with_timestep is not Simulator.with_timestep
 
 
-def _has_runge_kutta(simulator: Simulator) -> bool:
-    return type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
+def first_order(simulator: Simulator) -> bool:
+    """Whether the model's own method is another than Runge's and Kutta's, which it could have."""
+    can = type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
+    return can and simulator.with_runge_kutta() is not simulator

@@ -3,8 +3,9 @@
     e = RMS of the start-projected difference between the replays at h and h / 4,    fine enough: e < RMS residual / 10
 
 Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
-residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by. Steps longer than
-the rows are only taken while the residual is far above the sensors' noise, for they leave measured rows out.
+residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
+model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
+taken while the residual is far above the sensors' noise, for they leave measured rows out.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.fit import Fit, improve, unfitted
 from onlinebayes.criticism.grid import even_step
 from onlinebayes.criticism.initial_theta import from_elsewhere, starting_theta
-from onlinebayes.criticism.ladder import Rung, adjustable, ladder
-from onlinebayes.criticism.projection import noise_rows, project
+from onlinebayes.criticism.ladder import Rung, adjustable, first_order, ladder
+from onlinebayes.criticism.projection import Projected, noise_rows, project
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
@@ -29,6 +30,9 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 SHARE = 0.1
+LEAST = 0.1  # noise: a residual smaller than that asks for no finer step
+NOTHING = 0.1 * SHARE * LEAST  # noise: an error that no fit makes matter
+SURELY = 2.0  # times the largest admissible error: what is expected of a rung that is passed by unseen
 PLAIN = 1e-6  # singular value over the largest, below which a direction is flat
 FAR = 10.0  # residual over noise above which rows may be left out
 
@@ -71,6 +75,8 @@ def settle(
     starts: Float[Tensor, "W J2"] | None = None
     rungs, afar = ladder(simulator, horizon), begin is None
     for rung in rungs if before is None else rungs[rungs.index(before.rung) :]:
+        if grounds is not None and rung != rungs[-1] and _too_coarse(simulator, grounds, rung):
+            continue
         stepped = rung.of(simulator)
         try:
             if before is not None and rung == before.rung:
@@ -93,7 +99,8 @@ def settle(
             here = improve(here, windows)
             if first and afar:
                 here = woken(from_elsewhere(here, windows), windows)
-            numerics, shift = check(simulator, measurement, windows, here)
+            if numerics.error_at_quarter_step >= NOTHING or _leaves_out(simulator, measurement, windows, here):
+                numerics, shift = check(simulator, measurement, windows, here)
         begin, starts = here.theta, here.lin.starts
         grounds = Grounds(windows, here, numerics, rung, shift)
         if numerics.sufficient:
@@ -119,15 +126,34 @@ def check(
     timestep = fitted.simulator.timestep
     long = project(windows, fitted.lin)
     count = (long.row_weight > 0).sum()
-    rms = float((long.residual.square().sum() / count).sqrt())
+    rms = _rms(long)
     if not adjustable(simulator):
         return Numerics(timestep, float("nan"), True), torch.zeros_like(fitted.theta)
     moved = step_difference(measurement, windows, fitted, timestep / 4)
     rows = long.project(noise_rows(windows, moved[..., None]))
     error = float((rows.square().sum() / count).sqrt())
-    leaves_out = windows.step > even_step(measurement, min(timestep, simulator.timestep)) * (1 + 1e-9)
-    sufficient = error < SHARE * max(rms, 0.1) and not (leaves_out and rms < FAR)
+    too_few_rows = rms < FAR and _leaves_out(simulator, measurement, windows, fitted)
+    sufficient = error < SHARE * max(rms, LEAST) and not too_few_rows
     return Numerics(timestep, error, sufficient), _shift(long.columns.flatten(0, 1), rows.flatten())
+
+
+def _rms(projected: Projected) -> float:
+    """Of the residual, starts projected out [noise]."""
+    return float((projected.residual.square().sum() / (projected.row_weight > 0).sum()).sqrt())
+
+
+def _leaves_out(simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit) -> bool:
+    """Whether the windows' rows are further apart than the measured ones."""
+    finest = min(fitted.simulator.timestep, simulator.timestep)
+    return windows.step > even_step(measurement, finest) * (1 + 1e-9)
+
+
+def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:
+    """Whether a method of first order, whose error falls as its step does, will err by too much on a rung."""
+    if rung.runge_kutta or coarser.rung.runge_kutta or not first_order(simulator):
+        return False
+    expected = coarser.numerics.error_at_quarter_step * rung.timestep / coarser.rung.timestep
+    return expected > SURELY * SHARE * max(_rms(coarser.fitted.projected), LEAST)
 
 
 def _shift(columns: Float[Tensor, "N P"], moved: Float[Tensor, " N"]) -> Float[Tensor, " P"]:
