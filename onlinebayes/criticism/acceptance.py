@@ -1,6 +1,7 @@
 """May this effect be added? All of the five rules, and one on times; each failed one is said in words.
 
-1. p of the maximum test below alpha.
+1. p of the maximum test below alpha, or that of the sign test: a gain in all B blocks, times the candidates that were
+   tried, C 2^-B (Bonferroni). Screening is linear, and where contacts stick a straight line sees little of an effect.
 2. The cross-validated RMS at H falls by at least 5 %.
 3. score_gain >= 2 standard errors at H, or a gain in each of 7 blocks or more; cross-validated RMS at H_s falls, too.
 4. The leave-one-block-out jackknife interval (95 %, Student's t with B - 1 degrees) excludes the neutral value.
@@ -69,16 +70,18 @@ def judge(
     blocks: Blocks,
     numerics: Numerics,
     alpha: float,
+    tried: int = 1,
 ) -> Judged:
-    """Apply the rules to a model that was fitted with ``effect`` added."""
+    """Apply the rules to a model that was fitted with ``effect`` added, one of ``tried`` candidates."""
     scores = cross_validate(fitted, windows, blocks)
     gain = score_gain(scores, current, windows.bin_step)
+    sign_test = tried * gain.chance if gain.better == gain.blocks else 1.0
     falls = (1 - scores.rms_long / current.rms_long, 1 - scores.rms_short / current.rms_short)
     same = homogeneous(fitted, windows, blocks, effect, scores.tau)
     low, high = interval(fitted, blocks, effect)
     neutral = effect.neutral[effect.magnitude]
     failed = []
-    if not p_value < alpha:
+    if not min(p_value, sign_test) < alpha:
         failed.append(f"p = {p_value:.3g} is not below {alpha:g}")
     if falls[0] < LEAST_FALL:
         failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")

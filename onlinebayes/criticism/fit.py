@@ -122,6 +122,10 @@ def unfitted(
 def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
     """Descend, let the starts of windows that stand out settle, and descend again where that changed much."""
     found = descend(begun, windows, hopeless)
+    if not found.converged and found.projected.objective <= hopeless:
+        # It crept on to the last step: starts that made up for a wrong theta hold it back, and are let go.
+        begun = unfitted(found.simulator, windows, found.theta, found.projected.weight)
+        found = min(found, descend(begun, windows, hopeless), key=lambda one: one.projected.objective)
     for _ in range(ROUNDS):
         if not found.converged:
             break

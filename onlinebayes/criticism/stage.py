@@ -102,6 +102,7 @@ def judged_stage(
 ) -> Stage:
     """The round in which these candidates are refitted and judged."""
     judged: list[Judged] = []
+    tried = len(found.screened)
     for candidate in refits:
         if interrupt is not None and interrupt.requested:
             break
@@ -112,7 +113,7 @@ def judged_stage(
         except BadInput:  # it diverges from where screening would start it
             continue
         p = candidate.p_value or 0.0
-        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha)
+        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha, tried)
         judged.append(_if_slow(one, found.windows, selection) if found.slow else one)
     return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
 

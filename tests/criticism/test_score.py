@@ -58,3 +58,13 @@ def test_bins_that_go_together_for_long_do_not_count_one_by_one(scores) -> None:
     long = 6 * BIN
     better = shifted(scores, [1.0] * 7 + [90.0], tau=long)
     assert not parted(better, replace(scores, tau=long), BIN)
+
+
+def test_a_signal_that_moves_in_one_block_alone_does_not_count() -> None:
+    windows = make_windows(model(), measure(runs=8), 1.0)
+    blocks = make_blocks(windows, 0.05)
+    windows = replace(windows, observed=windows.observed & (windows.run == 3)[:, None, None])
+    fitted = fit(model(), windows, torch.tensor([2.5, 1.4]).double())
+    found = cross_validate(fitted, windows, blocks)
+    assert bool(torch.isfinite(found.log_density).all())
+    assert float(found.log_density[3]) == 0.0

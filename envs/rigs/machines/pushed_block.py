@@ -50,7 +50,8 @@ PUSHED_BLOCK = Rig(
     ),
     ties=(Tie(HiddenEffect("contact_friction@block", {"friction": 0.05}, neutral=0.3), "dry_friction@along"),),
     alike=(
-        ("contact_friction@block", "dry_friction@along"),
+        # With the motor's gear free a scale s of the position is 1 + s times the gear and the friction.
+        ("contact_friction@block", "dry_friction@along", "sensor_scale@qpos.along"),
         ("constant_load@along", "gravity_tilt@world"),
         ("actuator_delay@pusher", "actuator_lag@pusher", "sensor_delay@qpos.along"),
     ),
