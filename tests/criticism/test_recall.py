@@ -7,6 +7,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
+import onlinebayes.criticism.recall as recall_module
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.own import held_out_model
 from onlinebayes.criticism.recall import recall
@@ -87,6 +88,30 @@ def test_heat_at_the_windows_starts_is_that_of_the_whole_run(driven: tuple[torch
     assert float(truth.max()) > 0.5
     torch.testing.assert_close(heat_of(rig(), windows), truth, rtol=0.0, atol=1e-9)
     assert history_rows(rig(), windows, [HEAT.key]) == 0
+
+
+def test_a_short_memory_is_recalled_from_the_rows_before_each_window(
+    driven: tuple[torch.Tensor, TensorDict], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    quick = ThermalDerating("motor", HEAT.coefficient, Parameter(0.01, 0.2, "s", scale="log"), HEAT.reference)
+    simulator = MujocoSimulator(SLIDE, FREE, threads=1).with_effect(quick)
+    windows = make_windows(simulator, read(*driven), 1.0)
+    theta = torch.tensor([*TRUTH, 1.5, 0.05]).double()
+    rows: list[int] = []
+    whole = type(simulator).recall
+
+    def counted(self: MujocoSimulator, worlds: torch.Tensor, motion: TensorDict, step: float) -> dict[str, TensorDict]:
+        rows.append(motion.batch_size.numel())
+        return whole(self, worlds, motion, step)
+
+    monkeypatch.setattr(type(simulator), "recall", counted)
+    sliced = heat_of(simulator, windows, theta)
+    monkeypatch.setattr(recall_module, "SLICED", 0.0)
+    along = heat_of(simulator, windows, theta)
+    assert rows[0] == windows.count * round(5 * 0.2 / STEP)  # five of the longest time constants
+    assert rows[1] == RUNS * int(windows.first.max())
+    assert float(along.max()) > 0.5
+    torch.testing.assert_close(sliced, along, rtol=0.0, atol=1e-8)  # exp(-1 / 0.05) is forgotten
 
 
 @pytest.mark.parametrize("every", [1, 3])

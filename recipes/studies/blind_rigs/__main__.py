@@ -162,4 +162,7 @@ def _line(judged: Judged, fresh: list[Judged], left: Iterable[Job], processes: i
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study)))
+    try:
+        sys.exit(main(tyro.cli(Study)))
+    except BadInput as error:
+        sys.exit(f"blind-rigs: {error}")
