@@ -10,6 +10,7 @@ looked for on eighths of a window, then on sixty-fourths. Which actuators: each 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -181,10 +182,11 @@ def _places(windows: Windows) -> list[tuple[int, int]]:
 
 
 def _spans(struck: Sequence[tuple[int, int, int, int]], windows: Windows) -> Spans:
-    """(run, from, to) [s] of (run, first row, row from, row to); parts that touch over windows' edges are one."""
+    """(run, from, to) [s] of (run, first row, row from, row to); parts with an eighth or less between are one."""
     rows: list[list[int]] = []
+    between = math.ceil(windows.rows / EIGHTHS)
     for run, first, begin, end in sorted(struck):
-        if rows and rows[-1][0] == run and first + begin <= rows[-1][2]:
+        if rows and rows[-1][0] == run and first + begin <= rows[-1][2] + between:
             rows[-1][2] = max(rows[-1][2], first + end)
         else:
             rows.append([run, first + begin, first + end])

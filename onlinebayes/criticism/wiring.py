@@ -32,6 +32,7 @@ from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.verdict import rms_over_floor
+from onlinebayes.criticism.windows import make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -41,6 +42,7 @@ PROMISING = 0.8
 HALF = 0.5
 EQUAL = 1.05
 OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
+PARTS = (1.0, 0.25)  # of a window: where runs are short, an outage in each may strike every whole one
 OVERWHELMING = 0.3
 MOST_FITS = 4
 NEAR = 3.0  # of the best screened fault's error: what another may have to be fitted
@@ -132,11 +134,16 @@ def outages(
         return None
     say("looking for actuators that were off for a while")
     bench = Bench(simulator, measurement, selection.horizon_s, base)
-    try:
-        fault = outage(base, bench.coarse, bench.whole)
-    except BadInput:  # on the coarsest rung the model diverges
-        return None
-    return None if fault is None else explained(fault, base, simulator, measurement, selection)
+    for part in PARTS:
+        try:
+            short = make_windows(bench.coarse, measurement, part * selection.horizon_s, 0.0, base.windows.noise)
+            fault = outage(base, bench.coarse, short)
+        except BadInput:  # on the coarsest rung the model diverges
+            return None
+        suspicion = None if fault is None else explained(fault, base, simulator, measurement, selection)
+        if suspicion is not None:
+            return suspicion
+    return None
 
 
 def _promising(bench: Bench) -> Leads:

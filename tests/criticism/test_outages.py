@@ -8,6 +8,7 @@ from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.bench import Bench
 from onlinebayes.criticism.outages import Outage, outage
 from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.wiring import outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import DryFriction
@@ -41,6 +42,19 @@ def test_edges_are_found_where_the_command_was_large() -> None:
 def test_a_machine_that_was_on_or_lacks_an_effect_has_none() -> None:
     assert found(PENDULUM, PENDULUM.measure()) is None
     assert found(PENDULUM, PENDULUM.measure({DryFriction("hinge", Parameter(0.0, 2.0, "N m")): (0.3,)})) is None
+
+
+def test_an_outage_that_strikes_every_window_shows_in_quarters_of_them() -> None:
+    """Runs of two seconds, each off from 0.8 s to 1.2 s: both of its windows are struck."""
+    off = Outage(("motor",), tuple((f"run{r}", 0.8, 1.2) for r in range(8)))
+    measured, simulator, selection = PENDULUM.measure(off=off, seconds=2.0), PENDULUM.model(), Selection()
+    base = ground(simulator, measured, selection)
+    suspicion = outages(base, simulator, measured, selection, lambda line: None)
+    assert suspicion is not None
+    assert isinstance(suspicion.fault, Outage)
+    assert {run for run, *_ in suspicion.fault.spans} == {f"run{r}" for r in range(8)}
+    assert all(0.7 < begin < end < 1.3 for _, begin, end in suspicion.fault.spans)
+    assert suspicion.after < 0.2 * suspicion.before  # edges in quarters of a window are known to a row or two
 
 
 def test_it_is_said_with_the_column_that_the_table_lacks() -> None:
