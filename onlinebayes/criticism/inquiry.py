@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from onlinebayes.criticism.faults import misplaced
+from onlinebayes.criticism.faults import Fault, misplaced
 from onlinebayes.criticism.late_starts import sensor_delays
 from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
@@ -74,11 +74,20 @@ def inquire(
         fault = leads.explain(selection) if structured or found.widened is not None else None
         if fault is None and structured:
             fault = outages(base, simulator, measurement, selection, say)
-    if fault is None and (log := late(measurement, _delays(found)) or misplaced(_zeros(found))) is not None:
+    if fault is None and (log := _fault_of_the_log(found, simulator, measurement, selection)) is not None:
         fault = explained(log, base, simulator, measurement, selection)
     if fault is not None and fault.beats(found.final, selection):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
+
+
+def _fault_of_the_log(
+    found: Found, simulator: Simulator, measurement: Measurement, selection: Selection
+) -> Fault | None:
+    """What the accepted effects are if the log is to blame: a column that is some rows late, a misplaced zero."""
+    delays = _delays(found)
+    loosely = bool(delays) and _structured(found.final, simulator, selection)
+    return late(measurement, delays, loosely) or misplaced(_zeros(found))
 
 
 def _delays(found: Found) -> dict[str, float]:

@@ -6,6 +6,7 @@
 with h the row step. Ahead run commands that were stamped when they had been carried out, and columns joined a few rows
 apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay that was accepted is
 the log's where it is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time.
+Delays that leave more than noise are not known to a twentieth: the nearest row is tried, and has to do better.
 Where all signals are late alike, or a motor's delay explains as much, nothing says whose it is: see :mod:`.log_notes`.
 """
 
@@ -92,20 +93,24 @@ def shifts(measurement: Measurement) -> Iterator[Shifted]:
             yield Shifted(names, -count, _row_step(measurement))
 
 
-def late(measurement: Measurement, delays: Mapping[str, float]) -> Shifted | None:
+def late(measurement: Measurement, delays: Mapping[str, float], loosely: bool = False) -> Shifted | None:
     """The fault of the log that accepted sensor delays are; None where they may be the sensors' own.
 
     Args:
         measurement: the runs.
         delays: position or velocity signal -> its delay [s], of every accepted effect.
+        loosely: whether they leave more than noise, and are known no better than to a row therefore.
     """
     names, step = [signal.name for signal in measurement.signals], _row_step(measurement)
     joints = {_joint(name) for name in delays}
     signals = tuple(name for name in names if _joint(name) in joints)
     if len(joints) != 1 or len(signals) == len(names):
         return None
-    rows = {round(delay / step) for delay in delays.values()}
-    whole = all(abs(delay / step - round(delay / step)) <= WHOLE for delay in delays.values())
+    if loosely:
+        rows, whole = {round(sum(delays.values()) / len(delays) / step)}, True
+    else:
+        rows = {round(delay / step) for delay in delays.values()}
+        whole = all(abs(delay / step - round(delay / step)) <= WHOLE for delay in delays.values())
     return Shifted(signals, rows.pop(), step) if whole and len(rows) == 1 and min(rows) >= FEWEST_ROWS else None
 
 

@@ -58,6 +58,14 @@ def test_a_buffer_is_late_by_whole_rows(rows: float, log: bool) -> None:
     assert found == (Shifted(("qpos.elbow",), round(rows), STEP) if log else None)
 
 
+@pytest.mark.parametrize(("rows", "nearest"), [(3.4, 3), (1.7, 2), (1.2, None)])
+def test_a_delay_that_leaves_more_than_noise_is_tried_as_the_nearest_row(rows: float, nearest: int | None) -> None:
+    measured = ARM.measure(runs=1)
+    found = late(measured, {"qpos.elbow": rows * STEP}, loosely=True)
+    assert found == (None if nearest is None else Shifted(("qpos.elbow",), nearest, STEP))
+    assert late(measured, {"qpos.elbow": rows * STEP}) is None
+
+
 def test_where_all_signals_are_late_it_may_be_the_motors() -> None:
     assert late(PENDULUM.measure(runs=1), {POSITION: 3 * STEP}) is None
     assert late(ARM.measure(runs=1), {"qpos.elbow": 3 * STEP, "qpos.shoulder": 3 * STEP}) is None
