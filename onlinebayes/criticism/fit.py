@@ -4,7 +4,7 @@
 
 with D^2 = diag(C~' C~) (Marquardt 1963). The undamped step is tried first. One replay, projected as before the step,
 tells whether it can be taken; only then is the new point linearised, which costs a replay for each parameter and start.
-After a step that promised a thousandth of the objective or less the derivatives are kept (a chord step: Kelley 1995).
+The last step, which promises next to nothing, keeps the derivatives.
 Once a step is rejected, no damping and all dampings are replayed at once before each step, until none is the best
 again: where a kink or a curved valley makes one undamped step too long it makes the next one, too. Where all of these
 are refused far from the optimum, parts of the step of theta and starts together are tried. A world that diverges
@@ -42,7 +42,6 @@ ROUNDS = 2  # in which windows' starts settle one by one before a further descen
 NOTICED = 0.01  # of the misfit: by what it falls at least where starts had not settled
 TOLERANCE = 1e-5  # of the objective: what the last step may promise
 SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
-CHORD = 1e-3  # of the objective: what a step promises at most that changes the derivatives too little to tell
 CREEP = 0.05  # of the objective: what a step gains at least where there is hope
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
 FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
@@ -154,7 +153,7 @@ def descend(begun: Fit, windows: Windows, hopeless: float) -> Fit:
         damped = False
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        there = step_to(simulator, windows, lin, current, step, chord=promised <= CHORD * total)
+        there = step_to(simulator, windows, lin, current, step, chord=promised <= TOLERANCE * total)
         if there is not None and there[1].objective <= total:
             moved, trial = there
             gained, centred = total - trial.objective, True
