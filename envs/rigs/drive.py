@@ -72,6 +72,8 @@ class Drive:
         self._lagged = np.zeros((runs, len(actuators)))
         self._heat = np.zeros((runs, len(actuators)))
         self._filled = False
+        self.on = True
+        """Off, the actuators give no force, whatever the command; a servo does not hold its goal either."""
 
     def shaped(self, command: Float[ndarray, "R m"]) -> Float[ndarray, "R m"]:
         """What reaches the actuators in the next step, on average over it; the first command held before the log."""
@@ -98,7 +100,7 @@ class Drive:
         f = np.where(self.servo, self.kp * (u - q[:, self.index] * self.gear) - self.kv * speed, u)
         f = np.clip(f - self.emf * speed, -self.limit, self.limit) / (1 + self.derating * self._heat)
         joint = np.zeros((len(q), self.joints))
-        joint[:, self.index] = f * self.gear
+        joint[:, self.index] = f * self.gear if self.on else 0.0
         return joint
 
     def warm(self, q: Float[ndarray, "R n"], v: Float[ndarray, "R n"], u: Float[ndarray, "R m"]) -> None:

@@ -93,7 +93,8 @@ def record(
         command[k] = controller.command(k, reading[k])
         until = int(at[k + 1]) if k + 1 < len(at) else step
         for j in range(step, until):
-            plant.advance(amplifier.sent(command[k], plant.q, j * protocol.step))
+            plant.drive.on = amplifier.on(j * protocol.step)
+            plant.advance(amplifier.sent(command[k], plant.q))
             q[j + 1], v[j + 1] = plant.q, plant.v
     speed = sensor.speed(v[at]) if protocol.speed_sd else np.empty((len(at), runs, 0))
     return Recording(times, command, reading, speed, q[at], v[at])
@@ -173,12 +174,15 @@ class _Amplifier:
         self.joints = [actuator.joint for actuator in rig.actuators]
         self.between = 0.4 * end, (0.4 + interference.off) * end
 
-    def sent(self, command: Float[ndarray, "R m"], q: Float[ndarray, "R n"], time: float) -> Float[ndarray, "R m"]:
-        """The command, or nothing, or the command and the weight."""
-        if self.interference.compensation:
-            command = command + self.equations.bias(q, np.zeros_like(q))[:, self.joints]
-        dead = self.interference.off and self.between[0] <= time < self.between[1]
-        return np.zeros_like(command) if dead else command
+    def on(self, time: float) -> bool:
+        """Whether the actuators give force."""
+        return not (self.interference.off and self.between[0] <= time < self.between[1])
+
+    def sent(self, command: Float[ndarray, "R m"], q: Float[ndarray, "R n"]) -> Float[ndarray, "R m"]:
+        """The command, or the command and the weight."""
+        if not self.interference.compensation:
+            return command
+        return command + self.equations.bias(q, np.zeros_like(q))[:, self.joints]
 
 
 def _digits(x: Float[ndarray, "R m"]) -> Float[ndarray, "R m"]:

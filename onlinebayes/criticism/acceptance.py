@@ -75,18 +75,18 @@ def judge(
     """Apply the rules to a model that was fitted with ``effect`` added, one of ``tried`` candidates."""
     scores = cross_validate(fitted, windows, blocks)
     gain = score_gain(scores, current, windows.bin_step)
-    sign_test = tried * gain.chance if gain.better == gain.blocks else 1.0
     falls = (1 - scores.rms_long / current.rms_long, 1 - scores.rms_short / current.rms_short)
     same = homogeneous(fitted, windows, blocks, effect, scores.tau)
     low, high = interval(fitted, blocks, effect)
     neutral = effect.neutral[effect.magnitude]
     failed = []
-    if not min(p_value, sign_test) < alpha:
+    if not min(p_value, gain.sign_p(tried)) < alpha:
         failed.append(f"p = {p_value:.3g} is not below {alpha:g}")
     if falls[0] < LEAST_FALL:
         failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
     if not gain.clear:
-        failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each)")
+        lost = f"{gain.blocks - gain.better} of {gain.blocks} blocks lose"
+        failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each; {lost})")
     if falls[1] <= 0:
         failed.append("the error over short windows does not fall")
     if low <= neutral <= high:

@@ -89,6 +89,10 @@ class Gain:
         """Probability that all blocks gain where gains and losses are alike likely."""
         return 0.5**self.blocks
 
+    def sign_p(self, tried: int) -> float:
+        """Of the best of ``tried`` models: C 2^-B where all blocks gain (Bonferroni), else 1."""
+        return min(1.0, tried * self.chance) if self.better == self.blocks else 1.0
+
 
 def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValidated:
     """Leave each block out in turn (see :mod:`onlinebayes.criticism.blocks`)."""

@@ -10,10 +10,11 @@ from onlinebayes.criticism.blocks import make_blocks
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.ladder import Rung, ladder
 from onlinebayes.criticism.noise import floors
-from onlinebayes.criticism.numerics import settle
+from onlinebayes.criticism.numerics import Grounds, _too_coarse, check, settle
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.windows import make_windows
+from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
@@ -48,11 +49,11 @@ def test_a_rung_changes_step_and_method_and_nothing_else() -> None:
 
 
 def test_the_shift_is_what_a_step_moves_theta() -> None:
-    measurement = measure(runs=8, noise=2e-3)
+    measurement = measure(runs=3, noise=2e-3)
     noise = floors(measurement.signals, ())
     euler = OneIntegrator(EULER, FREE, threads=1)
     coarse = settle(euler, measurement, 1.0, noise)
-    at = euler.with_timestep(coarse.rung.timestep / 64)
+    at = euler.with_timestep(coarse.rung.timestep / 32)
     fine = fit(at, make_windows(at, measurement, 1.0, like=coarse.windows), coarse.fitted.theta)
     # The shift's sign does not matter to a variance; a first-order integrator's is known to a few per cent.
     assert torch.allclose(coarse.shift.abs(), (fine.theta - coarse.fitted.theta).abs(), rtol=0.2)
@@ -70,6 +71,26 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
     assert euler.numerics.sufficient
     assert euler.numerics.error_at_quarter_step < 0.11
     assert torch.allclose(exact.fitted.theta, euler.fitted.theta, rtol=2e-2)
+
+
+def grounds(simulator: Simulator, rung: Rung, measurement: Measurement, noise: float) -> Grounds:
+    """The model fitted and checked on one rung, needed or not."""
+    stepped = rung.of(simulator)
+    windows = make_windows(stepped, measurement, 1.0, 0.1, torch.tensor([noise], dtype=torch.float64))
+    fitted = fit(stepped, windows, torch.tensor([2.5, 1.4]).double())
+    return Grounds(windows, fitted, *check(simulator, measurement, windows, fitted)[:1], rung, torch.zeros(2))
+
+
+@pytest.mark.parametrize(("noise", "passed_by"), [(1e-5, True), (5e-2, False)])
+def test_rungs_of_a_first_order_integrator_are_foretold(noise: float, passed_by: bool) -> None:
+    euler, measurement = MujocoSimulator(EULER, FREE, threads=1), measure(runs=3, noise=noise)
+    coarse = grounds(euler, Rung(0.01), measurement, noise)
+    fine = grounds(euler, Rung(0.0025), measurement, noise)
+    assert fine.numerics.error_at_quarter_step == pytest.approx(coarse.numerics.error_at_quarter_step / 4, rel=0.1)
+    assert _too_coarse(euler, coarse, Rung(0.0025)) == passed_by == (not fine.numerics.sufficient)
+    # Of another method's error, and where there is no other method to go to, nothing is foretold.
+    assert not _too_coarse(euler, coarse, Rung(0.0025, True))
+    assert not _too_coarse(OneIntegrator(EULER, FREE, threads=1), coarse, Rung(0.0025))
 
 
 def test_an_integrator_that_stays_too_coarse_names_nothing() -> None:

@@ -31,6 +31,16 @@ def test_two_standard_errors_or_all_of_enough_blocks(
     assert Gain(gain, se, blocks, better).clear is clear
 
 
+@pytest.mark.parametrize(
+    ("blocks", "better", "tried", "p"),
+    [(8, 8, 1, 2.0**-8), (12, 12, 40, 40 * 2.0**-12), (8, 8, 1000, 1.0), (8, 7, 1, 1.0)],
+)
+def test_the_sign_test_counts_every_candidate_and_asks_for_all_blocks(
+    blocks: int, better: int, tried: int, p: float
+) -> None:
+    assert Gain(20.0, 11.0, blocks, better).sign_p(tried) == pytest.approx(p)
+
+
 @pytest.fixture(scope="module")
 def scores() -> CrossValidated:
     windows = make_windows(model(), measure(runs=8), 1.0)

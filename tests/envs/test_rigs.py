@@ -14,7 +14,7 @@ import pytest
 from envs.rigs import KINDS, RIGS, Rig, case, effect_case, write_case
 from envs.rigs.cases import drawn_effects
 from envs.rigs.equations import Lever
-from envs.rigs.recording import record
+from envs.rigs.recording import Interference, record
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.runs import BadInput
 
@@ -63,6 +63,35 @@ def test_with_nothing_hidden_agrees_with_the_engineers_model_within_a_tenth_of_t
         moved = np.maximum(moved, np.abs(plant.q[0]))
     assert (worst < 0.1 * rig.protocol.floor).all()
     assert (moved[: n if name != "pushed_block" else 1] > 50 * rig.protocol.floor[0]).all()
+
+
+@unchecked
+def test_a_servo_that_is_off_does_not_hold_its_goal() -> None:
+    rig = RIGS["position_servo"]
+    model = engineers_model(rig, {})
+    model.opt.timestep, model.opt.integrator = rig.protocol.step, mujoco.mjtIntegrator.mjINT_RK4
+    model.actuator_gainprm[:], model.actuator_biasprm[:] = 0.0, 0.0
+    data = mujoco.MjData(model)
+    data.qpos[:] = 0.7
+    plant = rig.plant(rig.nominal, np.array([[0.7]]), np.zeros((1, 1)))
+    plant.drive.on = False
+    for _ in range(round(0.5 / rig.protocol.step)):
+        plant.advance(np.array([[-1.0]]))
+        mujoco.mj_step(model, data)
+    assert abs(data.qpos[0] - 0.7) > 0.1
+    assert plant.q[0, 0] == pytest.approx(data.qpos[0], abs=1e-6)
+
+
+def test_an_outage_begins_after_four_tenths_of_a_run() -> None:
+    rig = RIGS["position_servo"]
+    off, on = (
+        record(rig, rig.nominal, np.random.default_rng(6), runs=2, seconds=1.0, interference=interference)
+        for interference in (Interference(off=0.2), None)
+    )
+    before = off.time <= 0.4 * off.time[-1]
+    assert (off.q[before] == on.q[before]).all()
+    assert (off.command == on.command).all()
+    assert (off.q[~before] != on.q[~before]).any()
 
 
 @unchecked
