@@ -113,7 +113,7 @@ def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     """
     if rig not in RIGS:
         raise BadInput(f"rig '{rig}' is unknown", f"use one of {', '.join(RIGS)}")
-    known = {effect.key: effect for effect in (*RIGS[rig].effects, *RIGS[rig].rare)}
+    known = {effect.key: effect for effect in (*RIGS[rig].effects, *RIGS[rig].by_name)}
     if key not in known:
         raise BadInput(f"'{key}' does not hide in {rig}", f"use one of {', '.join(known)}")
     if level not in LEVELS:

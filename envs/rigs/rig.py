@@ -127,7 +127,7 @@ class Rig:
         equations: values -> equations of motion.
         protocol: how it is recorded.
         effects: what may hide in it.
-        rare: what may hide in it and criticism tries where it is named only; no case of a blind study hides it.
+        by_name: what may hide in it and criticism tries where it is named only; no case of a blind study hides it.
         outside: what may hide in it and no vocabulary names. A mode lies in the band of the inputs: one far above it is
             a mass.
         ties: pairs of effects that the cases of kind ``tie`` are made with.
@@ -146,7 +146,7 @@ class Rig:
     outside: tuple[HiddenEffect, ...]
     ties: tuple[Tie, ...]
     alike: tuple[tuple[str, ...], ...] = ()
-    rare: tuple[HiddenEffect, ...] = ()
+    by_name: tuple[HiddenEffect, ...] = ()
 
     @property
     def xml(self) -> str:

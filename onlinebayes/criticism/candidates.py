@@ -1,4 +1,8 @@
-"""Which effects to try at which targets, and from where; how far each may go follows from :mod:`.scales`."""
+"""Which effects to try at which targets, and from where; how far each may go follows from :mod:`.scales`.
+
+All are tried but those that are the same law as another candidate, play behind a motor, and those of so much freedom
+that :mod:`.last` tries them when nothing else explains the data.
+"""
 
 from __future__ import annotations
 
@@ -50,8 +54,8 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     """
     joint_names(simulator)  # refuses free and ball joints
     all_of_them = isinstance(wanted, str) and wanted == "all"
-    listed = _all(simulator) if all_of_them else wanted
     vocabulary = {**EFFECTS, **simulator.own_effects}
+    listed = list(vocabulary) if all_of_them else wanted
     if isinstance(listed, str):
         listed = [listed]
     scales: dict[tuple[TargetKind, str], Scales] = {}
@@ -86,34 +90,29 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         if all_of_them:
-            placed = [effect for effect in placed if not (_simpler(simulator, effect) or _slow(simulator, effect))]
-        carried = [effect for effect in placed if target or _carried(simulator, effect)]
+            placed = [e for e in placed if not (e.rare or _slow(simulator, e) or _same_law(simulator, e))]
+        possible = [effect for effect in placed if target or can_have(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
-        for effect in carried if carried or all_of_them else placed:
+        for effect in possible if possible or all_of_them else placed:
             found.setdefault(effect.key, effect)
     present = {effect.key for effect in simulator.effects}
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
-def _all(simulator: Simulator) -> list[str]:
-    """The vocabulary and the system's own, without what is rare, and the tilt of a machine with slides alone."""
-    slides = all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
-    vocabulary = {**EFFECTS, **simulator.own_effects}
-    # A tilt is a constant load of every slide.
-    return [name for name, one in vocabulary.items() if not (one.rare or (slides and name == GravityTilt.name))]
-
-
-def _simpler(simulator: Simulator, effect: Effect) -> bool:
-    """Whether it is the same law as a simpler one: air drag of what one joint moves is that joint's quadratic drag."""
-    if effect.name != AirDrag.name:
-        return False
-    chain = simulator.moving_joints.get(effect.target, ())
-    return len(chain) == 1 and chain[0] in simulator.joint_kinds
-
-
 def _slow(simulator: Simulator, effect: Effect) -> bool:
-    """Whether it is play behind a motor, whose trials cost half of all others together: tried where it is named."""
+    """Whether it is play behind a motor, whose refits take minutes: tried where it is named."""
     return isinstance(effect, Backlash) and effect.target not in simulator.servos
+
+
+def _same_law(simulator: Simulator, effect: Effect) -> bool:
+    """Whether other candidates say the same with less: one joint's drag, the constant loads of slides.
+
+    Air drag of what one joint moves is that joint's quadratic drag, a tilt is a constant load of every slide.
+    """
+    if isinstance(effect, GravityTilt):
+        return all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
+    chain = simulator.moving_joints.get(effect.target, ())
+    return isinstance(effect, AirDrag) and len(chain) == 1 and chain[0] in simulator.joint_kinds
 
 
 def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
@@ -145,7 +144,7 @@ def _placed(simulator: Simulator, windows: Windows, effect: Effect, named: bool)
     return False
 
 
-def _carried(simulator: Simulator, effect: Effect) -> bool:
+def can_have(simulator: Simulator, effect: Effect) -> bool:
     """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)

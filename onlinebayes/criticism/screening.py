@@ -142,6 +142,15 @@ def p_values(
     return z, p, best
 
 
+def observed(horizons: Sequence[Scores], columns: Sequence[Column]) -> Float[Tensor, " C"]:
+    """z of each column as the data have it, the larger of the horizons'; -inf where it is confounded."""
+    one = horizons[0].g.new_ones(1, horizons[0].g.shape[0])
+    z = torch.stack([_standardised(scores, one)[0] for scores in horizons])
+    two_sided = torch.tensor([column.two_sided for column in columns], device=z.device)
+    usable = torch.stack([scores.share >= CONFOUNDED for scores in horizons])
+    return torch.where(usable, torch.where(two_sided, z.abs(), z), -float("inf")).amax(0)
+
+
 def promise(horizons: Sequence[Scores], column: int) -> float:
     """Share by which a column alone, at its least-squares size, would lower the RMS: the larger of the horizons'."""
     shares = []

@@ -17,8 +17,8 @@ from onlinebayes.criticism.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import grown, propose
 from onlinebayes.criticism.changes import Changed, changed
-from onlinebayes.criticism.changes_in_time import candidates_in_time, changed_in_time
 from onlinebayes.criticism.grid import row_step, run_grids
+from onlinebayes.criticism.last import Group, instead, last_candidates, last_found
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.pairs import pair
@@ -106,11 +106,13 @@ def search(
     stages: list[Stage] = []
     accepted: list[tuple[Stage, Judged]] = []
     changes: list[Changed] = []
-    late: tuple[Effect, ...] = ()
+    last: tuple[Group, ...] = ()
+    before_trial: tuple[Grounds, list[tuple[Stage, Judged]]] | None = None
     moves = bool(base.windows.observed.any())
     enough = moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
     while enough and current.numerics.sufficient:
         if interrupt is not None and interrupt.requested:
+            current, accepted = _tried_out(current, accepted, before_trial, selection)
             return Found(base, current, effects, tuple(stages), tuple(accepted), True, changes=tuple(changes))
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
@@ -133,9 +135,14 @@ def search(
             kept = _without_idle(simulator, measurement, selection, current, accepted, accepted)
             current, accepted = kept or (current, accepted)
             continue
-        if not chosen and candidates == "all" and not late and not _at_floor(current, selection.tolerance):
-            late = candidates_in_time(current)
-            chosen = changed_in_time(current, late, selection, say)
+        if not chosen and candidates == "all" and not last and not _at_floor(current, selection.tolerance):
+            last = last_candidates(current)
+            latest = last_found(current, last, selection, say, interrupt)
+            if interrupt is not None and interrupt.requested and (latest is None or not latest.believed):
+                continue
+            if latest is not None:
+                chosen = [(latest.stage, latest.judged)]
+                before_trial = None if latest.believed else (current, list(accepted))
         if not chosen:
             break
         say(f"adding {' and '.join(judged.effect.key for _, judged in chosen)}")
@@ -150,8 +157,25 @@ def search(
             break  # a round that takes away what an earlier one gave would only repeat itself
         if len(accepted) >= most:
             break
-    tried = (*effects, *late)
+    current, accepted = _tried_out(current, accepted, before_trial, selection)
+    quiet = candidates == "all" and not changes and _at_floor(current, selection.tolerance)
+    if quiet and (one := instead(base, current, accepted, selection, say)) is not None:
+        accepted = [one]
+        current = _resettled(simulator, measurement, selection, current, one[1], accepted)
+    tried = (*effects, *(effect for _, group in last for effect in group))
     return Found(base, current, tried, tuple(stages), tuple(accepted), enough=enough, changes=tuple(changes))
+
+
+def _tried_out(
+    current: Grounds,
+    accepted: list[tuple[Stage, Judged]],
+    before: tuple[Grounds, list[tuple[Stage, Judged]]] | None,
+    selection: Selection,
+) -> tuple[Grounds, list[tuple[Stage, Judged]]]:
+    """The model as it stands; as it was before an effect was taken on trial, where more than noise is left of it."""
+    if before is None or _at_floor(current, selection.tolerance):
+        return current, accepted
+    return before
 
 
 def _chosen(

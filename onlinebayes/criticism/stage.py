@@ -109,7 +109,9 @@ def judged_stage(
         say(f"refitting with {candidate.effect.key}")
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
-            fitted, effect = refit(found.current, found.windows, candidate.effect, candidate.start, GROSS * best)
+            fitted, effect = refit(
+                found.current, found.windows, candidate.effect, candidate.start, GROSS * best, candidate.others
+            )
         except BadInput:  # it diverges from where screening would start it
             continue
         p = candidate.p_value or 0.0
@@ -128,24 +130,40 @@ def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
 
 
 def refit(
-    current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float = math.inf
+    current: Fit,
+    windows: Windows,
+    effect: Effect,
+    start: dict[str, float],
+    hopeless: float = math.inf,
+    others: Sequence[dict[str, float]] = (),
 ) -> tuple[Fit, Effect]:
     """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
 
-    The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see :mod:`.asleep`.
+    The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see :mod:`.asleep`. Where
+    there are ``others`` to begin from, the best of all these fits.
 
     Returns:
         The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see :mod:`.longer`).
     """
-    simulator = current.simulator.with_effect(effect)
-    own = [start[name] for name in effect_entries(current.simulator, effect).values()]
-    theta = torch.cat([current.theta, current.theta.new_tensor(own)])
-    weight = current.projected.weight
-    fitted = woken(fit(simulator, windows, theta, weight, current.lin.starts, hopeless), windows)
+    fitted = _fitted(current, windows, effect, start, hopeless)
+    for other in others:
+        try:
+            again = _fitted(current, windows, effect, other, min(hopeless, GROSS * fitted.projected.objective))
+        except BadInput:  # it diverges from there
+            continue
+        fitted = min(fitted, again, key=lambda one: one.projected.objective)
     while (wider := longer(effect, fitted, windows)) is not None:
         model = current.simulator.with_effect(wider)
-        again = fit(model, windows, fitted.theta, weight, fitted.lin.starts, hopeless)
+        again = fit(model, windows, fitted.theta, current.projected.weight, fitted.lin.starts, hopeless)
         if again.projected.objective >= fitted.projected.objective:
             break
         fitted, effect = again, wider
     return fitted, effect
+
+
+def _fitted(current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float) -> Fit:
+    """The grown model fitted from one place."""
+    own = [start[name] for name in effect_entries(current.simulator, effect).values()]
+    theta = torch.cat([current.theta, current.theta.new_tensor(own)])
+    model = current.simulator.with_effect(effect)
+    return woken(fit(model, windows, theta, current.projected.weight, current.lin.starts, hopeless), windows)

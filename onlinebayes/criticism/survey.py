@@ -22,11 +22,14 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.projection import noise_rows, project
 from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
-from onlinebayes.criticism.screening import Column, Scores, block_scores, p_values, promise
+from onlinebayes.criticism.screening import Column, Scores, block_scores, observed, p_values, promise
 from onlinebayes.criticism.sensitivities import columns
 from onlinebayes.criticism.timed import instants
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.effects import Effect
+
+MORE_STARTS = 4
+"""From which a rugged effect's refit begins again."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,7 @@ class Screened:
         effect: the effect.
         z, p_value: of the maximum test; None where it is confounded.
         start: values from which its refit begins, short name -> value [SI].
+        others: of a rugged effect, where it begins again: its next best starting values.
         promise: share by which it would lower the RMS, to first order.
         confounded_with: free parameters that do the same already.
         exclusion_limit: size of the first parameter, from neutral, that these data would have shown [SI].
@@ -49,6 +53,7 @@ class Screened:
     promise: float
     confounded_with: tuple[str, ...]
     exclusion_limit: float | None
+    others: tuple[dict[str, float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -98,6 +103,7 @@ def screen(
     horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))
+    by_column = observed(horizons, tests)
     found = []
     for k, effect in enumerate(effects):
         if int(best[k]) < 0:
@@ -105,6 +111,11 @@ def screen(
             found.append(Screened(effect, None, None, {}, 0.0, _confounding(current, windows, raw[mine]), None))
             continue
         i = int(best[k])
+        starts = [
+            starting_values(effect, tried[c], float(horizons[0].size[c]))
+            for c in by_column.argsort(descending=True).tolist()
+            if tried[c].candidate == k and c != i and by_column[c] > 0
+        ]
         found.append(
             Screened(
                 effect,
@@ -115,6 +126,7 @@ def screen(
                 (),
                 # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
                 _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]) if tried[i].reach > 0 else None,
+                tuple(starts[:MORE_STARTS]) if effect.rugged else (),
             )
         )
     return tuple(sorted(found, key=lambda s: (s.p_value is None, s.p_value, -(s.z or 0.0))))

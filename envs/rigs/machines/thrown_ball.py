@@ -40,14 +40,15 @@ THROWN_BALL = Rig(
         HiddenEffect("actuator_lag@jet_x", {"time_constant": 0.079}),
         HiddenEffect("actuator_delay@jet_x", {"delay": 0.06}),
         HiddenEffect("viscous_friction@x", {"damping": 0.036}),
+        HiddenEffect("wind@world", {"drag": 3.9e-05}, {"x": 3.0}),
     ),
-    rare=(HiddenEffect("wind@world", {"drag": 3.9e-05}, {"x": 3.0}),),
     outside=(
         HiddenEffect("periodic@x", {"amplitude": 0.075}, {"frequency": 2.7, "phase": 0.4}),
         HiddenEffect("flexible_mode@y", {"mass": 0.028}, {"frequency": 1.3}),
     ),
     ties=(Tie(HiddenEffect("back_emf@jet_x", {"constant": 0.036}), "viscous_friction@x"),),
     alike=(
+        ("wind@world", "wind@ball"),
         ("constant_load@x", "gravity_tilt@world"),
         ("constant_load@y", "gravity_tilt@world.y"),
         ("viscous_friction@x", "back_emf@jet_x"),

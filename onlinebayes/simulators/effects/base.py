@@ -167,7 +167,8 @@ class Effect(ABC):
         name: the contract's name, e.g. ``"dry_friction"``.
         target_kind: what ``target`` names.
         wider: other kinds that it may name, each for several of its own: the world for bodies, a body for its geoms.
-        rare: criticism tries it where it is named, not among all.
+        rare: criticism tries it last, where nothing else explains the data (or where it is named).
+        rugged: its misfit has several valleys, so that a refit begins at several of its starting values.
         target: name of the joint, actuator, body, geom or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
@@ -184,6 +185,7 @@ class Effect(ABC):
     target_kind: ClassVar[TargetKind]
     wider: ClassVar[tuple[TargetKind, ...]] = ()
     rare: ClassVar[bool] = False
+    rugged: ClassVar[bool] = False
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False

@@ -19,7 +19,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
-PERIODS = (2.0, 8.0)
+PERIODS = (2.0, 16.0)
 """Periods over the travel that ``scaled`` allows."""
 SPACING = 0.4
 """Of a period over the travel: the widest spacing of starting values that misses none (three values missed 2.6)."""
@@ -42,6 +42,7 @@ class Cogging(Effect):
     phase: Parameter
     name = "cogging"
     rare = True
+    rugged = True
     target_kind = "joint"
     needs_position = True
 
@@ -51,7 +52,7 @@ class Cogging(Effect):
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
-        """A up to the largest force in play, n from two to eight periods over the travel, any phase."""
+        """A up to the largest force in play, n from two to sixteen periods over the travel, any phase."""
         low, high = (2 * math.pi * periods / scales.travel for periods in PERIODS)
         return cls(
             target,

@@ -1,0 +1,152 @@
+"""Candidates with so much freedom that they find something in whatever another law leaves: tried last, and strictly.
+
+Cogging with its period and phase, wind with the drag that it needs, and of each free parameter a ``parameter_drift``
+and a ``parameter_step`` with a number for every instant. They come where no effect and no change between runs was
+found, one group after another, and one is believed only where it leaves no more than noise. What changes in time is
+asked after the others.
+
+The level is half of what is usual, shared out among the groups where little is wrong: by chance something might do.
+Nothing leaves noise of a gross misfit by chance, so that each has it whole there; and whatever screening's p, those
+that promise most are refitted, for each sign flip of a residual that holds a wave excites a wave of another phase, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from onlinebayes.criticism.acceptance import Judged, choose, contained
+from onlinebayes.criticism.between_runs import HALF_LEVEL, may_change
+from onlinebayes.criticism.candidates import can_have, propose
+from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.projection import project, signal_rms
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.score import cross_validate, parted, score_gain
+from onlinebayes.criticism.stage import REFIT_BELOW, Stage, judged_stage, worth
+from onlinebayes.criticism.survey import survey
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, ParameterStep
+
+GROSS = 3.0  # floors
+MOST_REFITS = 2  # of a group
+
+HALF = 0.5
+
+Group = tuple[str, tuple[Effect, ...]]
+
+
+@dataclass(frozen=True)
+class Last:
+    """What was found last.
+
+    Args:
+        stage, judged: the round that found it, and its judgement.
+        believed: whether it leaves noise; if not, it stands on trial until all that is accepted after it does.
+    """
+
+    stage: Stage
+    judged: Judged
+    believed: bool
+
+
+def last_candidates(current: Grounds) -> tuple[Group, ...]:
+    """What is left to try beyond all, in groups, each with what is being looked for."""
+    return tuple((what, effects) for what, effects in (*_effects(current), *_in_time(current)) if effects)
+
+
+def _effects(current: Grounds) -> Iterator[Group]:
+    """The vocabulary's effects that are not among all, a group a name."""
+    simulator, windows = current.fitted.simulator, current.windows
+    for name, kind in {**EFFECTS, **simulator.own_effects}.items():
+        if kind.rare and kind.target_kind != "parameter":
+            yield f"for {name}", tuple(e for e in propose(simulator, windows, [name]) if can_have(simulator, e))
+
+
+def _in_time(current: Grounds) -> Iterator[Group]:
+    """A drift and a step of every free parameter that is no effect's and no constant of nature.
+
+    A step may be at any of many instants: all parameters at once would fill the memory.
+    """
+    simulator, windows = current.fitted.simulator, current.windows
+    for name in simulator.targets("parameter"):
+        if may_change(name) and name in simulator.parameters:
+            kinds = (ParameterDrift, ParameterStep)
+            yield f"for changes of {name} in time", propose(simulator, windows, [f"{k.name}@{name}" for k in kinds])
+
+
+def last_found(
+    current: Grounds,
+    groups: Sequence[Group],
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
+) -> Last | None:
+    """The best of those that leave noise, or of those that halve a gross misfit; None without any.
+
+    Args:
+        current: the model as it stands.
+        groups: of :func:`last_candidates`.
+        selection: how effects are judged.
+        say: takes one line of progress.
+        interrupt: looked at between the fits; what was found until then is returned.
+    """
+    gross = float(signal_rms(current.fitted.projected).max()) > GROSS
+    level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
+    stricter = replace(selection, alpha=level)
+    found: list[Last] = []
+    for what, effects in groups:
+        if interrupt is not None and interrupt.requested:
+            break
+        if effects[0].target_kind == "parameter" and any(last.believed for last in found):
+            break  # an effect that explains all goes before a number for every instant
+        say(f"looking {what}")
+        screened = survey(current.fitted, current.windows, effects, selection.folds)
+        refits = worth(screened, level, 2.0 if gross else REFIT_BELOW)[:MOST_REFITS]
+        stage = judged_stage(screened, refits, current.numerics, stricter, say, interrupt)
+        admissible = [judged for judged in stage.judged if judged.admissible]
+        quiet = [judged for judged in admissible if _noise(judged, current, selection.tolerance)]
+        halving = [judged for judged in admissible if gross and judged.falls[0] >= HALF]
+        if quiet or halving:
+            found.append(Last(stage, choose(quiet or halving, current.windows.bin_step), bool(quiet)))
+    return max(found, key=lambda last: (last.believed, last.judged.gain.gain), default=None)
+
+
+def _noise(judged: Judged, current: Grounds, tolerance: float) -> bool:
+    return float(signal_rms(project(current.windows, judged.fitted.lin)).max()) <= tolerance
+
+
+def instead(
+    base: Grounds,
+    current: Grounds,
+    accepted: Sequence[tuple[Stage, Judged]],
+    selection: Selection,
+    say: Callable[[str], None],
+) -> tuple[Stage, Judged] | None:
+    """The one effect that contains an accepted one and predicts better alone than several do; None without any.
+
+    A steady wind is air drag and, to what is slow against it, a constant load.
+    """
+    several = {judged.effect.key for _, judged in accepted}
+    groups = _effects(base) if len(several) > 1 else ()
+    rivals = [effect for _, effects in groups for effect in effects if contained(effect) & several]
+    if not rivals:
+        return None
+    say(f"looking for one effect in place of {' and '.join(sorted(several))}")
+    windows, step = current.windows, current.windows.bin_step
+    screened = survey(
+        fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
+    )
+    refits = worth(screened, selection.alpha, 2.0)[:MOST_REFITS]
+    stage = judged_stage(screened, refits, current.numerics, selection, say)
+    present = cross_validate(current.fitted, windows, stage.blocks)
+    better = [
+        judged
+        for judged in stage.judged
+        if judged.admissible
+        and _noise(judged, current, selection.tolerance)
+        and len(judged.fitted.theta) <= len(current.fitted.theta)
+        and score_gain(judged.scores, present, step).gain > 0
+        and parted(judged.scores, present, step)
+    ]
+    return (stage, choose(better, step)) if better else None

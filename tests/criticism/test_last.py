@@ -1,0 +1,50 @@
+"""What is tried last is found without being asked for; what is another law is not taken for it."""
+
+import pytest
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.last import Last, last_candidates, last_found
+from onlinebayes.criticism.search import ground
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import Cogging, DryFriction
+from tests.criticism.rigs import measure, model
+from tests.criticism.test_timed import DAMPING, measured, table
+
+FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
+COGGING = Cogging("rail", Parameter(0.0, 5.0, "N"), Parameter(1.0, 100.0, "rad/m"), Parameter(-3.2, 6.3, "rad"))
+
+
+def found(data) -> Last | None:
+    base = ground(model(), data, Selection())
+    groups = last_candidates(base)
+    assert [what for what, _ in groups] == [
+        *("for cogging", "for wind"),
+        *(f"for changes of {name} in time" for name in ("body.cart.mass", DAMPING)),
+    ]
+    return last_found(base, groups, Selection(), lambda line: None)
+
+
+def test_a_drift_is_found() -> None:
+    one = found(measured(table(lambda t: 1.0 + 0.03 * t)))
+    assert one.believed
+    assert one.judged.effect.key == f"parameter_drift@{DAMPING}"
+    assert float(one.judged.fitted.theta[-1]) == pytest.approx(0.03, rel=0.02)
+
+
+def test_friction_is_none_of_them() -> None:
+    assert found(measure({FRICTION: (1.0,)}, runs=9)) is None
+
+
+@pytest.mark.slow
+def test_cogging_is_found_among_all() -> None:
+    result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7)}, runs=9, finer=16))
+    assert (result.verdict, result.accepted) == ("missing_effect", ("cogging@rail",))
+    assert result.parameters["cogging@rail.amplitude"].mean == pytest.approx(1.0, rel=0.02)
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(25.0, rel=0.01)
+
+
+@pytest.mark.slow
+def test_cogging_beside_friction_is_found() -> None:
+    result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7), FRICTION: (0.5,)}, runs=9, finer=16))
+    assert result.verdict == "missing_effect"
+    assert set(result.accepted) == {"cogging@rail", "dry_friction@rail"}
