@@ -32,6 +32,8 @@ GROSS = 3.0  # floors
 MOST_REFITS = 2  # of a group
 
 HALF = 0.5
+PROMISING = 0.1  # share by which one of them must promise to lower a gross error
+BEYOND = 100.0  # floors: what is left of a real machine's motion when the effects that it has were found
 
 Group = tuple[str, tuple[Effect, ...]]
 
@@ -50,8 +52,10 @@ class Last:
     believed: bool
 
 
-def last_candidates(current: Grounds) -> tuple[Group, ...]:
-    """What is left to try beyond all, in groups, each with what is being looked for."""
+def last_candidates(current: Grounds, found: int = 0) -> tuple[Group, ...]:
+    """What is left to try beyond all where ``found`` effects were, in groups, each with what is being looked for."""
+    if found and float(signal_rms(current.fitted.projected).max()) > BEYOND:
+        return ()
     return tuple((what, effects) for what, effects in (*_effects(current), *_in_time(current)) if effects)
 
 
@@ -102,8 +106,9 @@ def last_found(
             break  # an effect that explains all goes before a number for every instant
         say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
-        refits = worth(screened, level, 2.0 if gross else REFIT_BELOW)[:MOST_REFITS]
-        stage = judged_stage(screened, refits, current.numerics, stricter, say, interrupt)
+        promising = [one for one in worth(screened, level, 2.0) if one.promise >= PROMISING]
+        refits = promising if gross else worth(screened, level, REFIT_BELOW)
+        stage = judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt)
         admissible = [judged for judged in stage.judged if judged.admissible]
         quiet = [judged for judged in admissible if _noise(judged, current, selection.tolerance)]
         halving = [judged for judged in admissible if gross and judged.falls[0] >= HALF]

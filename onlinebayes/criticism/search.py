@@ -136,7 +136,7 @@ def search(
             current, accepted = kept or (current, accepted)
             continue
         if not chosen and candidates == "all" and not last and not _at_floor(current, selection.tolerance):
-            last = last_candidates(current)
+            last = last_candidates(current, len(accepted))
             latest = last_found(current, last, selection, say, interrupt)
             if interrupt is not None and interrupt.requested and (latest is None or not latest.believed):
                 continue

@@ -148,7 +148,7 @@ def refit(
     fitted = _fitted(current, windows, effect, start, hopeless)
     for other in others:
         try:
-            again = _fitted(current, windows, effect, other, min(hopeless, GROSS * fitted.projected.objective))
+            again = _fitted(current, windows, effect, other, min(hopeless, fitted.projected.objective))
         except BadInput:  # it diverges from there
             continue
         fitted = min(fitted, again, key=lambda one: one.projected.objective)
