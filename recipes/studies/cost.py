@@ -31,6 +31,7 @@ import tyro
 
 from envs.rigs import RIGS, Rig, sized_case, write_case
 from onlinebayes.runs import BadInput, ResultTable
+from recipes.studies.exits import status
 
 Part = Literal["arm", "growth", "six joints"]
 MEMORY = 4.0  # GB
@@ -164,7 +165,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(Study))
-    except BadInput as error:
-        sys.exit(f"cost: {error}")
+    sys.exit(status("cost", lambda: main(tyro.cli(Study))))

@@ -31,6 +31,7 @@ from recipes.studies.effect_pages_machine import (
     windows_of,
 )
 from recipes.studies.effect_pages_picture import draw, fingerprint
+from recipes.studies.exits import status
 
 BEGIN, END = "<!-- printed by make effect-pages -->", "<!-- end of what is printed -->"
 
@@ -203,7 +204,4 @@ def _linked(names: list[str]) -> str:
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(Study))
-    except BadInput as error:
-        sys.exit(f"effect-pages: {error}")
+    sys.exit(status("effect-pages", lambda: main(tyro.cli(Study))))

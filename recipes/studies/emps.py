@@ -21,6 +21,7 @@ import tyro
 
 from envs.drive import FREE, MODEL
 from onlinebayes.runs import BadInput, ResultTable, write_atomic
+from recipes.studies.exits import status
 
 SIGNAL = "qpos.carriage"
 
@@ -118,7 +119,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main(tyro.cli(Study))
-    except BadInput as error:
-        sys.exit(f"emps: {error}")
+    sys.exit(status("emps", lambda: main(tyro.cli(Study))))

@@ -20,6 +20,7 @@ from pathlib import Path
 
 from onlinebayes.runs import BadInput, ResultTable, Row
 from recipes.studies import measured_sets
+from recipes.studies.exits import status
 
 PROCESSES = 2
 
@@ -72,7 +73,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    try:
-        main()
-    except BadInput as error:
-        sys.exit(f"measured: {error}")
+    sys.exit(status("measured", main))

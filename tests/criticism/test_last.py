@@ -5,6 +5,8 @@ import pytest
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.last import Last, last_candidates, last_found
 from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.stage import refit
+from onlinebayes.criticism.windows import make_windows
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import Cogging, DryFriction
 from tests.criticism.rigs import measure, model
@@ -33,6 +35,19 @@ def test_a_drift_is_found() -> None:
 
 def test_friction_is_none_of_them() -> None:
     assert found(measure({FRICTION: (1.0,)}, runs=9)) is None
+
+
+def test_a_wrong_period_is_left_for_a_better_start() -> None:
+    data = measure({COGGING: (1.0, 25.0, 0.7)}, runs=3, finer=16)
+    base = ground(model(), data, Selection()).fitted
+    windows = make_windows(model(), data, 1.0)
+    wrong, near = ({"amplitude": 0.5, "poles": poles, "phase": 0.5} for poles in (33.0, 26.0))
+    stuck, _ = refit(base, windows, COGGING, wrong)
+    found, _ = refit(base, windows, COGGING, wrong, others=(near,))
+    kept, _ = refit(base, windows, COGGING, near, others=(wrong,))
+    assert float(stuck.theta[-2]) != pytest.approx(25.0, rel=0.1)
+    assert float(found.theta[-2]) == pytest.approx(25.0, rel=0.01)
+    assert float(kept.theta[-2]) == pytest.approx(25.0, rel=0.01)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ import torch
 from scipy.stats import binom
 
 from onlinebayes.criticism.projection import Projected
-from onlinebayes.criticism.screening import Column, block_scores, p_values
+from onlinebayes.criticism.screening import Column, block_scores, observed, p_values
 
 B, PER, M, P = 8, 3, 20, 2
 V = B * PER
@@ -69,6 +69,7 @@ def test_a_true_effect_is_found_and_the_others_are_not() -> None:
     assert float(p[0]) > 0.03
     assert float(p[2]) > 0.03
     assert best.tolist() == [0, 1, 2]
+    assert torch.equal(observed([block_scores(rows(residual, columns), candidates, OF, B)], tests), z)
 
 
 @pytest.mark.parametrize(("two_sided", "found"), [(True, True), (False, False)])

@@ -27,6 +27,7 @@ from recipes.studies.blind_rigs.plan import REPORTED, Job, in_words, jobs, secon
 from recipes.studies.blind_rigs.record import Judged, from_json, to_json
 from recipes.studies.blind_rigs.table import tabulate
 from recipes.studies.blind_rigs.workers import Done, work
+from recipes.studies.exits import status
 
 
 @dataclass(frozen=True)
@@ -162,7 +163,4 @@ def _line(judged: Judged, fresh: list[Judged], left: Iterable[Job], processes: i
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main(tyro.cli(Study)))
-    except BadInput as error:
-        sys.exit(f"blind-rigs: {error}")
+    sys.exit(status("blind-rigs", lambda: main(tyro.cli(Study))))

@@ -24,6 +24,7 @@ import onlinebayes
 from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
+from recipes.studies.exits import status
 from recipes.studies.peers.cases import jobs
 from recipes.studies.peers.judging import Judge, Trial, unanswered
 from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, to_json
@@ -133,7 +134,4 @@ def _told(outcome: Outcome) -> str:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main(tyro.cli(Study)))
-    except BadInput as error:
-        sys.exit(f"versus-peers: {error}")
+    sys.exit(status("versus-peers", lambda: main(tyro.cli(Study))))
