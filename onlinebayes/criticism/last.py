@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 from onlinebayes.criticism.acceptance import Judged, choose, contained
 from onlinebayes.criticism.between_runs import HALF_LEVEL, may_change
 from onlinebayes.criticism.candidates import can_have, propose
-from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project, signal_rms
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.score import cross_validate, parted, score_gain
+from onlinebayes.criticism.score import CrossValidated, cross_validate, parted, score_gain
 from onlinebayes.criticism.stage import REFIT_BELOW, Stage, judged_stage, worth
 from onlinebayes.criticism.survey import survey
 from onlinebayes.runs import Interrupt
@@ -128,13 +128,16 @@ def instead(
     selection: Selection,
     say: Callable[[str], None],
 ) -> tuple[Stage, Judged] | None:
-    """The one effect that contains an accepted one and predicts better alone than several do; None without any.
+    """The one effect that explains alone what several do; None without any.
 
-    A steady wind is air drag and, to what is slow against it, a constant load.
+    One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
+    constant load), or one that was found last and does no worse without those that aped it before.
     """
     several = {judged.effect.key for _, judged in accepted}
-    groups = _effects(base) if len(several) > 1 else ()
-    rivals = [effect for _, effects in groups for effect in effects if contained(effect) & several]
+    if len(several) < 2:
+        return None
+    rivals = [judged.effect for _, judged in accepted if judged.effect.rare]
+    rivals += [effect for _, effects in _effects(base) for effect in effects if contained(effect) & several]
     if not rivals:
         return None
     say(f"looking for one effect in place of {' and '.join(sorted(several))}")
@@ -143,15 +146,17 @@ def instead(
         fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
     )
     refits = worth(screened, selection.alpha, 2.0)[:MOST_REFITS]
-    stage = judged_stage(screened, refits, current.numerics, selection, say)
+    # Whether something is missing at all was decided before: screening's p, small or not, says nothing more.
+    stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), say)
     present = cross_validate(current.fitted, windows, stage.blocks)
-    better = [
-        judged
-        for judged in stage.judged
-        if judged.admissible
-        and _noise(judged, current, selection.tolerance)
-        and len(judged.fitted.theta) <= len(current.fitted.theta)
-        and score_gain(judged.scores, present, step).gain > 0
-        and parted(judged.scores, present, step)
-    ]
+    quiet = [one for one in stage.judged if one.admissible and _noise(one, current, selection.tolerance)]
+    better = [one for one in quiet if _better(one, current.fitted, present, step)]
     return (stage, choose(better, step)) if better else None
+
+
+def _better(one: Judged, several: Fit, present: CrossValidated, step: float) -> bool:
+    """Whether one effect predicts better with no more parameters than several, or no worse with fewer."""
+    gains = score_gain(one.scores, present, step).gain > 0
+    if parted(one.scores, present, step):
+        return gains and len(one.fitted.theta) <= len(several.theta)
+    return len(one.fitted.theta) < len(several.theta)
