@@ -84,13 +84,14 @@ class _Plan:
     fault: Fault | None = None
 
 
-def case(rig: str, kind: str, seed: int) -> BlindCase:
+def case(rig: str, kind: str, seed: int, last: bool = True) -> BlindCase:
     """The case of that rig, kind and seed (a few seconds).
 
     Args:
         rig: a name in ``RIGS``.
         kind: one of ``KINDS``.
-        seed: below 1000 for tuning, from 1000 on for reporting.
+        seed: which case of that kind.
+        last: may what criticism tries last hide in it, too? Without it the cases are others.
 
     Raises:
         BadInput: an unknown rig or kind, a negative seed.
@@ -102,7 +103,7 @@ def case(rig: str, kind: str, seed: int) -> BlindCase:
     if seed < 0:
         raise BadInput(f"seed {seed} is negative", "seeds count from 0")
     draw = _drawing(rig, kind, seed)
-    return _made(RIGS[rig], kind, seed, _plan(RIGS[rig], kind, seed, draw), draw)
+    return _made(RIGS[rig], kind, seed, _plan(RIGS[rig], kind, seed, draw, last), draw)
 
 
 def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
@@ -113,7 +114,7 @@ def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     """
     if rig not in RIGS:
         raise BadInput(f"rig '{rig}' is unknown", f"use one of {', '.join(RIGS)}")
-    known = {effect.key: effect for effect in (*RIGS[rig].effects, *RIGS[rig].by_name)}
+    known = {effect.key: effect for effect in (*RIGS[rig].effects, *RIGS[rig].last, *RIGS[rig].by_name)}
     if key not in known:
         raise BadInput(f"'{key}' does not hide in {rig}", f"use one of {', '.join(known)}")
     if level not in LEVELS:
@@ -136,10 +137,10 @@ def _drawing(rig: str, kind: str, seed: int) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(f"{rig} {kind}".encode())])
 
 
-def _plan(rig: Rig, kind: str, seed: int, draw: np.random.Generator) -> _Plan:
+def _plan(rig: Rig, kind: str, seed: int, draw: np.random.Generator, last: bool) -> _Plan:
     level = list(LEVELS)[seed % len(LEVELS)]
     if kind == "effect":
-        return _seen(rig, drawn_effects(rig, draw), level)
+        return _seen(rig, drawn_effects(rig, draw, last), level)
     if kind == "tie":
         tie: Tie = rig.ties[draw.integers(len(rig.ties))]
         return _Plan((tie.hidden,), "medium", (tie.partner,), tie.fixed)
@@ -154,10 +155,11 @@ def _seen(rig: Rig, hidden: tuple[HiddenEffect, ...], level: str) -> _Plan:
     return _Plan(hidden, level, rig.partners(tuple(effect.key for effect in hidden)))
 
 
-def drawn_effects(rig: Rig, draw: np.random.Generator) -> tuple[HiddenEffect, ...]:
+def drawn_effects(rig: Rig, draw: np.random.Generator, last: bool = True) -> tuple[HiddenEffect, ...]:
     """One effect of the rig's, or two of different laws at different places that do not look alike."""
-    first, second = draw.choice(len(rig.effects), 2, replace=False)
-    pair = rig.effects[first], rig.effects[second]
+    effects = (*rig.effects, *rig.last) if last else rig.effects
+    first, second = draw.choice(len(effects), 2, replace=False)
+    pair = effects[first], effects[second]
     # Two laws of one name, or two at one place, are one question too many for a first judge.
     apart = all(one != other for one, other in zip(*(effect.key.split("@") for effect in pair), strict=True))
     # Of two that look alike the log shows their sum, which either of them explains.

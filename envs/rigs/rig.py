@@ -127,6 +127,7 @@ class Rig:
         equations: values -> equations of motion.
         protocol: how it is recorded.
         effects: what may hide in it.
+        last: what may hide in it and criticism tries last, where nothing else explains the log.
         by_name: what may hide in it and criticism tries where it is named only; no case of a blind study hides it.
         outside: what may hide in it and no vocabulary names. A mode lies in the band of the inputs: one far above it is
             a mass.
@@ -146,6 +147,7 @@ class Rig:
     outside: tuple[HiddenEffect, ...]
     ties: tuple[Tie, ...]
     alike: tuple[tuple[str, ...], ...] = ()
+    last: tuple[HiddenEffect, ...] = ()
     by_name: tuple[HiddenEffect, ...] = ()
 
     @property

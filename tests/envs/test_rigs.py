@@ -262,7 +262,7 @@ def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
         return plant.q[0]
 
     plain = end({})
-    for effect in (*rig.effects, *rig.by_name, *rig.outside, *(tie.hidden for tie in rig.ties)):
+    for effect in (*rig.effects, *rig.last, *rig.by_name, *rig.outside, *(tie.hidden for tie in rig.ties)):
         if not effect.key.startswith(("sensor_", "parameter_step")):
             moved = end(effect.values(2.5))
             assert np.isfinite(moved).all(), effect.key

@@ -54,8 +54,8 @@ POSITION_SERVO = Rig(
         HiddenEffect("actuator_dead_zone@servo", {"width": 0.0051}),
         HiddenEffect("actuator_saturation@servo", {"limit": 1.6}, shrinks=True),
         HiddenEffect("sensor_bias@qpos.horn", {"bias": 0.0019}),
-        HiddenEffect("parameter_step@joint.horn.damping", {"size": 0.028}, {"time": 2.0}),
     ),
+    last=(HiddenEffect("parameter_step@joint.horn.damping", {"size": 0.028}, {"time": 2.0}),),
     outside=(
         HiddenEffect("detent@horn", {"amplitude": 0.052}, {"poles": 9.0, "speed": 1.0}),
         HiddenEffect("hysteresis@horn", {"amplitude": 0.058}, {"width": 0.5}),

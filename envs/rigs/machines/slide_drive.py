@@ -47,6 +47,8 @@ SLIDE_DRIVE = Rig(
         HiddenEffect("actuator_saturation@motor", {"limit": 4.2}, shrinks=True),
         HiddenEffect("thermal_derating@motor", {"coefficient": 0.029}, {"time_constant": 2.0}),
         HiddenEffect("sensor_delay@qpos.carriage", {"delay": 0.0043}),
+    ),
+    last=(
         HiddenEffect("cogging@carriage", {"amplitude": 0.77}, {"poles": 120.0, "phase": 0.7}),
         HiddenEffect("parameter_step@joint.carriage.damping", {"size": 5.4}, {"time": 2.0}),
         HiddenEffect("parameter_drift@joint.carriage.damping", {"rate": 1.8}),

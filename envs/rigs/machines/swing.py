@@ -49,8 +49,8 @@ SWING = Rig(
         HiddenEffect("actuator_saturation@motor", {"limit": 1}, shrinks=True),
         HiddenEffect("sensor_bias@qpos.hinge", {"bias": 0.003}),
         HiddenEffect("sensor_delay@qpos.hinge", {"delay": 0.0035}),
-        HiddenEffect("cogging@hinge", {"amplitude": 0.01}, {"poles": 7.0, "phase": 0.5}),
     ),
+    last=(HiddenEffect("cogging@hinge", {"amplitude": 0.01}, {"poles": 7.0, "phase": 0.5}),),
     outside=(
         HiddenEffect("detent@hinge", {"amplitude": 0.036}, {"poles": 4.0, "speed": 1.0}),
         HiddenEffect("periodic@hinge", {"amplitude": 0.033}, {"frequency": 1.3, "phase": 0.9}),

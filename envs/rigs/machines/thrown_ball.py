@@ -40,8 +40,8 @@ THROWN_BALL = Rig(
         HiddenEffect("actuator_lag@jet_x", {"time_constant": 0.079}),
         HiddenEffect("actuator_delay@jet_x", {"delay": 0.06}),
         HiddenEffect("viscous_friction@x", {"damping": 0.036}),
-        HiddenEffect("wind@world", {"drag": 3.9e-05}, {"x": 3.0}),
     ),
+    last=(HiddenEffect("wind@world", {"drag": 3.9e-05}, {"x": 3.0}),),
     outside=(
         HiddenEffect("periodic@x", {"amplitude": 0.075}, {"frequency": 2.7, "phase": 0.4}),
         HiddenEffect("flexible_mode@y", {"mass": 0.028}, {"frequency": 1.3}),

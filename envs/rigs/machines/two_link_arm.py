@@ -65,8 +65,8 @@ TWO_LINK_ARM = Rig(
         HiddenEffect("thermal_derating@shoulder_motor", {"coefficient": 0.12}, {"time_constant": 2.0}),
         HiddenEffect("sensor_bias@qpos.elbow", {"bias": 0.0079}),
         HiddenEffect("sensor_delay@qpos.elbow", {"delay": 0.0032}),
-        HiddenEffect("cogging@elbow", {"amplitude": 0.011}, {"poles": 8.0, "phase": 0.5}),
     ),
+    last=(HiddenEffect("cogging@elbow", {"amplitude": 0.011}, {"poles": 8.0, "phase": 0.5}),),
     by_name=(HiddenEffect("backlash@elbow", {"gap": 0.08}, {"rotor": 0.002}),),
     outside=(
         HiddenEffect("detent@elbow", {"amplitude": 0.021}, {"poles": 5.0, "speed": 1.0}),

@@ -113,7 +113,10 @@ def tied(rig: Rig, tie: Tie) -> Rig:
 
 def questions(rig: Rig, keys: Sequence[str]) -> Iterator[tuple[Rig, tuple[HiddenEffect, ...]]]:
     """The rig with all that may hide in it, or with these keys of it, ties each on its own."""
-    known = ((rig, (*rig.effects, *rig.by_name, *rig.outside)), *((tied(rig, tie), (tie.hidden,)) for tie in rig.ties))
+    known = (
+        (rig, (*rig.effects, *rig.last, *rig.by_name, *rig.outside)),
+        *((tied(rig, tie), (tie.hidden,)) for tie in rig.ties),
+    )
     for posed, effects in known:
         if wanted := tuple(effect for effect in effects if not keys or effect.key in keys):
             yield posed, wanted

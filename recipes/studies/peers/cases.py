@@ -94,7 +94,7 @@ def make(job: Job, folder: Path) -> Case:
 
 
 def _rig(job: Job) -> Case:
-    made = rig_case(job.rig, job.kind, job.seed)
+    made = rig_case(job.rig, job.kind, job.seed, last=False)
     problem = loaded(made)
     simulator = in_step(problem.simulator, split(problem.measurement, problem.holdout)[0])
     assert isinstance(simulator, MujocoSimulator)
