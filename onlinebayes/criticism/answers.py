@@ -58,4 +58,4 @@ def widened_bounds(found: Found) -> dict[str, WidenedBounds]:
 def wiring_of(suspicion: Suspicion) -> Wiring:
     """The fault, the lines that mend it, and those that would do as well."""
     fault, equals = suspicion.fault, tuple((equal.says, equal.lines) for equal in suspicion.equals)
-    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.after, equals)
+    return Wiring(fault.says, fault.lines, suspicion.before, suspicion.left, equals)

@@ -55,7 +55,9 @@ class Suspicion:
     Args:
         fault: what it is.
         equals: faults that explain as much.
-        before, after: cross-validated RMS of the base model and of the same model with the fault put right [floors].
+        before, after: cross-validated RMS of the base model and of the same model with the fault put right [floors of
+            the table as it stands, which carry the fault's factor along].
+        left: the latter in floors of the table put right: where the sensor's sd was given in SI, that is what it means.
         certain: whether nothing but noise is left then.
     """
 
@@ -63,6 +65,7 @@ class Suspicion:
     equals: tuple[Fault, ...]
     before: float
     after: float
+    left: float
     certain: bool
 
     def beats(self, final: Grounds, selection: Selection) -> bool:
@@ -208,9 +211,10 @@ def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspi
     after = _total(cross_validated(grounds, selection), floor / carried)
     if after > HALF * before:
         return None
-    left = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, False)
-    certain = grounds.numerics.sufficient and max(left.values()) <= selection.tolerance
-    return Suspicion(fault, tuple(alike[1:]), before, after, certain)
+    rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, False)
+    certain = grounds.numerics.sufficient and max(rows.values()) <= selection.tolerance
+    left = _total(cross_validated(grounds, selection))
+    return Suspicion(fault, tuple(alike[1:]), before, after, left, certain)
 
 
 def cross_validated(grounds: Grounds, selection: Selection) -> Float[Tensor, " S"]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import pytest
 import torch
@@ -19,7 +20,7 @@ from onlinebayes.criticism.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, ActuatorGain, ConstantLoad, DryFriction
-from tests.criticism.wired import ARM, PENDULUM, Rig
+from tests.criticism.wired import ARM, NOISE, PENDULUM, Rig
 
 POSITION = "qpos.hinge"
 
@@ -66,6 +67,14 @@ def check(rig: Rig, wrong: Fault, mends: Fault) -> None:
     assert found.fault == mends
     assert found.certain
     assert found.after < 0.05 * found.before
+
+
+def test_what_degrees_leave_is_counted_in_the_sensors_own_sd() -> None:
+    degrees = PENDULUM_FAULTS["degrees"][0].mended(PENDULUM.measure())
+    signals = [replace(signal, sd=NOISE) for signal in degrees.signals]  # given in rad
+    found = suspected(PENDULUM, replace(degrees, signals=tuple(signals)))
+    assert found is not None
+    assert found.left == pytest.approx(1.0, abs=0.2)
 
 
 @pytest.mark.slow
