@@ -36,7 +36,7 @@ lint: setup
 	$(BIN)/lint-imports --no-cache
 
 check: setup     ## a sample of the slow evidence (under 20 minutes)
-	$(BIN)/python -m pytest -m slow --timeout 1200 -n $(WORKERS) --dist loadscope
+	$(BIN)/python -m pytest -m slow --durations 10 --timeout 1200 -n $(WORKERS) --dist loadscope
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed

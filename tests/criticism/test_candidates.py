@@ -135,6 +135,7 @@ def test_air_and_contacts_are_tried_where_they_are_something_of_their_own(window
     assert keys["contact_softness@foot"].neutral == {"time_constant": 0.02, "damping_ratio": 1.0}
 
 
+@pytest.mark.slow
 def test_air_drag_of_what_one_joint_moves_is_that_joints(tmp_path: Path) -> None:
     problem = load_problem(write_case(case("cart_pole", "null", 0), tmp_path))
     assert problem.simulator.moving_joints == {"cart": ("slider",), "pole": ("slider", "hinge")}

@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+import pytest
+
 from envs.drive import FREE, MODEL
 from onlinebayes.criticism import refine
 from onlinebayes.measurements import Signal, TableReader
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 
+@pytest.mark.slow
 def test_dry_friction_then_a_constant_load(data: Path) -> None:
     simulator = MujocoSimulator(MODEL, FREE, threads=2)
     reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands)

@@ -41,7 +41,7 @@ def test_a_wrong_period_is_left_for_a_better_start() -> None:
     data = measure({COGGING: (1.0, 25.0, 0.7)}, runs=3, finer=16)
     base = ground(model(), data, Selection()).fitted
     windows = make_windows(model(), data, 1.0)
-    wrong, near = ({"amplitude": 0.5, "poles": poles, "phase": 0.5} for poles in (33.0, 26.0))
+    wrong, near = ({"amplitude": 0.5, "poles": poles, "phase": 0.5} for poles in (45.0, 26.0))
     stuck, _ = refit(base, windows, COGGING, wrong)
     found, _ = refit(base, windows, COGGING, wrong, others=(near,))
     kept, _ = refit(base, windows, COGGING, near, others=(wrong,))

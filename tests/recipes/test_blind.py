@@ -5,20 +5,21 @@ import pytest
 from recipes.studies.blind import Outcome, Study, judge, table
 
 
-@pytest.mark.parametrize(("kind", "seed"), [("actuator_delay", 0), ("null", 0)])
-def test_what_is_hidden_is_named(kind: str, seed: int) -> None:
-    outcome = judge(kind, seed)
-    assert outcome.named
-    if kind != "null":
-        assert outcome.improved
-        assert outcome.at_truth < 2  # the true parameters explain the held-out run, but for its starts
-        assert 2 <= outcome.before <= 10
+def test_nothing_is_named_where_nothing_hides() -> None:
+    assert judge("null", 0).named
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("kind", "seed"), [("dry_friction", 0), ("joint_stiffness", 3), ("quadratic_drag", 1), ("null", 1), ("null", 2)]
-)
+def test_what_is_hidden_is_named() -> None:
+    outcome = judge("actuator_delay", 0)
+    assert outcome.named
+    assert outcome.improved
+    assert outcome.at_truth < 2  # the true parameters explain the held-out run, but for its starts
+    assert 2 <= outcome.before <= 10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("dry_friction", 0), ("quadratic_drag", 1), ("null", 1)])
 def test_more_of_the_blind_sets(kind: str, seed: int) -> None:
     outcome = judge(kind, seed)
     assert outcome.named
