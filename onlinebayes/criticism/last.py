@@ -8,6 +8,9 @@ asked after the others.
 The level is half of what is usual, shared out among the groups where little is wrong: by chance something might do.
 Nothing leaves noise of a gross misfit by chance, so that each has it whole there; and whatever screening's p, those
 that promise most are refitted, for each sign flip of a residual that holds a wave excites a wave of another phase, too.
+
+Where another effect is missing beside it, one may leave more than noise: it is taken on trial if it halves the error.
+Where effects were found and a hundred floors are left, none of these will leave noise, and they are not tried.
 """
 
 from __future__ import annotations
@@ -30,7 +33,6 @@ from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, Para
 
 GROSS = 3.0  # floors
 MOST_REFITS = 2  # of a group
-
 HALF = 0.5
 PROMISING = 0.1  # share by which one of them must promise to lower a gross error
 BEYOND = 100.0  # floors: what is left of a real machine's motion when the effects that it has were found

@@ -70,6 +70,15 @@ class Found:
         return bool(self.stages) and any(judged.undecided for judged in self.stages[-1].judged)
 
 
+@dataclass(frozen=True)
+class _BeforeTrial:
+    """The model before an effect was taken on trial; it comes back unless noise is all that is left."""
+
+    current: Grounds
+    accepted: list[tuple[Stage, Judged]]
+    changes: list[Changed]
+
+
 def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
     """The base model fitted, with the noise floor of the fit runs."""
     noise = floors(measurement.signals, run_grids(measurement, row_step(measurement)))
@@ -107,12 +116,13 @@ def search(
     accepted: list[tuple[Stage, Judged]] = []
     changes: list[Changed] = []
     last: tuple[Group, ...] = ()
-    before_trial: tuple[Grounds, list[tuple[Stage, Judged]]] | None = None
+    before: _BeforeTrial | None = None
     moves = bool(base.windows.observed.any())
     enough = moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
     while enough and current.numerics.sufficient:
         if interrupt is not None and interrupt.requested:
-            current, accepted = _tried_out(current, accepted, before_trial, selection)
+            if before is not None and not _at_floor(current, selection.tolerance):
+                current, accepted, changes = before.current, before.accepted, before.changes
             return Found(base, current, effects, tuple(stages), tuple(accepted), True, changes=tuple(changes))
         say(f"screening {len(effects) - len(accepted)} effects")
         present = {judged.effect.key for _, judged in accepted}
@@ -142,7 +152,7 @@ def search(
                 continue
             if latest is not None:
                 chosen = [(latest.stage, latest.judged)]
-                before_trial = None if latest.believed else (current, list(accepted))
+                before = None if latest.believed else _BeforeTrial(current, list(accepted), list(changes))
         if not chosen:
             break
         say(f"adding {' and '.join(judged.effect.key for _, judged in chosen)}")
@@ -157,25 +167,14 @@ def search(
             break  # a round that takes away what an earlier one gave would only repeat itself
         if len(accepted) >= most:
             break
-    current, accepted = _tried_out(current, accepted, before_trial, selection)
+    if before is not None and not _at_floor(current, selection.tolerance):
+        current, accepted, changes = before.current, before.accepted, before.changes
     quiet = candidates == "all" and not changes and _at_floor(current, selection.tolerance)
     if quiet and (one := instead(base, current, accepted, selection, say)) is not None:
         accepted = [one]
         current = _resettled(simulator, measurement, selection, current, one[1], accepted)
     tried = (*effects, *(effect for _, group in last for effect in group))
     return Found(base, current, tried, tuple(stages), tuple(accepted), enough=enough, changes=tuple(changes))
-
-
-def _tried_out(
-    current: Grounds,
-    accepted: list[tuple[Stage, Judged]],
-    before: tuple[Grounds, list[tuple[Stage, Judged]]] | None,
-    selection: Selection,
-) -> tuple[Grounds, list[tuple[Stage, Judged]]]:
-    """The model as it stands; as it was before an effect was taken on trial, where more than noise is left of it."""
-    if before is None or _at_floor(current, selection.tolerance):
-        return current, accepted
-    return before
 
 
 def _chosen(
