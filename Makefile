@@ -17,7 +17,7 @@ setup: .venv/.installed  ## make .venv and install the library with its pinned d
 	@$(PYTHON) -c 'import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 13))' 2>/dev/null || \
 	  { echo "onlinebayes needs Python 3.11 or 3.12: install it, or run make PYTHON=/path/to/python3.11"; exit 2; }
 	@echo "setting up .venv: a minute or two, once"
-	@test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	@$(BIN)/python -m pip --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
 	@$(PIP) torch==2.13.0
 	@$(PIP) -e '.[dev]'
 	@touch $@
