@@ -15,6 +15,7 @@ Where effects were found and a hundred floors are left, none of these will leave
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,7 +27,7 @@ from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.projection import project, signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import CrossValidated, cross_validate, parted, score_gain
-from onlinebayes.criticism.stage import REFIT_BELOW, Stage, judged_stage, worth
+from onlinebayes.criticism.stage import REFIT_BELOW, Added, Stage, judged_stage, worth
 from onlinebayes.criticism.survey import survey
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, ParameterStep
@@ -34,6 +35,7 @@ from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, Para
 GROSS = 3.0  # floors
 MOST_REFITS = 2  # of a group
 HALF = 0.5
+ANY_P = math.inf  # screening's p has no say
 PROMISING = 0.1  # share by which one of them must promise to lower a gross error
 BEYOND = 100.0  # floors: what is left of a real machine's motion when the effects that it has were found
 
@@ -108,7 +110,7 @@ def last_found(
             break  # an effect that explains all goes before a number for every instant
         say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
-        promising = [one for one in worth(screened, level, 2.0) if one.promise >= PROMISING]
+        promising = [one for one in worth(screened, level, ANY_P) if one.promise >= PROMISING]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
         stage = judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt)
         admissible = [judged for judged in stage.judged if judged.admissible]
@@ -126,10 +128,10 @@ def _noise(judged: Judged, current: Grounds, tolerance: float) -> bool:
 def instead(
     base: Grounds,
     current: Grounds,
-    accepted: Sequence[tuple[Stage, Judged]],
+    accepted: Sequence[Added],
     selection: Selection,
     say: Callable[[str], None],
-) -> tuple[Stage, Judged] | None:
+) -> Added | None:
     """The one effect that explains alone what several do; None without any.
 
     One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
@@ -147,7 +149,7 @@ def instead(
     screened = survey(
         fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
     )
-    refits = worth(screened, selection.alpha, 2.0)[:MOST_REFITS]
+    refits = worth(screened, selection.alpha, ANY_P)[:MOST_REFITS]
     # Whether something is missing at all was decided before: screening's p, small or not, says nothing more.
     stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), say)
     present = cross_validate(current.fitted, windows, stage.blocks)

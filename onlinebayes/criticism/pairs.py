@@ -16,12 +16,10 @@ from onlinebayes.criticism.acceptance import Judged
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.score import parted, score_gain
-from onlinebayes.criticism.stage import MOST_REFITS, Stage, judged_stage, refit, worth
+from onlinebayes.criticism.stage import MOST_REFITS, Added, Stage, judged_stage, refit, worth
 from onlinebayes.criticism.survey import Survey, survey
 from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators.effects import Effect
-
-Added = tuple[Stage, Judged]
 
 
 def pair(

@@ -8,42 +8,35 @@ without it, fitted anew, predicts as well; else both stay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from dataclasses import replace
 
-from onlinebayes.criticism.acceptance import Judged, contained
+from onlinebayes.criticism.acceptance import contained
 from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
-from onlinebayes.criticism.stage import Stage, blocks_for
+from onlinebayes.criticism.stage import blocks_for
+from onlinebayes.criticism.standing import Standing
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
 
 WORSE = 1.01  # times the cross-validated error with both
 
 
-def replaced(
-    simulator: Simulator,
-    measurement: Measurement,
-    selection: Selection,
-    current: Grounds,
-    accepted: Sequence[tuple[Stage, Judged]],
-) -> tuple[Grounds, list[tuple[Stage, Judged]]] | None:
-    """The model and its effects without those that the newest one contains; None where there is none, or it is worse.
+def replaced(standing: Standing, measurement: Measurement, selection: Selection) -> Standing | None:
+    """The model without the effects that its newest one contains; None where there is none, or it is worse.
 
     Args:
-        simulator: the base model at its own step.
+        standing: the model with all of them.
         measurement: the fit runs.
         selection: how effects are judged.
-        current: the model with all of them.
-        accepted: the effects, the newest last.
     """
+    current, accepted = standing.grounds, standing.accepted
     newest, fitted = accepted[-1][1].effect, current.fitted
-    kept = [item for item in accepted if item[1].effect.key not in contained(newest)]
+    kept = tuple(item for item in accepted if item[1].effect.key not in contained(newest))
     if len(kept) == len(accepted):
         return None
-    model = grown(simulator, [judged.effect for _, judged in kept])
+    model = grown(standing.simulator, [judged.effect for _, judged in kept])
     values = dict(zip(fitted.simulator.parameters, fitted.theta.unbind(), strict=True))
     for _, judged in accepted:
         simpler = list(effect_entries(fitted.simulator, judged.effect))
@@ -53,7 +46,9 @@ def replaced(
                     values[name] = values[name] + values[simpler[0]]
     theta = fitted.theta.new_tensor([float(values[name]) for name in model.parameters])
     alone = settle(model, measurement, selection.horizon_s, current.windows.noise, theta, current)
-    return (alone, kept) if _error(alone, selection) <= WORSE * _error(current, selection) else None
+    if _error(alone, selection) > WORSE * _error(current, selection):
+        return None
+    return replace(standing, grounds=alone, accepted=kept)
 
 
 def _error(grounds: Grounds, selection: Selection) -> float:

@@ -8,24 +8,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
-
-from onlinebayes.criticism.acceptance import Judged, choose, contained, interval
+from onlinebayes.criticism.acceptance import choose
 from onlinebayes.criticism.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.bounds import Widened, excluded
-from onlinebayes.criticism.candidates import grown, propose
+from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.changes import Changed, changed
 from onlinebayes.criticism.grid import row_step, run_grids
-from onlinebayes.criticism.last import Group, instead, last_candidates, last_found
+from onlinebayes.criticism.last import Group, Last, instead, last_candidates, last_found
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.pairs import pair
-from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.replaced import replaced
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.stage import Stage, blocks_for, run_stage
+from onlinebayes.criticism.stage import Added, Stage, run_stage
+from onlinebayes.criticism.standing import Standing, with_change, with_effects, without_idle
 from onlinebayes.criticism.zeros import beside_zeros
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
@@ -54,7 +50,7 @@ class Found:
     final: Grounds
     effects: tuple[Effect, ...]
     stages: tuple[Stage, ...]
-    accepted: tuple[tuple[Stage, Judged], ...]
+    accepted: tuple[Added, ...]
     interrupted: bool = False
     enough: bool = True
     widened: Widened | None = None
@@ -71,12 +67,22 @@ class Found:
 
 
 @dataclass(frozen=True)
-class _BeforeTrial:
-    """The model before an effect was taken on trial; it comes back unless noise is all that is left."""
+class _Asked:
+    """What is the same in every round: the fit runs, how effects are judged, which of them, and whom to tell."""
 
-    current: Grounds
-    accepted: list[tuple[Stage, Judged]]
-    changes: list[Changed]
+    measurement: Measurement
+    selection: Selection
+    candidates: str | Sequence[str | Effect]
+    say: Callable[[str], None]
+    interrupt: Interrupt | None
+
+    @property
+    def stopped(self) -> bool:
+        return self.interrupt is not None and self.interrupt.requested
+
+    @property
+    def everything(self) -> bool:
+        return self.candidates == "all"
 
 
 def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
@@ -110,154 +116,100 @@ def search(
     if base is None:
         say("fitting the base model")
         base = ground(simulator, measurement, selection)
-    current = base
+    asked = _Asked(measurement, selection, candidates, say, interrupt)
     effects = propose(base.fitted.simulator, base.windows, candidates)
-    stages: list[Stage] = []
-    accepted: list[tuple[Stage, Judged]] = []
-    changes: list[Changed] = []
-    last: tuple[Group, ...] = ()
-    before: _BeforeTrial | None = None
     moves = bool(base.windows.observed.any())
-    enough = moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
-    while enough and current.numerics.sufficient:
-        if interrupt is not None and interrupt.requested:
-            if before is not None and not _at_floor(current, selection.tolerance):
-                current, accepted, changes = before.current, before.accepted, before.changes
-            return Found(base, current, effects, tuple(stages), tuple(accepted), True, changes=tuple(changes))
-        say(f"screening {len(effects) - len(accepted)} effects")
-        present = {judged.effect.key for _, judged in accepted}
-        present = present.union(*(contained(judged.effect) for _, judged in accepted))
-        left = [effect for effect in effects if effect.key not in present]
-        thorough = not stages and not _at_floor(current, selection.tolerance)
-        stage = run_stage(current.fitted, current.windows, left, current.numerics, selection, say, thorough, interrupt)
-        stages.append(stage)
-        if interrupt is not None and interrupt.requested:
-            continue  # a round that was cut short accepts nothing
-        if thorough and (wide := excluded(simulator, measurement, selection, base, stage)) is not None:
+    if not moves or make_blocks(base.windows, 0.0, selection.folds).count < FEWEST:
+        return Found(base, base, effects, (), (), asked.stopped, enough=False)
+    standing = Standing(simulator, base)
+    stages: list[Stage] = []
+    groups: tuple[Group, ...] = ()  # of what is tried last
+    before_trial: Standing | None = None  # comes back unless noise is all that is left
+    while standing.grounds.numerics.sufficient and not asked.stopped:
+        thorough = not stages and not standing.at_floor(selection.tolerance)
+        stages.append(_round(asked, standing, effects, thorough))
+        if asked.stopped:
+            break  # a round that was cut short accepts nothing
+        if thorough and (wide := excluded(simulator, measurement, selection, base, stages[0])) is not None:
             return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
-        chosen = _chosen(simulator, measurement, selection, current, stage, left, accepted, say, interrupt)
-        if not chosen and interrupt is not None and interrupt.requested:
+        added = _chosen(asked, standing, stages[-1], effects)
+        if isinstance(added, Changed):
+            say(f"giving every run its own {added.judged.address}")
+            standing = with_change(standing, added)
+            standing = without_idle(standing, standing.accepted, measurement, selection) or standing
             continue
-        if isinstance(chosen, Changed):
-            say(f"giving every run its own {chosen.judged.address}")
-            changes.append(chosen)
-            simulator, current = chosen.simulator, chosen.grounds
-            kept = _without_idle(simulator, measurement, selection, current, accepted, accepted)
-            current, accepted = kept or (current, accepted)
-            continue
-        if not chosen and candidates == "all" and not last and not _at_floor(current, selection.tolerance):
-            last = last_candidates(current, len(accepted))
-            latest = last_found(current, last, selection, say, interrupt)
-            if interrupt is not None and interrupt.requested and (latest is None or not latest.believed):
-                continue
-            if latest is not None:
-                chosen = [(latest.stage, latest.judged)]
-                before = None if latest.believed else _BeforeTrial(current, list(accepted), list(changes))
-        if not chosen:
+        if not added and asked.everything and not groups and not standing.at_floor(selection.tolerance):
+            groups = last_candidates(standing.grounds, len(standing.accepted))
+            if (latest := _latest(asked, standing, groups)) is not None:
+                added = [(latest.stage, latest.judged)]
+                before_trial = None if latest.believed else standing
+        if not added:
             break
-        say(f"adding {' and '.join(judged.effect.key for _, judged in chosen)}")
-        accepted += chosen
-        current = _resettled(simulator, measurement, selection, current, chosen[-1][1], accepted)
-        if (richer := replaced(simulator, measurement, selection, current, accepted)) is not None:
-            say(f"{chosen[-1][1].effect.key} takes the place of what it contains")
-            current, accepted = richer
-        kept = _without_idle(simulator, measurement, selection, current, accepted, accepted[:-1])
-        if kept is not None:
-            current, accepted = kept
-            break  # a round that takes away what an earlier one gave would only repeat itself
-        if len(accepted) >= most:
+        standing, all_stay = _extended(asked, standing, added)
+        # A round that takes away what an earlier one gave would only repeat itself.
+        if not all_stay or len(standing.accepted) >= most:
             break
-    if before is not None and not _at_floor(current, selection.tolerance):
-        current, accepted, changes = before.current, before.accepted, before.changes
-    quiet = candidates == "all" and not changes and _at_floor(current, selection.tolerance)
-    if quiet and (one := instead(base, current, accepted, selection, say)) is not None:
-        accepted = [one]
-        current = _resettled(simulator, measurement, selection, current, one[1], accepted)
-    tried = (*effects, *(effect for _, group in last for effect in group))
-    return Found(base, current, tried, tuple(stages), tuple(accepted), enough=enough, changes=tuple(changes))
+    if before_trial is not None and not standing.at_floor(selection.tolerance):
+        standing = before_trial
+    standing = _simplest(asked, base, standing)
+    tried = (*effects, *(effect for _, group in groups for effect in group))
+    accepted, changes = standing.accepted, standing.changes
+    return Found(base, standing.grounds, tried, tuple(stages), accepted, asked.stopped, changes=changes)
 
 
-def _chosen(
-    simulator: Simulator,
-    measurement: Measurement,
-    selection: Selection,
-    current: Grounds,
-    stage: Stage,
-    left: Sequence[Effect],
-    accepted: Sequence[tuple[Stage, Judged]],
-    say: Callable[[str], None],
-    interrupt: Interrupt | None,
-) -> Changed | list[tuple[Stage, Judged]]:
+def _round(asked: _Asked, standing: Standing, effects: Sequence[Effect], thorough: bool) -> Stage:
+    """Everything that is not in the model screened, and the leading ones judged."""
+    asked.say(f"screening {len(effects) - len(standing.accepted)} effects")
+    grounds, left = standing.grounds, standing.untried(effects)
+    fitted, windows, numerics = grounds.fitted, grounds.windows, grounds.numerics
+    return run_stage(fitted, windows, left, numerics, asked.selection, asked.say, thorough, asked.interrupt)
+
+
+def _chosen(asked: _Asked, standing: Standing, stage: Stage, effects: Sequence[Effect]) -> Changed | list[Added]:
     """What a round adds: a parameter that differs between runs, an effect, or two; nothing where nothing is admissible.
 
     A change that leaves noise goes before two effects, one that leaves more after them.
     """
+    selection, say, grounds = asked.selection, asked.say, standing.grounds
     admissible = [judged for judged in stage.judged if judged.admissible]
-    best = choose(admissible, current.windows.bin_step) if admissible else None
+    best = choose(admissible, grounds.windows.bin_step) if admissible else None
     if best is not None:
-        stage = beside_zeros(stage, best, current.numerics, selection, say)
+        stage = beside_zeros(stage, best, grounds.numerics, selection, say)
         admissible = [judged for judged in stage.judged if judged.admissible]
-        best = choose(admissible, current.windows.bin_step)
-    if best is None and _at_floor(current, selection.tolerance):
+        best = choose(admissible, grounds.windows.bin_step)
+    if best is None and standing.at_floor(selection.tolerance):
         return []
-    effects = [judged.effect for _, judged in accepted]
-    change = changed(simulator, measurement, selection, current, stage, effects, best)
+    change = changed(standing.simulator, asked.measurement, selection, grounds, stage, standing.effects, best)
     if change is not None and change.noise:
         return change
-    added = [(stage, best)] if best else list(pair(stage, left, current.numerics, selection, say, interrupt) or ())
+    if best is not None:
+        return [(stage, best)]
+    left = standing.untried(effects)
+    added = list(pair(stage, left, grounds.numerics, selection, say, asked.interrupt) or ())
     return change if not added and change is not None and change.halved else added
 
 
-def _at_floor(grounds: Grounds, tolerance: float) -> bool:
-    """Whether the residual is the sensors' noise already, so that only a significant candidate is worth a refit."""
-    return float(signal_rms(grounds.fitted.projected).max()) <= tolerance
+def _latest(asked: _Asked, standing: Standing, groups: Sequence[Group]) -> Last | None:
+    """What is found among those that are tried last; nothing on trial where there is no time to go on from it."""
+    latest = last_found(standing.grounds, groups, asked.selection, asked.say, asked.interrupt)
+    return None if latest is None or (asked.stopped and not latest.believed) else latest
 
 
-def _resettled(
-    simulator: Simulator,
-    measurement: Measurement,
-    selection: Selection,
-    current: Grounds,
-    best: Judged,
-    accepted: Sequence[tuple[Stage, Judged]],
-) -> Grounds:
-    """The grown model, at a step that is fine enough for it."""
-    model = grown(simulator, [judged.effect for _, judged in accepted])
-    return settle(
-        model,
-        measurement,
-        selection.horizon_s,
-        current.windows.noise,
-        best.fitted.theta,
-        before=current,
-        fitted=best.fitted,
-    )
+def _extended(asked: _Asked, standing: Standing, added: Sequence[Added]) -> tuple[Standing, bool]:
+    """The model with what a round added, without what that makes needless; and whether all earlier ones stay."""
+    asked.say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
+    standing = with_effects(standing, added, asked.measurement, asked.selection)
+    if (richer := replaced(standing, asked.measurement, asked.selection)) is not None:
+        asked.say(f"{added[-1][1].effect.key} takes the place of what it contains")
+        standing = richer
+    kept = without_idle(standing, standing.accepted[:-1], asked.measurement, asked.selection)
+    return kept or standing, kept is None
 
 
-def _without_idle(
-    simulator: Simulator,
-    measurement: Measurement,
-    selection: Selection,
-    current: Grounds,
-    accepted: list[tuple[Stage, Judged]],
-    earlier: list[tuple[Stage, Judged]],
-) -> tuple[Grounds, list[tuple[Stage, Judged]]] | None:
-    """The model without an ``earlier`` effect that may now be nothing; None where all are needed."""
-    blocks = blocks_for(current.fitted, current.windows, selection.folds)
-    for idle in earlier:
-        effect = idle[1].effect
-        low, high = interval(current.fitted, blocks, effect)
-        if low <= effect.neutral[effect.magnitude] <= high:
-            kept = [item for item in accepted if item is not idle]
-            model = grown(simulator, [judged.effect for _, judged in kept])
-            theta = carried(current.fitted.simulator, current.fitted.theta, model)
-            return settle(model, measurement, selection.horizon_s, current.windows.noise, theta, current), kept
-    return None
-
-
-def carried(source: Simulator, theta: Float[Tensor, " P"], target: Simulator) -> Float[Tensor, " Q"]:
-    """Theta of ``target``: the values of ``source`` where it has the same parameter, else nominal ones."""
-    values = dict(zip(source.parameters, theta.unbind(), strict=True))
-    nominal = target.nominal.to(theta)
-    rows = [values.get(name, nominal[i]) for i, name in enumerate(target.parameters)]
-    return torch.stack(rows) if rows else nominal
+def _simplest(asked: _Asked, base: Grounds, standing: Standing) -> Standing:
+    """The model with one effect in place of several, where one explains all that they do (see :mod:`.last`)."""
+    quiet = not standing.changes and standing.at_floor(asked.selection.tolerance)
+    if not quiet or not asked.everything or asked.stopped:
+        return standing
+    one = instead(base, standing.grounds, standing.accepted, asked.selection, asked.say)
+    return standing if one is None else with_effects(standing, [one], asked.measurement, asked.selection, alone=True)

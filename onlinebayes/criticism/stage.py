@@ -45,6 +45,10 @@ class Stage:
     judged: tuple[Judged, ...]
 
 
+Added = tuple[Stage, Judged]
+"""An effect and the round that adds it."""
+
+
 def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
     """The blocks that the correlation of this fit's residual allows."""
     return make_blocks(windows, correlation_of(fitted, windows), folds)

@@ -17,8 +17,9 @@ from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.lookalikes import lookalikes
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import cross_validate
-from onlinebayes.criticism.search import Found, carried
+from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import GROSS, blocks_for
+from onlinebayes.criticism.standing import carried
 from onlinebayes.criticism.verdict import tied
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -29,7 +29,7 @@ from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.projection import Projected, project, signal_rms
 from onlinebayes.criticism.results import Candidate, Criticism
-from onlinebayes.criticism.search import carried
+from onlinebayes.criticism.standing import carried
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
