@@ -91,6 +91,20 @@ def test_the_measured_ratio_decides_the_size_and_faint_effects_do_not_count() ->
     assert replace(NAMED, before=None, level="weak").size == "weak"
 
 
+def test_a_pair_of_which_one_is_faint_beside_the_other_counts_but_not_among_those_that_both_show() -> None:
+    pair = replace(NAMED, hidden=("dry_friction@carriage", "constant_load@carriage"))
+    beside = {"dry_friction@carriage": 2.5, "constant_load@carriage": 1.01}
+    faint = replace(pair, seed=2, beside=beside, refused={"constant_load@carriage": "rank 9"})
+    clear = replace(pair, seed=3, beside=dict.fromkeys(beside, 1.4), accepted=pair.hidden)
+    assert [judged.shows for judged in (pair, faint, clear)] == [False, False, True]
+    table = tabulate([faint, clear], 2)
+    rows = {row.name: row for row in table.rows}
+    assert (rows["two effects: both accepted"].value, rows["two effects: both accepted"].unit) == (0.5, "1 of 2")
+    assert rows["two effects that both show: both accepted"].unit == "1 of 1"
+    assert "without it the true model errs 1.01 times" in rows[f"MISS {faint.name}"].unit
+    assert from_json(to_json(faint)).beside == beside
+
+
 @pytest.mark.parametrize(
     ("kind", "fields", "right"),
     [

@@ -73,6 +73,8 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
     equal = next((c.indistinguishable_from for c in result.candidates if c.effect in result.accepted[:1]), ())
     error = result.heldout_error
     truth = true_values(made, result.final.simulator)
+    asked = replace(problem, selection=result.selection)
+    reference = true_error(made, asked, result.base.simulator, error.noise_floor)
     # Of a miswired log or of a second's motion the parameters are nobody's.
     meant = made.kind in ("effect", "null") and set(result.accepted) == set(hidden)
     covered, intervals = _coverage(result, truth) if meant else (0, 0)
@@ -90,15 +92,24 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
         wiring=result.wiring.fault if result.wiring else "",
         before=in_floors(error.before, error.noise_floor),
         after=in_floors(error.after, error.noise_floor),
-        reference=true_error(
-            made, replace(problem, selection=result.selection), result.base.simulator, error.noise_floor
-        ),
+        reference=reference,
+        beside=_beside(made, asked, result, reference),
         covered=covered,
         intervals=intervals,
         left=max(result.remainder.rms_over_floor.values(), default=None),
         seconds=seconds,
         code=code,
     )
+
+
+def _beside(made: BlindCase, problem: Problem, result: Criticism, reference: float | None) -> dict[str, float]:
+    """What each of several hidden effects does beside the others; nothing of one alone, or where there is no truth."""
+    hidden = _spelt(made)
+    if reference is None or len(hidden) < 2:
+        return {}
+    stepped, floor = result.base.simulator, result.heldout_error.noise_floor
+    errors = {key: true_error(made, problem, stepped, floor, without=key) for key in hidden}
+    return {key: error / reference for key, error in errors.items() if error is not None}
 
 
 def _asked(made: BlindCase) -> Judged:

@@ -4,7 +4,8 @@
     share = (e(base) - e(final)) / (e(base) - e(true effects))
 
 The ratio that was measured, not the size that was drawn, decides under which size a case is counted. Below 1.3 an
-effect is faint: to find it is no merit, to overlook it no fault.
+effect is faint: to find it is no merit, to overlook it no fault. One of two effects is faint beside the other by the
+same measure, e(true effects without it) / e(true effects); such cases count, and stand in a row of their own besides.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ SIZES: Mapping[str, tuple[float, float]] = {
     "medium": (2.0, 4.0),
     "strong": (4.0, float("inf")),
 }
+FAINT = SIZES["faint"][1]
 
 
 @dataclass(frozen=True)
@@ -63,6 +65,7 @@ class Judged:
         widened: parameters whose bounds were widened.
         wiring: the fault that was named.
         before, after, reference: held-out error of the base, the final and the true model [floors].
+        beside: of two hidden effects, each one -> held-out error of the true model without it over the true model's.
         covered, intervals: 90 % intervals that hold the truth, of those given where the right model was found.
         left: rms_over_floor of the final model, the worst signal's.
         seconds: that refine took [s].
@@ -90,6 +93,7 @@ class Judged:
     before: float | None = None
     after: float | None = None
     reference: float | None = None
+    beside: Mapping[str, float] = field(default_factory=dict)
     covered: int = 0
     intervals: int = 0
     left: float | None = None
@@ -122,6 +126,11 @@ class Judged:
     def counts(self) -> bool:
         """Whether the case can be right or wrong: all but faint effects."""
         return self.kind != "effect" or self.size != "faint"
+
+    @property
+    def shows(self) -> bool:
+        """Whether each of two hidden effects lowers the held-out error beside the other."""
+        return len(self.beside) > 1 and min(self.beside.values()) >= FAINT
 
     @property
     def right(self) -> bool:

@@ -1,6 +1,7 @@
 """The study's table: the shares with their goals, the same by size, effect and rig, and every miss with what misled us.
 
-Shares have Wilson's 95 % interval in the column ``spread``. Faint effects (ratio below 1.3) stand apart.
+Shares have Wilson's 95 % interval in the column ``spread``. Faint effects (ratio below 1.3) stand apart; so do pairs of
+which one is faint beside the other, but only in a row of their own.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ class Goal:
 GOALS = {
     "one effect: ranked first": Goal(least=0.95),
     "two effects: both accepted": Goal(least=0.8),
+    "two effects that both show: both accepted": Goal(least=0.8),
     "null: something accepted": Goal(most=0.03),
     "effects: something else accepted": Goal(most=0.03),
     "outside: verdict right": Goal(least=0.8),
@@ -77,6 +79,8 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
     _share(table, "one effect: ranked first, or tied with the first", one, lambda judged: judged.first_or_tied)
     _share(table, "one effect: accepted", one, lambda judged: judged.all_found)
     _share(table, "two effects: both accepted", two, lambda judged: judged.all_found)
+    both_show = [judged for judged in two if judged.shows]
+    _share(table, "two effects that both show: both accepted", both_show, lambda judged: judged.all_found)
     null, hiding = ([judged for judged in found if judged.kind == kind] for kind in ("null", "effect"))
     _share(table, "null: something accepted", null, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted", hiding, lambda judged: bool(judged.innocent))
@@ -157,10 +161,14 @@ def told(judged: Judged) -> str:
         gain = "" if judged.gain is None else f", gain {judged.gain:.3g} ± {judged.gain_se or 0.0:.2g}"
         p = "" if judged.p is None else f", p {judged.p:.2g}"
         parts.append(f"first {judged.first}{gain}{p}")
-    parts += [f"{key} {why}" for key, why in judged.refused.items()]
+    parts += [f"{key} {why}{_without(judged, key)}" for key, why in judged.refused.items()]
     parts += [f"widened {', '.join(judged.widened)}"] if judged.widened else []
     parts += [f"wiring: {judged.wiring}"] if judged.wiring else []
     return "; ".join(parts)
+
+
+def _without(judged: Judged, key: str) -> str:
+    return f" (without it the true model errs {judged.beside[key]:.2f} times)" if key in judged.beside else ""
 
 
 def _ratio(judged: Judged) -> str:

@@ -34,7 +34,9 @@ from onlinebayes.simulators.effects import EFFECTS, ThermalDerating
 from recipes.studies.blind_rigs.names import address_of, spelt
 
 
-def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Mapping[str, float]) -> float | None:
+def true_error(
+    made: BlindCase, problem: Problem, stepped: Simulator, floor: Mapping[str, float], without: str = ""
+) -> float | None:
     """Held-out error of the model with the hidden effects, fitted [floors]; None where the library lacks one.
 
     Args:
@@ -42,8 +44,9 @@ def true_error(made: BlindCase, problem: Problem, stepped: Simulator, floor: Map
         problem: as it was loaded, with the windows that refine used.
         stepped: the base model as refine integrated it in the end; the true one is integrated alike.
         floor: signal -> floor that errors are counted in.
+        without: a hidden effect, as the library spells it, that is left out of the model.
     """
-    keys = [spelt(key, made.truth) for key in made.hidden]
+    keys = [key for hidden in made.hidden if (key := spelt(hidden, made.truth)) != without]
     if not keys or any(key.split("@")[0] not in EFFECTS for key in keys):
         return None
     fit_runs, _ = split(problem.measurement, problem.holdout)
