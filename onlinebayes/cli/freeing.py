@@ -1,7 +1,8 @@
 """Which parameters a first problem file frees, and between which bounds.
 
-In this order: damping of every joint, mass of every body that a joint carries, then what the model sets at all of
-frictionloss and armature, and the gears. With measurements a parameter is freed only where its sensitivity is no
+In this order: damping of every joint, mass of every body that a joint carries, moments of inertia of bodies that are
+free, then what the model sets at all of frictionloss and armature, and the gears. A free joint's damping, one number for
+three forces and three torques, is freed only where the model sets it. With measurements a parameter is freed only where its sensitivity is no
 combination of those before it,
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
@@ -61,10 +62,16 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
     for i, joint in enumerate(joints):
         dof = int(model.jnt_dofadr[i])
         own, inertia = float(model.dof_damping[dof]), float(model.dof_M0[dof])
+        if _is_free(model, i) and own == 0:
+            continue
         found[f"joint.{joint}.damping"] = Parameter(0.0, FACTOR * own or most.get(joint, STOP * inertia) or 1.0)
     for i, body in enumerate(bodies):
         if body and model.body_jntnum[i] and model.body_mass[i] > 0:
             found |= _around(f"body.{body}.mass", float(model.body_mass[i]))
+    for i, body in enumerate(bodies):
+        if body and model.body_jntnum[i] and _is_free(model, int(model.body_jntadr[i])):
+            for axis, moment in enumerate(model.body_inertia[i]):
+                found |= _around(f"body.{body}.inertia[{axis}]", float(moment))
     for field, values in (("frictionloss", model.dof_frictionloss), ("armature", model.dof_armature)):
         for i, joint in enumerate(joints):
             found |= _around(f"joint.{joint}.{field}", float(values[model.jnt_dofadr[i]]))
@@ -72,6 +79,10 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
         found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
     units = {name: resolve(model, name).unit for name in found}
     return ParameterSpace({name: Parameter(_round(p.low), _round(p.high), units[name]) for name, p in found.items()})
+
+
+def _is_free(model: mujoco.MjModel, joint: int) -> bool:
+    return bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
 
 def _around(name: str, value: float) -> dict[str, Parameter]:

@@ -6,11 +6,14 @@ import tomllib
 
 import pytest
 
+from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.init import draft
 from onlinebayes.cli.main import main
 from onlinebayes.cli.matching import Match, match
 from onlinebayes.cli.problem import load_problem
+from onlinebayes.parameters import ParameterSpace
 from tests.cli.conftest import MODEL, table
+from tests.criticism import tumbling
 
 
 def make(folder, capsys, *more: str, log: str = "carriage.csv", out: str = "first.toml") -> tuple[int, str]:
@@ -45,6 +48,13 @@ def test_a_damping_of_zero_is_bounded_by_what_the_log_shows(folder) -> None:
     low, high = tomllib.loads(text)["parameters"]["joint.carriage.damping"]
     assert low == 0.0
     assert 2.0 < high < 200.0
+
+
+def test_a_free_body_has_its_mass_and_the_moments_of_inertia_that_the_log_tells_and_no_damping() -> None:
+    """No torque acts on the block: its moments of inertia have ratios only, two numbers for three."""
+    proposed = free_parameters(tumbling.model(ParameterSpace({})), tumbling.measure(tumbling.Block(), runs=3))
+    assert proposed.names == ("body.block.mass", "body.block.inertia[0]", "body.block.inertia[1]")
+    assert (proposed["body.block.mass"].low, proposed["body.block.mass"].high) == (0.667, 6.0)
 
 
 def test_near_names_are_proposed_with_their_unit(folder, capsys) -> None:
