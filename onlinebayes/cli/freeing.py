@@ -1,9 +1,9 @@
 """Which parameters a first problem file frees, and between which bounds.
 
-In this order: damping of every joint, mass of every body that a joint carries, moments of inertia of bodies that are
-free, then what the model sets at all of frictionloss and armature, and the gears. A free joint's damping, one number for
-three forces and three torques, is freed only where the model sets it. With measurements a parameter is freed only where its sensitivity is no
-combination of those before it,
+In this order: damping of every joint, mass of every body that a joint carries, moments of inertia of free bodies, then
+what the model sets at all of frictionloss and armature, and the gears. A free joint has one damping for forces and
+torques alike, freed only where the model sets it. With measurements a parameter is freed only where its sensitivity
+is no combination of those before it,
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
 

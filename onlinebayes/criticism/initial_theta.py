@@ -31,16 +31,23 @@ def starting_theta(simulator: Simulator, windows: Windows, draws: int = 8) -> Fl
     return tried[int(error.argmin())]
 
 
-def from_elsewhere(found: Fit, windows: Windows) -> Fit:
+def from_elsewhere(found: Fit, windows: Windows, begun: Float[Tensor, " P"]) -> Fit:
     """The best of a first fit and, where it leaves much, of others: from nominal theta, from its own with fresh starts.
 
     Where contacts stick, starts that made up for a wrong theta on the way can hold a descent far from the optimum.
+
+    Args:
+        found: the first fit.
+        windows: what it was fitted to.
+        begun: theta [SI] from which it began, with fresh starts: that is not done twice.
     """
     rows = (found.projected.row_weight > 0).sum().clamp_min(1)
     if found.projected.objective <= MUCH**2 * float(rows):
         return found
     fits, simulator = [found], found.simulator
-    for theta in (simulator.nominal.to(found.theta), found.theta):
+    for theta in (simulator.parameters.clamp(simulator.nominal.to(found.theta)), found.theta):
+        if torch.equal(theta, begun):
+            continue
         with contextlib.suppress(BadInput):  # it diverges from there
             fits.append(fit(simulator, windows, theta, found.projected.weight))
     return min(fits, key=lambda one: one.projected.objective)

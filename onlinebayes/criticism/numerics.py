@@ -98,7 +98,7 @@ def settle(
         if fitted is None and (numerics.sufficient or first or rung == rungs[-1]):
             here = improve(here, windows)
             if first and afar:
-                here = woken(from_elsewhere(here, windows), windows)
+                here = woken(from_elsewhere(here, windows, begin), windows)
             if numerics.error_at_quarter_step >= NOTHING or _leaves_out(simulator, measurement, windows, here):
                 numerics, shift = check(simulator, measurement, windows, here)
         begin, starts = here.theta, here.lin.starts
