@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from onlinebayes.criticism.acceptance import Judged
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.results import Numerics, Selection
-from onlinebayes.criticism.score import parted, score_gain
+from onlinebayes.criticism.score import cross_validate, parted, score_gain
 from onlinebayes.criticism.stage import MOST_REFITS, Added, Stage, judged_stage, refit, worth
 from onlinebayes.criticism.survey import Survey, survey
 from onlinebayes.runs import BadInput, Interrupt
@@ -64,10 +64,11 @@ def pair(
                 found[keys] = ((stage, lead), (both, second))
     if not found:
         return None
+    # All on the round's own blocks: what a lead leaves may be correlated for shorter, and make more of them.
+    scores = {keys: cross_validate(pair[1][1].fitted, stage.windows, stage.blocks) for keys, pair in found.items()}
     step = stage.windows.bin_step
-    best = max(found.values(), key=lambda pair: score_gain(pair[1][1].scores, stage.scores, step).gain)
-
-    rivals = [pair for pair in found.values() if pair is best or not parted(best[1][1].scores, pair[1][1].scores, step)]
+    best = max(found, key=lambda keys: score_gain(scores[keys], stage.scores, step).gain)
+    rivals = [pair for keys, pair in found.items() if keys == best or not parted(scores[best], scores[keys], step)]
     return min(rivals, key=_size)
 
 

@@ -13,6 +13,7 @@ from onlinebayes.criticism.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.changes import Changed, changed
+from onlinebayes.criticism.family import family
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.last import Group, Last, instead, last_candidates, last_found
 from onlinebayes.criticism.noise import floors
@@ -166,9 +167,10 @@ def _round(asked: _Asked, standing: Standing, effects: Sequence[Effect], thoroug
 
 
 def _chosen(asked: _Asked, standing: Standing, stage: Stage, effects: Sequence[Effect]) -> Changed | list[Added]:
-    """What a round adds: a parameter that differs between runs, an effect, or two; nothing where nothing is admissible.
+    """What a round adds: a parameter that differs between runs, or effects; nothing where nothing is admissible.
 
-    A change that leaves noise goes before two effects, one that leaves more after them.
+    One effect, or one law at several places, or two effects. A change that leaves noise goes before several effects,
+    one that leaves more after them.
     """
     selection, say, grounds = asked.selection, asked.say, standing.grounds
     admissible = [judged for judged in stage.judged if judged.admissible]
@@ -185,7 +187,8 @@ def _chosen(asked: _Asked, standing: Standing, stage: Stage, effects: Sequence[E
     if best is not None:
         return [(stage, best)]
     left = standing.untried(effects)
-    added = list(pair(stage, left, grounds.numerics, selection, say, asked.interrupt) or ())
+    added = family(stage, left, grounds.numerics, selection, say, asked.interrupt)
+    added = added or list(pair(stage, left, grounds.numerics, selection, say, asked.interrupt) or ())
     return change if not added and change is not None and change.halved else added
 
 

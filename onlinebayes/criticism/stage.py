@@ -120,11 +120,11 @@ def judged_stage(
             continue
         p = candidate.p_value or 0.0
         one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha, tried)
-        judged.append(_if_slow(one, found.windows, selection) if found.slow else one)
+        judged.append(if_slow(one, found.windows, selection) if found.slow else one)
     return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
 
 
-def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
+def if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
     count = independent_parts(windows, correlation_of(judged.fitted, windows), selection.folds)
     if count >= FEWEST:
