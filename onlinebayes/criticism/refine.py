@@ -16,6 +16,7 @@ from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wir
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.clock import in_step, restepped
+from onlinebayes.criticism.held_starts import starts_note
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.horizon import shortened, steady
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
@@ -240,6 +241,7 @@ def _assemble(
         notes=(
             *task.notes,
             *_notes(simulator, found),
+            *starts_note(final_model, held, heldout_error, selection.tolerance),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),
         widened=widened_bounds(found),

@@ -36,12 +36,18 @@ def plain(effect: str) -> str:
 
 
 def together(effects: Sequence[str], last: str = "and") -> str:
-    """``dry friction and constant load at carriage, actuator delay at motor``: effects of one target share it."""
+    """``dry friction and constant load at carriage, actuator delay at left and right``: what alike has is said once."""
     by_target: dict[str, list[str]] = {}
     for effect in effects:
         name, _, target = effect.partition("@")
         by_target.setdefault(target, []).append(name.replace("_", " "))
-    groups = [f"{listing(names, last)}{f' at {target}' if target else ''}" for target, names in by_target.items()]
+    by_names: dict[tuple[str, ...], list[str]] = {}
+    for target, names in by_target.items():
+        by_names.setdefault(tuple(names), []).append(target)
+    groups = [
+        f"{listing(names, last)}{f' at {listing(sorted(targets), last)}' if any(targets) else ''}"
+        for names, targets in by_names.items()
+    ]
     return f", {last} ".join(groups)
 
 
