@@ -104,8 +104,10 @@ def _fitted(stage: Stage, members: Sequence[Screened]) -> Fit:
     """The round's model with all members, fitted from where screening would start each."""
     current = stage.current
     model = grown(current.simulator, [one.effect for one in members])
-    own = [one.start[short] for one in members for short in effect_entries(current.simulator, one.effect).values()]
-    theta = current.theta.new_tensor([*current.theta.tolist(), *own])
+    theta = carried(current.simulator, current.theta, model)
+    for one in members:
+        for address, short in effect_entries(model, one.effect).items():
+            theta[model.parameters.index(address)] = one.start[short]
     return woken(fit(model, stage.windows, theta, current.projected.weight, current.lin.starts), stage.windows)
 
 
