@@ -124,6 +124,7 @@ def search(
         return Found(base, base, effects, (), (), asked.stopped, enough=False)
     standing = Standing(simulator, base)
     stages: list[Stage] = []
+    seen: set[frozenset[str]] = set()
     groups: tuple[Group, ...] = ()  # of what is tried last
     before_trial: Standing | None = None  # comes back unless noise is all that is left
     while standing.grounds.numerics.sufficient and not asked.stopped:
@@ -146,10 +147,12 @@ def search(
                 before_trial = None if latest.believed else standing
         if not added:
             break
-        standing, all_stay = _extended(asked, standing, added)
-        # A round that takes away what an earlier one gave would only repeat itself.
-        if not all_stay or len(standing.accepted) >= most:
+        standing = _extended(asked, standing, added)
+        names = frozenset(effect.key for effect in standing.effects)
+        # What takes an earlier one's place may make room for others; the same effects again would go round in circles.
+        if names in seen or len(standing.accepted) >= most:
             break
+        seen.add(names)
     if before_trial is not None and not standing.at_floor(selection.tolerance):
         standing = before_trial
     standing = _simplest(asked, base, standing)
@@ -198,15 +201,14 @@ def _latest(asked: _Asked, standing: Standing, groups: Sequence[Group]) -> Last 
     return None if latest is None or (asked.stopped and not latest.believed) else latest
 
 
-def _extended(asked: _Asked, standing: Standing, added: Sequence[Added]) -> tuple[Standing, bool]:
-    """The model with what a round added, without what that makes needless; and whether all earlier ones stay."""
+def _extended(asked: _Asked, standing: Standing, added: Sequence[Added]) -> Standing:
+    """The model with what a round added, without what that makes needless."""
     asked.say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
     standing = with_effects(standing, added, asked.measurement, asked.selection)
     if (richer := replaced(standing, asked.measurement, asked.selection)) is not None:
         asked.say(f"{added[-1][1].effect.key} takes the place of what it contains")
         standing = richer
-    kept = without_idle(standing, standing.accepted[:-1], asked.measurement, asked.selection)
-    return kept or standing, kept is None
+    return without_idle(standing, standing.accepted[:-1], asked.measurement, asked.selection) or standing
 
 
 def _simplest(asked: _Asked, base: Grounds, standing: Standing) -> Standing:
