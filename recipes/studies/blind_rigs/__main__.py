@@ -42,7 +42,8 @@ class Study:
         first: seed of the first case; see :data:`REPORTED`.
         candidates: effects that refine tries; none for all.
         processes: that share the cases.
-        minutes: that a case may take; one that takes longer is a miss.
+        minutes: that refine may take for a case; one that takes longer is a miss. (The study's own fits of the true
+            effects come on top, and a case is ended after twice that.)
         out: folder of the judged cases.
         results: folder of the table and of all judged cases in one file, ``blind-rigs-cases.jsonl``.
         published: such a file, of a part of the study that was judged elsewhere; its cases are not judged again.
@@ -105,8 +106,8 @@ def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str
     """Judge the cases, each kept as soon as it is known; ``found`` grows."""
     left, fresh = {job.name: job for job in todo}, []
     with Progress("blind rigs", len(todo) + len(found)) as progress:
-        for done in work(todo, Judge(study.candidates, code), study.processes, 60 * study.minutes):
-            judged = _answered(done, code)
+        for done in work(todo, Judge(study.candidates, code), study.processes, 2 * 60 * study.minutes):
+            judged = _answered(done, code, 60 * study.minutes)
             write_atomic(study.cases / f"{judged.name}.json", to_json(judged))
             found[judged.name] = judged
             fresh.append(judged)
@@ -151,8 +152,12 @@ def code_mark(candidates: Iterable[str]) -> str:
     return digest.hexdigest()[:12]
 
 
-def _answered(done: Done[Job, Judged], code: str) -> Judged:
-    return done.result or unanswered(done.job, done.problem, done.seconds, code)
+def _answered(done: Done[Job, Judged], code: str, most: float) -> Judged:
+    """The record of a case; ``most``: seconds that refine may have taken."""
+    if done.result is not None and done.result.seconds <= most:
+        return done.result
+    seconds = done.seconds if done.result is None else done.result.seconds
+    return unanswered(done.job, done.problem or "out of time", seconds, code)
 
 
 def _line(judged: Judged, fresh: list[Judged], left: Iterable[Job], processes: int) -> str:
