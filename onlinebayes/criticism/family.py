@@ -48,6 +48,8 @@ def family(
     """
     found: list[tuple[float, list[Added]]] = []
     for members in _laws(stage, selection.alpha)[:MOST_LAWS]:
+        if interrupt is not None and interrupt.requested:
+            break
         say(f"{members[0].effect.name} at {len(members)} places at once")
         try:
             together = _fitted(stage, members)

@@ -9,6 +9,8 @@ and the replay inherits that: the error is far above its floor, and the model is
 
 from __future__ import annotations
 
+import math
+
 import torch
 from jaxtyping import Float
 from torch import Tensor
@@ -33,9 +35,11 @@ def starts_note(final: FittedModel, held: Windows, error: HeldOutError, toleranc
         error: over these windows.
         tolerance: what counts as noise [floors].
     """
-    shares = [after / floor for after, floor in zip(error.after.values(), error.noise_floor.values(), strict=True)]
-    worst = max((share for share in shares if share == share), default=0.0)  # nan: a signal without rows
-    if not worst > FAR or worst == float("inf"):
+    floors = error.noise_floor
+    # A signal without rows has neither; a floor of zero is nothing to compare with.
+    shares = [after / floors[name] for name, after in error.after.items() if floors[name] > 0 and not math.isnan(after)]
+    worst = max(shares, default=0.0)
+    if not FAR < worst < math.inf:  # it diverged
         return ()
     left = float(left_with_fitted_starts(final.simulator, held, final.theta).max())
     if not left <= tolerance:

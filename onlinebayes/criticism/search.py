@@ -109,7 +109,7 @@ def search(
         measurement: the fit runs.
         selection: how effects are judged.
         candidates: which effects to try (see :func:`propose`).
-        most: number of effects to add at most, one or more.
+        most: number of effects after which no round begins, one or more; the last round may add several at once.
         say: takes one line of progress.
         interrupt: looked at between rounds and between the fits of a round.
         base: the base model on its grounds, where it was fitted already.
@@ -140,7 +140,7 @@ def search(
             standing = with_change(standing, added)
             standing = without_idle(standing, standing.accepted, measurement, selection) or standing
             continue
-        if not added and asked.everything and not groups and not standing.at_floor(selection.tolerance):
+        if not (added or asked.stopped or groups or standing.at_floor(selection.tolerance)) and asked.everything:
             groups = last_candidates(standing.grounds, len(standing.accepted))
             if (latest := _latest(asked, standing, groups)) is not None:
                 added = [(latest.stage, latest.judged)]

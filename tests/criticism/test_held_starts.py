@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -51,6 +52,15 @@ def test_only_an_error_of_the_starts_is_called_so(compared: Criticism, held: Win
     assert "up to 10 times what noise explains because its starts" in note
     wrong = replace(compared.final, theta=0.5 * compared.final.theta)
     assert starts_note(wrong, held, tenfold(error), 1.2) == ()
+
+
+def test_signals_without_rows_or_floor_and_replays_that_diverged_have_no_note(
+    compared: Criticism, held: Windows
+) -> None:
+    (name,) = compared.signals
+    for after, floor in ((math.nan, 1.0), (1.0, 0.0), (math.inf, 1.0)):
+        error = replace(compared.heldout_error, after={name: after}, noise_floor={name: floor})
+        assert starts_note(compared.final, rough(held), error, 1.2) == ()
 
 
 def test_effects_that_several_targets_share_are_said_once() -> None:
