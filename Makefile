@@ -8,7 +8,7 @@ OUT ?= out
 WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check bench blind blind-rigs cartpole pendulum emps measured cost versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs cartpole pendulum emps measured cost versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -37,6 +37,8 @@ lint: setup
 
 check: setup     ## a sample of the slow evidence (under 20 minutes)
 	$(BIN)/python -m pytest -m slow --durations 10 --timeout 1200 -n $(WORKERS) --dist loadscope
+check-all: setup ## all of the slow evidence that is a test (half an hour)
+	$(BIN)/python -m pytest -m "slow or long" --durations 20 --timeout 1200 -n $(WORKERS) --dist loadscope
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed

@@ -31,7 +31,8 @@ OFF = 0.2  # share of a run
 # Gravity tells where zero is and can be compensated; on a level rail neither is anything.
 _WEIGHED = ("swing", "two_link_arm", "six_joint_arm", "position_servo")
 _HINGED = (*_WEIGHED, "cart_pole")
-_SINGLE = ("slide_drive", "swing", "position_servo", "pushed_block")
+# Where each joint moves by itself, late signals are late motors, or start later: nobody could tell.
+_APART = ("slide_drive", "swing", "position_servo", "pushed_block", "thrown_ball")
 _TWINS = {"cart_pole": (0, 1), "two_link_arm": (0, 1), "six_joint_arm": (1, 2), "thrown_ball": (0, 1)}
 
 
@@ -67,8 +68,7 @@ class Fault:
     @staticmethod
     def drawn(rig: Rig, draw: np.random.Generator) -> Fault:
         """One of the faults that make sense on a rig."""
-        # Where one joint is all that moves, late signals are late motors: nobody could tell.
-        kinds = ["sign", *(["latency"] if rig.name not in _SINGLE else []), "command_unit", "actuator_off"]
+        kinds = ["sign", *(["latency"] if rig.name not in _APART else []), "command_unit", "actuator_off"]
         kinds += ["offset", "gravity_compensation"] if rig.name in _WEIGHED else []
         # A servo's own loop knows nothing of a torque added to its goal.
         kinds = [kind for kind in kinds if kind != "gravity_compensation" or rig.name != "position_servo"]

@@ -21,7 +21,8 @@ from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 
-DRAWS = 4
+DRAWS = 32  # of one parameter; of P parameters a P-th of them
+FEWEST_DRAWS = 4
 MOST_WINDOWS = 8  # that screening looks at
 
 
@@ -101,7 +102,8 @@ class Bench:
         nominal = space.clamp(self.simulator.nominal.to(fitted))
         if not len(space):
             return nominal[None]
-        draws = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(DRAWS).to(fitted)
+        count = max(FEWEST_DRAWS, DRAWS // len(space))
+        draws = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(count).to(fitted)
         return torch.cat([fitted[None], nominal[None], space.from_unit(draws)])
 
     @cached_property

@@ -68,17 +68,23 @@ def inquire(
     if fault is not None and fault.certain:
         return Found(base, base, (), (), ()), fault
     found = search(simulator, measurement, selection, candidates, most, say, interrupt, base)
-    if leads is not None and not leads.overwhelming and not found.interrupted:
-        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
+    if leads is not None and not found.interrupted:
         structured = _structured(found.final, simulator, selection)
-        fault = leads.explain(selection) if structured or found.widened is not None else None
-        if fault is None and structured:
-            fault = outages(base, simulator, measurement, selection, say)
+        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
+        if not leads.overwhelming and (structured or found.widened is not None):
+            fault = leads.explain(selection)
+        if structured and not (fault is not None and fault.certain):
+            fault = _better(fault, outages(base, simulator, measurement, selection, say))
     if fault is None and (log := _fault_of_the_log(found, simulator, measurement, selection)) is not None:
         fault = explained(log, base, simulator, measurement, selection)
     if fault is not None and fault.beats(found.final, selection):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
+
+
+def _better(one: Suspicion | None, other: Suspicion | None) -> Suspicion | None:
+    """The one that leaves less."""
+    return min((each for each in (one, other) if each is not None), key=lambda each: each.after, default=None)
 
 
 def _fault_of_the_log(

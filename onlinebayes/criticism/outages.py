@@ -5,7 +5,8 @@
 
 An outage of a second spoils the windows that it touches and no others, but also the fit of all: parameters are fitted
 to the better half of the windows first, three times (concentration steps, Rousseeuw and Van Driessen 1999). Edges are
-looked for on eighths of a window, then on sixty-fourths. Which actuators: each alone, or all together.
+looked for on eighths of a window, then on sixty-fourths, and where a run's parts begin and end is settled beside theta
+(:mod:`.outage_edges`). Which actuators: each alone, or all together.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from onlinebayes.criticism.bench import replay_rms
 from onlinebayes.criticism.faults import Fault
 from onlinebayes.criticism.fit import Fit, fit, unfitted
 from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.outage_edges import Stretch, settled
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
@@ -72,8 +74,9 @@ class Outage(Fault):
         return replace(measurement, data=data)
 
 
-def outage(base: Grounds, coarse: Simulator, windows: Windows) -> Outage | None:
-    """The outage that the windows speak for; None where no few of them stand out, or being off explains none.
+def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, Float[Tensor, " P"]] | None:
+    """The outage that the windows speak for and the theta beside it; None where no few of them stand out, or being off
+    explains none.
 
     Args:
         base: the base model fitted.
@@ -99,9 +102,10 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> Outage | None:
     if not found:
         return None
     _, columns, edges, struck = min(found, key=lambda one: one[0])
-    places = [(*place, *edge) for place, edge in zip(_places(part), edges.tolist(), strict=True)]
-    spans = _spans([place for place, hit in zip(places, struck.tolist(), strict=True) if hit], part)
-    return Outage(tuple(coarse.commands[u] for u in columns), spans)
+    places = [(run, at + a, at + b) for (run, at), (a, b) in zip(_places(part), edges.tolist(), strict=True)]
+    seen = _joined([place for place, hit in zip(places, struck.tolist(), strict=True) if hit], part)
+    stretches, theta = settled(seen, columns, coarse, windows, theta)
+    return (Outage(tuple(coarse.commands[u] for u in columns), _spans(stretches, part)), theta) if stretches else None
 
 
 def _some_stand_out(errors: Float[Tensor, " W"]) -> bool:
@@ -181,16 +185,21 @@ def _places(windows: Windows) -> list[tuple[int, int]]:
     return list(zip(windows.run.tolist(), windows.first.tolist(), strict=True))
 
 
-def _spans(struck: Sequence[tuple[int, int, int, int]], windows: Windows) -> Spans:
-    """(run, from, to) [s] of (run, first row, row from, row to); parts with an eighth or less between are one."""
-    rows: list[list[int]] = []
+def _joined(stretches: Sequence[Stretch], windows: Windows) -> list[Stretch]:
+    """Stretches with an eighth of a window or less between them as one."""
+    joined: list[Stretch] = []
     between = math.ceil(windows.rows / EIGHTHS)
-    for run, first, begin, end in sorted(struck):
-        if rows and rows[-1][0] == run and first + begin <= rows[-1][2] + between:
-            rows[-1][2] = max(rows[-1][2], first + end)
+    for run, begin, end in sorted(stretches):
+        if joined and joined[-1][0] == run and begin <= joined[-1][2] + between:
+            joined[-1] = (run, joined[-1][1], max(joined[-1][2], end))
         else:
-            rows.append([run, first + begin, first + end])
+            joined.append((run, begin, end))
+    return joined
+
+
+def _spans(stretches: Sequence[Stretch], windows: Windows) -> Spans:
+    """(run, from, to) [s]."""
     return tuple(
         (windows.runs[run], windows.begin[run] + windows.step * a, windows.begin[run] + windows.step * b)
-        for run, a, b in rows
+        for run, a, b in _joined(stretches, windows)
     )

@@ -8,7 +8,9 @@ A fault is screened in when s falls below 0.8 of the table's own as it stands, a
 base model's. The best one explains the misfit when e is at most half of the base model's. It is ``certain`` when its
 RMS at the rows reaches the floor too: it needs no parameter, so that no effect can explain as much with less. Otherwise
 it must do at least as well as the model with every accepted effect. Errors are counted in units of a floor that carries
-the fault's factor along: dividing a column by 57 makes no error smaller.
+the fault's factor along, and in those of the mended table: dividing a column by 57 makes no error smaller, multiplying
+it no floor larger. Nor does a fault explain what it stills: a column in thousandths moves by less than its sensor's
+noise, and would not be scored.
 
 A base model within three floors is not looked at: no fault of this kind is that small.
 """
@@ -137,16 +139,18 @@ def outages(
         return None
     say("looking for actuators that were off for a while")
     bench = Bench(simulator, measurement, selection.horizon_s, base)
+    seen: list[Suspicion] = []
     for part in PARTS:
         try:
             short = make_windows(bench.coarse, measurement, part * selection.horizon_s, 0.0, base.windows.noise)
-            fault = outage(base, bench.coarse, short)
+            found = outage(base, bench.coarse, short)
         except BadInput:  # on the coarsest rung the model diverges
-            return None
-        suspicion = None if fault is None else explained(fault, base, simulator, measurement, selection)
-        if suspicion is not None:
+            break
+        suspicion = None if found is None else Leads(bench, (found,), 1.0).explain(selection)
+        if suspicion is not None and suspicion.certain:
             return suspicion
-    return None
+        seen += [] if suspicion is None else [suspicion]
+    return min(seen, key=lambda one: one.after, default=None)
 
 
 def _promising(bench: Bench) -> Leads:
@@ -187,7 +191,10 @@ def _fitted(bench: Bench, promising: Sequence[tuple[Fault, Float[Tensor, " P"]]]
     for fault, theta in promising:
         try:
             floor = bench.floor(fault)
-            fitted = fit(bench.model(fault), bench.windows(fault, floor), theta)
+            windows = bench.windows(fault, floor)
+            if windows.observed.sum() < HALF * bench.whole.observed.sum():
+                continue
+            fitted = fit(bench.model(fault), windows, theta)
         except BadInput:  # a table put right in a wrong way may diverge
             continue
         found.append((_total(signal_rms(fitted.projected), floor / bench.carried(fault)), fault))
@@ -209,11 +216,11 @@ def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspi
         return None
     before = _total(cross_validated(bench.base, selection))
     after = _total(cross_validated(grounds, selection), floor / carried)
-    if after > HALF * before:
+    left = _total(cross_validated(grounds, selection))
+    if max(after, left) > HALF * before:
         return None
     rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, False)
     certain = grounds.numerics.sufficient and max(rows.values()) <= selection.tolerance
-    left = _total(cross_validated(grounds, selection))
     return Suspicion(fault, tuple(alike[1:]), before, after, left, certain)
 
 

@@ -1,4 +1,7 @@
-"""One law at several places, none of which may be added alone: a quadrotor whose rotors all lag."""
+"""One law at several places, none of which may be added alone: a quadrotor whose rotors all lag.
+
+Pairs of effects find the same, a pair a round and with more fits; that they do is looked at, too.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,10 @@ from dataclasses import replace
 import pytest
 
 from onlinebayes.criticism import Selection
+from onlinebayes.criticism import search as searching
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.family import family
+from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.search import search
 from onlinebayes.runs import Interrupt
 from tests.criticism.hovering import measure, model
@@ -37,6 +42,15 @@ def test_four_rotors_that_lag_are_found_together() -> None:
     assert family(stage, found.effects, found.base.numerics, Selection(), silent, stopped) == []
     alone = replace(stage, screened=stage.screened[:1])
     assert family(alone, found.effects, found.base.numerics, Selection(), silent) == []
+
+
+@pytest.mark.long
+def test_pairs_of_lags_come_to_the_same_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(searching, "family", lambda *_: [])
+    simulator, flights = charted(model(), measure(LAG))
+    found = searching.search(simulator, flights, Selection(), LAWS, 6, silent, None)
+    assert {judged.effect.key for _, judged in found.accepted} == LAGS
+    assert float(signal_rms(found.final.fitted.projected).max()) < 1.2
 
 
 @pytest.mark.slow

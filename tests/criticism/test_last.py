@@ -50,7 +50,15 @@ def test_a_wrong_period_is_left_for_a_better_start() -> None:
     assert float(kept.theta[-2]) == pytest.approx(25.0, rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
+def test_cogging_is_found_among_all() -> None:
+    result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7)}, runs=9, finer=16))
+    assert (result.verdict, result.accepted) == ("missing_effect", ("cogging@rail",))
+    assert result.parameters["cogging@rail.amplitude"].mean == pytest.approx(1.0, rel=0.02)
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(25.0, rel=0.01)
+
+
+@pytest.mark.long
 def test_cogging_beside_friction_is_found() -> None:
     result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7), FRICTION: (0.5,)}, runs=9, finer=16))
     assert result.verdict == "missing_effect"

@@ -16,7 +16,7 @@ from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.json import to_dict
 from onlinebayes.criticism.scoped import scoped
 from onlinebayes.criticism.search import ground
-from onlinebayes.criticism.wiring import Suspicion
+from onlinebayes.criticism.wiring import Suspicion, explained
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, ActuatorGain, ConstantLoad, DryFriction
@@ -75,6 +75,16 @@ def test_what_degrees_leave_is_counted_in_the_sensors_own_sd() -> None:
     found = suspected(PENDULUM, replace(degrees, signals=tuple(signals)))
     assert found is not None
     assert found.left == pytest.approx(1.0, abs=0.2)
+
+
+def test_a_fault_does_not_explain_what_it_stills() -> None:
+    """Divided by a thousand nothing moves by more than the sensor's noise, and nothing would be scored."""
+    tenfold, simulator, selection = PENDULUM_FAULTS["tenfold"][0], PENDULUM.model(), Selection()
+    measurement = tenfold.mended(PENDULUM.measure())
+    base = ground(simulator, measurement, selection)
+    stills = Rescaled("signal", (POSITION,), 1e-3, "millimetres for metres")
+    assert explained(stills, base, simulator, measurement, selection) is None
+    assert explained(PENDULUM_FAULTS["tenfold"][1], base, simulator, measurement, selection) is not None
 
 
 @pytest.mark.slow

@@ -18,8 +18,14 @@ def test_what_is_hidden_is_named() -> None:
     assert 2 <= outcome.before <= 10
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("kind", "seed"), [("quadratic_drag", 1), ("null", 1)])
+@pytest.mark.parametrize(
+    ("kind", "seed"),
+    [
+        pytest.param("dry_friction", 0, marks=pytest.mark.long),
+        pytest.param("quadratic_drag", 1, marks=pytest.mark.slow),
+        pytest.param("null", 1, marks=pytest.mark.slow),
+    ],
+)
 def test_more_of_the_blind_sets(kind: str, seed: int) -> None:
     outcome = judge(kind, seed)
     assert outcome.named

@@ -10,6 +10,8 @@ from recipes.studies.blind_rigs.record import Judged
 
 REPORTED = 2013
 """Seed of a rig's first reported case of a kind; with those below the search was tuned, or they were looked at."""
+LOOKED_AT = {"wiring": 2}
+"""By kind, how many of the first reported cases were looked at and mended by since: they are tuning cases now."""
 QUICK = (
     *("thrown_ball", "swing", "position_servo", "slide_drive"),
     *("cart_pole", "two_link_arm", "pushed_block", "six_joint_arm"),
@@ -36,11 +38,12 @@ def jobs(counts: Mapping[str, int], rigs: Iterable[str], first: int) -> list[Job
     Args:
         counts: kind -> cases a rig.
         rigs: which; the quick ones go first.
-        first: seed of each rig's first case of each kind.
+        first: seed of each rig's first case of each kind; later where some were :data:`LOOKED_AT`.
     """
     chosen = [rig for rig in QUICK if rig in set(rigs)]
+    begin = {kind: first + LOOKED_AT.get(kind, 0) for kind in KINDS}
     order = [
-        ((k + 0.5) / counts[kind], chosen.index(rig), KINDS.index(kind), Job(rig, kind, first + k))
+        ((k + 0.5) / counts[kind], chosen.index(rig), KINDS.index(kind), Job(rig, kind, begin[kind] + k))
         for rig in chosen
         for kind in KINDS
         for k in range(counts.get(kind, 0))
