@@ -1,10 +1,12 @@
 """The order of the questions: is it the wiring, is it an effect, is it the wiring after all.
 
-    base model -> faults screened -> (a fault that is overwhelming: fitted) -> search -> (misfit left: faults fitted)
+    base model -> faults screened -> (a fault that is overwhelming: fitted; a sudden misfit: outages looked for)
+               -> search -> (misfit left: faults fitted, outages looked for)
 
 Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
 the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves a small share of
-the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. A sensor
+the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. So does
+an outage where few windows err thirty times as much as the others: no law is that sudden. A sensor
 delay of whole rows and a zero that is off by a tenth of a radian are looked at as faults once effects explain them.
 """
 
@@ -67,6 +69,10 @@ def inquire(
     fault = leads.explain(selection) if leads is not None and leads.overwhelming else None
     if fault is not None and fault.certain:
         return Found(base, base, (), (), ()), fault
+    early = leads is not None and leads.sudden
+    off = outages(base, simulator, measurement, selection, say) if early else None
+    if off is not None and off.decisive:
+        return Found(base, base, (), (), ()), off
     found = search(simulator, measurement, selection, candidates, most, say, interrupt, base)
     if leads is not None and not found.interrupted:
         structured = _structured(found.final, simulator, selection)
@@ -74,7 +80,8 @@ def inquire(
         if not leads.overwhelming and (structured or found.widened is not None):
             fault = leads.explain(selection)
         if structured and not (fault is not None and fault.certain):
-            fault = _better(fault, outages(base, simulator, measurement, selection, say))
+            off = off if early else outages(base, simulator, measurement, selection, say)
+            fault = _better(fault, off)
     if fault is None and (log := _fault_of_the_log(found, simulator, measurement, selection)) is not None:
         fault = explained(log, base, simulator, measurement, selection)
     if fault is not None and fault.beats(found.final, selection):

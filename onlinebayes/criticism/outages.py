@@ -21,7 +21,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.bench import replay_rms
 from onlinebayes.criticism.faults import Fault
-from onlinebayes.criticism.fit import Fit, fit, unfitted
+from onlinebayes.criticism.fit import fit, unfitted
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.outage_edges import Stretch, settled
 from onlinebayes.criticism.windows import Windows
@@ -29,10 +29,12 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 
 APART = 3.0  # times the median error
+SUDDEN = 30.0
 HALF = 0.5
 EIGHTHS = 8
 FINER = 8
 MOST_STRUCK = 24  # windows
+DIVERGED = 1e6  # floors: the error of a window in which the model diverges
 CONCENTRATIONS = 3
 
 Spans = tuple[tuple[str, float, float], ...]
@@ -83,11 +85,11 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, 
         coarse: the same on the coarsest rung.
         windows: the fit windows on that rung's rows.
     """
-    starts = (base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta)))
+    starts = _starts(base, coarse)
     if not any(_some_stand_out(_errors(coarse, windows, theta)) for theta in starts):
         return None  # before anything is fitted
     theta = _robust(starts, coarse, windows)
-    own = _errors(coarse, windows, theta)
+    own = _errors(coarse, windows, theta).clamp(max=DIVERGED)
     if not _some_stand_out(own):
         return None
     apart = torch.nonzero(own > APART * own.median())[:, 0]
@@ -108,26 +110,44 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, 
     return (Outage(tuple(coarse.commands[u] for u in columns), _spans(stretches, part)), theta) if stretches else None
 
 
-def _some_stand_out(errors: Float[Tensor, " W"]) -> bool:
+def sudden(base: Grounds, coarse: Simulator, windows: Windows) -> bool:
+    """Whether some windows err by so much more than the others, at once, that no law is worth trying before an outage.
+
+    Arguments as :func:`outage`.
+    """
+    return any(_some_stand_out(_errors(coarse, windows, theta), SUDDEN) for theta in _starts(base, coarse))
+
+
+def _starts(base: Grounds, coarse: Simulator) -> tuple[Float[Tensor, " P"], ...]:
+    """The fitted theta and the nominal one."""
+    return base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))
+
+
+def _some_stand_out(errors: Float[Tensor, " W"], apart: float = APART) -> bool:
     """Whether a few windows err by far more than the others; more than half of them cannot (see the median)."""
-    return bool((errors > APART * errors.median()).any())
+    return bool((errors > apart * errors.median()).any())
 
 
 def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Simulator, windows: Windows) -> Float[Tensor, " P"]:
     """Theta of the half of the windows that fit best, from the best of these starts."""
     half = (windows.count + 1) // 2
     found = []
-    for start in starts:
-        fitted = unfitted(coarse, windows, start)
+    for theta in starts:
+        misfit = _misfit(coarse, windows, theta)
         for _ in range(CONCENTRATIONS):
-            better = _misfit(fitted).argsort()[:half].sort().values
-            fitted = unfitted(coarse, windows, fit(coarse, windows.select(better), fitted.theta).theta)
-        found.append((float(_misfit(fitted).sort().values[:half].sum()), fitted.theta))
+            better = misfit.argsort()[:half].sort().values
+            theta = fit(coarse, windows.select(better), theta).theta
+            misfit = _misfit(coarse, windows, theta)
+        found.append((float(misfit.sort().values[:half].sum()), theta))
     return min(found, key=lambda one: one[0])[1]
 
 
-def _misfit(fitted: Fit) -> Float[Tensor, " W"]:
-    return fitted.projected.residual.square().sum(1)
+def _misfit(coarse: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
+    """Squared residual of each window with its start projected out; infinite where the model diverges."""
+    whole = torch.nonzero(_errors(coarse, windows, theta).isfinite())[:, 0]
+    fitted = unfitted(coarse, windows.select(whole), theta)
+    misfit = fitted.projected.residual.new_full((windows.count,), math.inf)
+    return misfit.index_copy(0, whole, fitted.projected.residual.square().sum(1))
 
 
 def _errors(simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:

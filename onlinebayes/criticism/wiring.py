@@ -28,7 +28,7 @@ from onlinebayes.criticism.bench import Bench
 from onlinebayes.criticism.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.numerics import Grounds, settle
-from onlinebayes.criticism.outages import outage
+from onlinebayes.criticism.outages import outage, sudden
 from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import cross_validate
@@ -46,6 +46,7 @@ EQUAL = 1.05
 OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
 PARTS = (1.0, 0.25)  # of a window: where runs are short, an outage in each may strike every whole one
 OVERWHELMING = 0.3
+DECISIVE = 0.1  # of the error: what an outage must leave where no effect was tried
 MOST_FITS = 4
 NEAR = 3.0  # of the best screened fault's error: what another may have to be fitted
 
@@ -70,6 +71,11 @@ class Suspicion:
     left: float
     certain: bool
 
+    @property
+    def decisive(self) -> bool:
+        """Whether it leaves so little that no effect needs to be tried."""
+        return self.certain or self.after <= DECISIVE * self.before
+
     def beats(self, final: Grounds, selection: Selection) -> bool:
         """Whether it does at least as well as the model with every accepted effect."""
         return self.certain or self.after <= _total(cross_validated(final, selection))
@@ -93,6 +99,11 @@ class Leads:
     def overwhelming(self) -> bool:
         """Whether one replays so much better that it is worth a fit before any effect is."""
         return self.share < OVERWHELMING
+
+    @property
+    def sudden(self) -> bool:
+        """Whether an actuator that was off for a while is worth looking for before any effect is."""
+        return bool(self.bench.simulator.commands) and sudden(self.bench.base, self.bench.coarse, self.bench.whole)
 
     def explain(self, selection: Selection) -> Suspicion | None:
         """The fault that explains the base model's misfit once the parameters are fitted anew, if one does."""
