@@ -16,18 +16,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from onlinebayes.criticism.faults import Fault, misplaced
-from onlinebayes.criticism.late_starts import sensor_delays
+from onlinebayes.criticism.late_starts import delays
 from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.search import Found, ground, search
 from onlinebayes.criticism.shifts import late
 from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.wiring import Suspicion, explained, look, outages
+from onlinebayes.criticism.wiring import HALF, Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect, SensorBias, SensorDelay
+from onlinebayes.simulators.effects import ActuatorDelay, Effect, SensorBias, SensorDelay
+
+MOST_LATE = 4  # signals that are tried as late in an actuator's place
 
 
 def suspect(
@@ -82,9 +84,11 @@ def inquire(
         if structured and not (fault is not None and fault.certain):
             off = off if early else outages(base, simulator, measurement, selection, say)
             fault = _better(fault, off)
-    if fault is None and (log := _fault_of_the_log(found, simulator, measurement, selection)) is not None:
-        fault = explained(log, base, simulator, measurement, selection)
-    if fault is not None and fault.beats(found.final, selection):
+    share = 1.0
+    if fault is None:
+        log, share = _faults_of_the_log(found, simulator, measurement, selection)
+        fault = explained(log, base, simulator, measurement, selection) if log else None
+    if fault is not None and fault.beats(found.final, selection, share):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
 
@@ -94,20 +98,31 @@ def _better(one: Suspicion | None, other: Suspicion | None) -> Suspicion | None:
     return min((each for each in (one, other) if each is not None), key=lambda each: each.after, default=None)
 
 
-def _fault_of_the_log(
+def _faults_of_the_log(
     found: Found, simulator: Simulator, measurement: Measurement, selection: Selection
-) -> Fault | None:
-    """What the accepted effects are if the log is to blame: a column that is some rows late, a misplaced zero."""
-    delays = _delays(found)
-    loosely = bool(delays) and _structured(found.final, simulator, selection)
-    return late(measurement, delays, loosely) or misplaced(_zeros(found))
+) -> tuple[list[Fault], float]:
+    """What the accepted effects may be if the log is to blame, and what share of their error it must not exceed.
+
+    Signals that are some rows late, or a misplaced zero. Delays of actuators that leave more than noise may be the log
+    of a joint at which most is left; as the two are much alike, the log has to do twice as well.
+    """
+    left = left_over(found.final, simulator)
+    worst = sorted((name for name in left if left[name] > selection.tolerance), key=lambda name: -left[name])
+    tried: list[Fault | None] = [misplaced(_zeros(found))]
+    share = 1.0
+    if late_by := _delays(found, SensorDelay):
+        tried.append(late(measurement, late_by, bool(worst)))
+    elif late_by := _delays(found, ActuatorDelay):
+        tried += [late(measurement, {name: max(late_by.values())}, loosely=True) for name in worst[:MOST_LATE]]
+        share = HALF
+    return list(dict.fromkeys(fault for fault in tried if fault is not None)), share
 
 
-def _delays(found: Found) -> dict[str, float]:
-    """Signal -> the delay [s] that was accepted for it; nothing where anything else was accepted too."""
-    if not all(isinstance(judged.effect, SensorDelay) for _, judged in found.accepted):
+def _delays(found: Found, kind: type[SensorDelay] | type[ActuatorDelay]) -> dict[str, float]:
+    """Target -> the delay [s] that was accepted for it; nothing where any effect of another kind was accepted too."""
+    if not all(isinstance(judged.effect, kind) for _, judged in found.accepted):
         return {}
-    return sensor_delays(found.final.fitted.simulator, found.final.fitted.theta)
+    return delays(found.final.fitted.simulator, found.final.fitted.theta, kind)
 
 
 def _zeros(found: Found) -> dict[str, float]:

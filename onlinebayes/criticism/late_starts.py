@@ -19,7 +19,7 @@ from onlinebayes.criticism.starts import window_starts
 from onlinebayes.criticism.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import SensorDelay
+from onlinebayes.simulators.effects import ActuatorDelay, SensorDelay
 
 
 def windows_to_replay(
@@ -40,14 +40,14 @@ def windows_to_replay(
     """
     windows = make_windows(simulator, measurement, horizon, MEMORY * horizon, noise, inset=True)
     joints = joint_names(simulator)
-    delays = {
+    late = {
         signal: delay
-        for signal, delay in sensor_delays(simulator, theta).items()
+        for signal, delay in delays(simulator, theta, SensorDelay).items()
         if delay and signal.removeprefix("qpos.") in simulator.joint_kinds and signal.removeprefix("qpos.") in joints
     }
-    if not delays:
+    if not late:
         return windows
-    prompt = without_latency(measurement, delays)
+    prompt = without_latency(measurement, late)
     cuts = [
         (r, g * windows.step, (g + windows.rows) * windows.step)
         for r, g in zip(windows.run.tolist(), windows.first.tolist(), strict=True)
@@ -55,7 +55,7 @@ def windows_to_replay(
     names = [signal.name for signal in measurement.signals]
     state, _, moving = window_starts(run_grids(prompt, row_step(prompt)), cuts, names, joints, noise)
     start = windows.start.clone()
-    for signal, delay in delays.items():
+    for signal, delay in late.items():
         j = joints.index(signal.removeprefix("qpos."))
         v = state[:, len(joints) + j]
         known = windows.free[:, j] & moving[:, j]
@@ -63,11 +63,13 @@ def windows_to_replay(
     return replace(windows, start=start)
 
 
-def sensor_delays(simulator: Simulator, theta: Float[Tensor, " P"]) -> dict[str, float]:
-    """Signal -> by how much the simulator shows it late [s], where that is one value for all runs."""
+def delays(
+    simulator: Simulator, theta: Float[Tensor, " P"], kind: type[SensorDelay] | type[ActuatorDelay]
+) -> dict[str, float]:
+    """Target -> by how much the simulator shows or drives it late [s], where that is one value for all runs."""
     names = simulator.parameters
     return {
         effect.target: float(theta[names.index(f"{effect.key}.delay")])
         for effect in simulator.effects
-        if isinstance(effect, SensorDelay) and f"{effect.key}.delay" in names
+        if isinstance(effect, kind) and f"{effect.key}.delay" in names
     }

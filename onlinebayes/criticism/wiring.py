@@ -76,9 +76,9 @@ class Suspicion:
         """Whether it leaves so little that no effect needs to be tried."""
         return self.certain or self.after <= DECISIVE * self.before
 
-    def beats(self, final: Grounds, selection: Selection) -> bool:
-        """Whether it does at least as well as the model with every accepted effect."""
-        return self.certain or self.after <= _total(cross_validated(final, selection))
+    def beats(self, final: Grounds, selection: Selection, share: float = 1.0) -> bool:
+        """Whether it leaves no more than that share of what the model with every accepted effect leaves."""
+        return self.certain or self.after <= share * _total(cross_validated(final, selection))
 
 
 @dataclass(frozen=True)
@@ -135,11 +135,11 @@ def look(
 
 
 def explained(
-    fault: Fault, base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection
+    faults: Sequence[Fault], base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection
 ) -> Suspicion | None:
-    """What one fault explains that something else spoke for; arguments as :func:`look`, but for the fault."""
+    """What the best of these faults explains, something else having spoken for them; the rest as in :func:`look`."""
     bench = Bench(simulator, measurement, selection.horizon_s, base)
-    return Leads(bench, ((fault, base.fitted.theta),), 1.0).explain(selection)
+    return Leads(bench, tuple((fault, base.fitted.theta) for fault in faults), 1.0).explain(selection)
 
 
 def outages(

@@ -12,9 +12,12 @@ from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.shifts import ROWS, Shifted, late, shifts
 from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
 from tests.criticism.wired import ARM, PENDULUM, STEP
 
 POSITION = "qpos.hinge"
+FRICTION = DryFriction("elbow", Parameter(0.0, 2.0, "N m"))
 
 
 def ahead(measurement: Measurement, rows: int) -> Measurement:
@@ -83,3 +86,22 @@ def test_a_column_that_is_late_by_rows_is_the_logs() -> None:
     assert result.wiring.fault == "qpos.elbow is logged 0.03 s (3 rows) late"
     assert result.wiring.lines == '[signals."qpos.elbow"]\nlatency = 0.03'
     assert result.accepted == ()
+
+
+@pytest.mark.slow
+def test_a_late_column_is_the_logs_also_where_only_a_late_motor_was_tried() -> None:
+    measured = ARM.measure(runs=10)
+    data = measured.data.clone()
+    data["signal"][:, 3:, 1] = data["signal"][:, :-3, 1].clone()
+    result = refine(ARM.model(), replace(measured, data=data), candidates=["actuator_delay"])
+    assert result.wiring is not None
+    assert result.wiring.fault == "qpos.elbow is logged 0.03 s (3 rows) late"
+
+
+@pytest.mark.slow
+def test_a_late_motor_beside_friction_that_nobody_tries_is_no_late_column() -> None:
+    hidden = {ActuatorDelay("bend", Parameter(0.0, 0.1, "s")): (0.03,), FRICTION: (0.15,)}
+    result = refine(ARM.model(), ARM.measure(hidden, runs=10), candidates=["actuator_delay"])
+    assert result.accepted == ("actuator_delay@bend",)
+    assert result.wiring is None
+    assert max(result.remainder.rms_over_floor.values()) > 1.5  # so that the log was looked at
