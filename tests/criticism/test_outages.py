@@ -45,6 +45,7 @@ def test_a_machine_that_was_on_or_lacks_an_effect_has_none() -> None:
     assert found(PENDULUM, PENDULUM.measure({DryFriction("hinge", Parameter(0.0, 2.0, "N m")): (0.3,)})) is None
 
 
+@pytest.mark.slow
 def test_an_outage_that_strikes_every_window_shows_in_quarters_of_them() -> None:
     """Runs of two seconds, each off from 0.8 s to 1.2 s: both of its windows are struck."""
     off = Outage(("motor",), tuple((f"run{r}", 0.8, 1.2) for r in range(8)))
