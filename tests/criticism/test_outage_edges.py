@@ -30,7 +30,7 @@ def test_edges_are_settled_beside_theta() -> None:
         for edge, right in zip(edges, true, strict=True):
             lost = command[run, slice(*sorted((edge, right)))].sum() * STEP  # N m s, of 1.2 N m for half a second
             assert abs(float(lost)) < 0.02
-            assert abs(edge - right) <= 10
+            assert abs(edge - right) <= 3
     assert torch.allclose(fitted, torch.tensor(PENDULUM.truth, dtype=torch.float64), rtol=0.01)
 
 
