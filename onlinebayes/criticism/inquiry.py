@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
+from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.faults import Fault, misplaced
 from onlinebayes.criticism.late_starts import delays
 from onlinebayes.criticism.localise import in_a_sentence
@@ -62,6 +63,8 @@ def inquire(
     Arguments as :func:`onlinebayes.criticism.search.search`. With a fault nothing is accepted and no bound widened: the
     final model is the base model.
     """
+    if first := as_given(simulator, measurement, selection):
+        say(first)
     say("fitting the base model")
     base = ground(simulator, measurement, selection)
     if bool(base.windows.observed.any()):

@@ -13,6 +13,7 @@ from typing import Literal
 import torch
 
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
+from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.blocks import Blocks
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.clock import in_step, restepped
@@ -80,6 +81,8 @@ def compare(
     """
     say = Stopwatch(progress or _silent)
     task = _prepared(simulator, measurement, holdout, selection, scope)
+    if first := as_given(task.simulator, task.fit_runs, task.selection):
+        say(first)
     say("fitting the base model")
     base = ground(task.simulator, task.fit_runs, task.selection)
     fault = suspect(base, task.simulator, task.fit_runs, task.selection, say)

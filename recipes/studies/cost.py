@@ -34,6 +34,7 @@ from onlinebayes.runs import BadInput, ResultTable
 from recipes.studies.exits import status
 
 Part = Literal["arm", "growth", "six joints"]
+FIRST = 10.0  # s
 MEMORY = 4.0  # GB
 SEED = 0
 
@@ -57,11 +58,13 @@ class Cost:
 
     Args:
         seconds: wall time, start-up included [s].
+        answered: from the start of the program to the first answer that it prints [s].
         memory: largest resident set [GB].
         report: its report.json.
     """
 
     seconds: float
+    answered: float
     memory: float
     report: dict[str, Any]
 
@@ -87,14 +90,21 @@ def spent(command: str, problem_file: Path) -> Cost:
     out = problem_file.parent / command
     words = [sys.executable, "-m", "onlinebayes.cli.main", command, str(problem_file), "--out", str(out)]
     began = time.monotonic()
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL)
+    answered = float("nan")
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    for line in process.stderr:
+        sys.stderr.write(line)
+        if math.isnan(answered) and line.rstrip().endswith("."):  # a stage does not end in a full stop
+            answered = time.monotonic() - began
     _, status, usage = os.wait4(process.pid, 0)
     seconds = time.monotonic() - began
     if process.returncode is None:
         process.returncode = os.waitstatus_to_exitcode(status)
     if process.returncode:
         raise BadInput(f"onlinebayes {command} {problem_file} ended with {process.returncode}", "run it by hand")
-    return Cost(seconds, usage.ru_maxrss / 1024**2, json.loads((out / "report.json").read_text(encoding="utf-8")))
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    return Cost(seconds, answered, usage.ru_maxrss / 1024**2, report)
 
 
 def arm(results: ResultTable, folder: Path) -> None:
@@ -106,7 +116,12 @@ def arm(results: ResultTable, folder: Path) -> None:
 def six_joints(results: ResultTable, folder: Path) -> None:
     """Six joints with a minute of data, and the first answer."""
     file = problem(lengthened(RIGS["six_joint_arm"], 15, 4.0), "dry_friction@j2", folder / "six")
-    add(results, "six joints, 60 s at 200 Hz, compare", spent("compare", file), 10.0)
+    compared = spent("compare", file)
+    first = compared.answered
+    results.add(
+        "six joints, 60 s at 200 Hz, first answer", first, unit="s", goal="under 10 on 2 cores", holds=first < 10
+    )
+    add(results, "six joints, 60 s at 200 Hz, compare", compared, 10.0)
     refined = spent("refine", file)
     add(results, "six joints, 60 s at 200 Hz, refine", refined, 600.0)
     tried = refined.report["candidates_tried"]
