@@ -1,4 +1,7 @@
-"""Progress that is also kept: every line that is said, with the seconds that passed until the next."""
+"""Progress that is also kept: every stage that is said, with the seconds that passed until the next.
+
+A line that ends in a full stop is an answer and no stage.
+"""
 
 from __future__ import annotations
 
@@ -29,8 +32,9 @@ class Stopwatch:
         self._lines: list[tuple[str, float]] = []
 
     def __call__(self, line: str) -> None:
-        """Say the line; the stage before it ends here."""
-        self._lines.append((line, time.monotonic()))
+        """Say the line; where it is a stage, the one before it ends here."""
+        if not line.endswith("."):
+            self._lines.append((line, time.monotonic()))
         self._say(line)
 
     def timings(self) -> tuple[Timing, ...]:

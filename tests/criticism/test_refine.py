@@ -172,9 +172,11 @@ def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
     assert result.interrupted
     assert result.accepted == ("constant_load@rail",)
-    assert lines[0] == "fitting the base model"
-    assert lines[1].startswith("The model errs by ")
-    assert "qpos.rail" in lines[1]
+    assert lines[0].startswith("As it was given, the model errs by ")
+    assert lines[1] == "fitting the base model"
+    assert lines[2].startswith("The model errs by ")
+    assert "qpos.rail" in lines[2]
+    assert [timing.stage for timing in result.timings if timing.stage.endswith(".")] == []  # answers are no stages
 
 
 def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
