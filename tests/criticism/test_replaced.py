@@ -13,7 +13,7 @@ FORCE = Parameter(0.0, 5.0, "N m")
 STRIBECK = StribeckFriction("hinge", FORCE, FORCE, Parameter(0.01, 5.0, "rad/s", scale="log"))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_stribeck_friction_takes_the_place_of_dry_friction() -> None:
     hidden = {STRIBECK: (0.15, 0.4, 0.3)}
     result = refine(
