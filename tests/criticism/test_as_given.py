@@ -44,6 +44,7 @@ def test_of_a_machine_that_rests_nothing_is_said() -> None:
     assert as_given(PENDULUM.model(), replace(measurement, data=data), Selection()) == ""
 
 
+@pytest.mark.slow
 def test_it_is_the_first_thing_that_is_said() -> None:
     lines: list[str] = []
     compare(PENDULUM.model(), PENDULUM.measure(runs=3), progress=lines.append)

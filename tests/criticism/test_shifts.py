@@ -88,7 +88,7 @@ def test_a_column_that_is_late_by_rows_is_the_logs() -> None:
     assert result.accepted == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_late_column_is_the_logs_also_where_only_a_late_motor_was_tried() -> None:
     measured = ARM.measure(runs=10)
     data = measured.data.clone()

@@ -341,7 +341,7 @@ def test_a_case_is_answered_rightly(rig: str, kind: str, seed: int) -> None:
     assert judged.counts
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wind_takes_the_place_of_the_drag_and_the_load_that_it_was_taken_for() -> None:
     made = effect_case("thrown_ball", "wind@world", "medium", 0)
     problem = loaded(made)
