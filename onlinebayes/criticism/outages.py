@@ -85,7 +85,7 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, 
         coarse: the same on the coarsest rung.
         windows: the fit windows on that rung's rows.
     """
-    starts = _starts(base, coarse)
+    starts, windows = _starts(base, coarse), _moving(windows)
     if not any(_some_stand_out(_errors(coarse, windows, theta)) for theta in starts):
         return None  # before anything is fitted
     theta = _robust(starts, coarse, windows)
@@ -115,7 +115,13 @@ def sudden(base: Grounds, coarse: Simulator, windows: Windows) -> bool:
 
     Arguments as :func:`outage`.
     """
+    windows = _moving(windows)
     return any(_some_stand_out(_errors(coarse, windows, theta), SUDDEN) for theta in _starts(base, coarse))
+
+
+def _moving(windows: Windows) -> Windows:
+    """Those in which something is scored: where all joints rest no model errs, and of many such the median is zero."""
+    return windows.select(torch.nonzero(windows.observed.any(2).any(1))[:, 0])
 
 
 def _starts(base: Grounds, coarse: Simulator) -> tuple[Float[Tensor, " P"], ...]:

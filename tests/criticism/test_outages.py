@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
+import torch
 
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.bench import Bench
-from onlinebayes.criticism.outages import Outage, outage
+from onlinebayes.criticism.outages import Outage, outage, sudden
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.wiring import outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import DryFriction
-from tests.criticism.wired import ARM, PENDULUM, STEP, Rig
+from tests.criticism.wired import ARM, NOISE, PENDULUM, STEP, Rig
 
 OFF = Outage(("motor",), (("run1", 0.72, 1.31), ("run4", 1.8, 2.6)))
 
@@ -43,6 +46,20 @@ def test_edges_are_found_where_the_command_was_large() -> None:
 def test_a_machine_that_was_on_or_lacks_an_effect_has_none() -> None:
     assert found(PENDULUM, PENDULUM.measure()) is None
     assert found(PENDULUM, PENDULUM.measure({DryFriction("hinge", Parameter(0.0, 2.0, "N m")): (0.3,)})) is None
+
+
+def test_windows_at_rest_make_no_misfit_sudden() -> None:
+    """Five of eight runs hang still, where no model errs; in the others friction is missing all the time."""
+    measured = PENDULUM.measure({DryFriction("hinge", Parameter(0.0, 2.0, "N m")): (0.3,)})
+    data = measured.data.clone()
+    data["command"][:5] = 0.0
+    data["signal"][:5] = NOISE * torch.randn(data["signal"][:5].shape, generator=torch.Generator().manual_seed(0))
+    rests = replace(measured, data=data)
+    simulator, selection = PENDULUM.model(), Selection()
+    bench = Bench(simulator, rests, selection.horizon_s, ground(simulator, rests, selection))
+    assert int(bench.whole.observed.any(2).any(1).sum()) < bench.whole.count / 2
+    assert not sudden(bench.base, bench.coarse, bench.whole)
+    assert outage(bench.base, bench.coarse, bench.whole) is None
 
 
 @pytest.mark.slow
