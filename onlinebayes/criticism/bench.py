@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,6 +25,7 @@ from onlinebayes.simulators.base import Simulator
 DRAWS = 32  # of one parameter; of P parameters a P-th of them
 FEWEST_DRAWS = 4
 MOST_WINDOWS = 8  # that screening looks at
+PARTS = (1.0, 0.5, 0.25)
 
 
 @dataclass(frozen=True)
@@ -44,24 +46,30 @@ class Bench:
         """All windows with a fault put right, smoothed anew."""
         return make_windows(self.coarse, fault.mended(self.measurement), self.horizon, 0.0, noise)
 
-    def replayed(self, fault: Fault, thetas: Float[Tensor, "M P"], excerpt: bool = False) -> Float[Tensor, "M W"]:
+    def replayed(self, fault: Fault, thetas: Float[Tensor, "M P"]) -> Float[Tensor, "M W"]:
         """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged.
 
         Args:
-            fault: what is put right, in the starts too: the table is smoothed once, as it stands, for most faults.
+            fault: what is put right.
             thetas: M parameter vectors [SI].
-            excerpt: replay only the windows that are enough to screen by.
         """
+        windows = self._mended(fault, self.whole, self.measurement)
+        return replay_rms(self.model(fault), windows, thetas, windows.noise)
+
+    def screened(self, fault: Fault, thetas: Float[Tensor, "M P"]) -> Float[Tensor, "C M"]:
+        """The same over the first rows of a window, as many as each of :data:`PARTS` says, mean over the excerpt."""
+        windows = self._mended(fault, self._part, self.excerpt)
+        return replay_rms_of_parts(self.model(fault), windows, thetas, windows.noise).mean(-1)
+
+    def _mended(self, fault: Fault, own: Windows, table: Measurement) -> Windows:
+        """A table's windows with the fault put right, in the starts too: for most it is not smoothed anew."""
         floor = self.carried(fault)
-        own, table = (self._part, self.excerpt) if excerpt else (self.whole, self.measurement)
         if fault.smoothed_anew:
-            windows = make_windows(self.coarse, fault.mended(table), self.horizon, 0.0, floor)
-        else:
-            names = [signal.name for signal in table.signals]
-            shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
-            like = replace(fault.started(own, shown), noise=floor)
-            windows = make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
-        return replay_rms(self.model(fault), windows, thetas, floor)
+            return make_windows(self.coarse, fault.mended(table), self.horizon, 0.0, floor)
+        names = [signal.name for signal in table.signals]
+        shown = [seen_by(joint, names).signal for joint in joint_names(self.simulator)]
+        like = replace(fault.started(own, shown), noise=floor)
+        return make_windows(self.coarse, fault.mended(table), self.horizon, like=like)
 
     @cached_property
     def whole(self) -> Windows:
@@ -120,8 +128,23 @@ def replay_rms(
     simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
 ) -> Float[Tensor, "M W"]:
     """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
+    return replay_rms_of_parts(simulator, windows, thetas, floor)[0]
+
+
+def replay_rms_of_parts(
+    simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
+) -> Float[Tensor, "C M W"]:
+    """The same over the first rows of each window, as many as each of :data:`PARTS` says.
+
+    What diverges later holds its last finite values, and counts with them in the parts before.
+    """
     starts = windows.start.expand(len(thetas), *windows.start.shape)
     signals, valid = replay(simulator, windows, thetas, starts)
-    wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals))
-    rms = (wrong.square().sum((2, 3)) / windows.observed.sum((1, 2)).clamp_min(1)).sqrt()
-    return torch.where(valid, rms, torch.full_like(rms, float("inf")))
+    wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals)).square()
+    found = []
+    for part in PARTS:
+        rows = max(1, round(part * windows.rows))
+        seen = windows.observed[:, :rows].sum((1, 2)).clamp_min(1)
+        rms = (wrong[:, :, :rows].sum((2, 3)) / seen).sqrt()
+        found.append(torch.where(valid if part == 1.0 else rms.isfinite(), rms, torch.full_like(rms, math.inf)))
+    return torch.stack(found)

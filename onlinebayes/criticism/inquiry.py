@@ -4,7 +4,7 @@
                -> search -> (misfit left: faults fitted, outages looked for)
 
 Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
-the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves a small share of
+the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves less than half of
 the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. So does
 an outage where few windows err thirty times as much as the others: no law is that sudden. A sensor
 delay of whole rows and a zero that is off by a tenth of a radian are looked at as faults once effects explain them.
@@ -13,7 +13,8 @@ delay of whole rows and a zero that is off by a tenth of a radian are looked at 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.faults import Fault, misplaced
@@ -24,7 +25,7 @@ from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.search import Found, ground, search
 from onlinebayes.criticism.shifts import late
 from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.wiring import HALF, Suspicion, explained, look, outages
+from onlinebayes.criticism.wiring import HALF, Leads, Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
@@ -70,35 +71,74 @@ def inquire(
     if bool(base.windows.observed.any()):
         units = {signal.name: signal.unit for signal in measurement.signals}
         say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
-    leads = look(base, simulator, measurement, selection, say)
-    fault = leads.explain(selection) if leads is not None and leads.overwhelming else None
-    if fault is not None and fault.certain:
+    wiring = _Wiring(base, simulator, measurement, selection, say, look(base, simulator, measurement, selection, say))
+    if (fault := wiring.beyond_doubt) is not None:
         return Found(base, base, (), (), ()), fault
-    early = leads is not None and leads.sudden
-    off = outages(base, simulator, measurement, selection, say) if early else None
-    if off is not None and off.decisive:
-        return Found(base, base, (), (), ()), off
     found = search(simulator, measurement, selection, candidates, most, say, interrupt, base)
-    if leads is not None and not found.interrupted:
-        structured = _structured(found.final, simulator, selection)
-        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
-        if not leads.overwhelming and (structured or found.widened is not None):
-            fault = leads.explain(selection)
-        if structured and not (fault is not None and fault.certain):
-            off = off if early else outages(base, simulator, measurement, selection, say)
-            fault = _better(fault, off)
-    share = 1.0
-    if fault is None:
-        log, share = _faults_of_the_log(found, simulator, measurement, selection)
-        fault = explained(log, base, simulator, measurement, selection) if log else None
+    fault, share = wiring.beside(found)
     if fault is not None and fault.beats(found.final, selection, share):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
     return found, None
 
 
-def _better(one: Suspicion | None, other: Suspicion | None) -> Suspicion | None:
-    """The one that leaves less."""
-    return min((each for each in (one, other) if each is not None), key=lambda each: each.after, default=None)
+@dataclass(frozen=True)
+class _Wiring:
+    """The questions about the wiring, each asked at most once.
+
+    Args:
+        base: the base model fitted to the measurement as it stands.
+        simulator, measurement, selection, say: as in :func:`inquire`.
+        leads: faults that were screened in; None where the base model errs by too little.
+    """
+
+    base: Grounds
+    simulator: Simulator
+    measurement: Measurement
+    selection: Selection
+    say: Callable[[str], None]
+    leads: Leads | None
+
+    @cached_property
+    def fault(self) -> Suspicion | None:
+        """The screened fault that explains the misfit."""
+        return None if self.leads is None else self.leads.explain(self.selection)
+
+    @cached_property
+    def outage(self) -> Suspicion | None:
+        """Actuators that were off for parts of runs."""
+        return outages(self.base, self.simulator, self.measurement, self.selection, self.say)
+
+    @property
+    def beyond_doubt(self) -> Suspicion | None:
+        """A fault that leaves so little that no effect needs to be tried."""
+        if self.leads is None:
+            return None
+        if self.leads.overwhelming and self.fault is not None and self.fault.certain:
+            return self.fault
+        return self.outage if self.leads.sudden and self.outage is not None and self.outage.decisive else None
+
+    def beside(self, found: Found) -> tuple[Suspicion | None, float]:
+        """The fault that may explain more than what was found, and what share of its error it must not exceed."""
+        fault = self._screened(found)
+        if fault is not None:
+            return fault, 1.0
+        log, share = _faults_of_the_log(found, self.simulator, self.measurement, self.selection)
+        if not log:
+            return None, 1.0
+        return explained(log, self.base, self.simulator, self.measurement, self.selection), share
+
+    def _screened(self, found: Found) -> Suspicion | None:
+        """The screened fault or the outage, where what was found leaves room for either."""
+        if self.leads is None or found.interrupted:
+            return self.fault if self.leads is not None and self.leads.overwhelming else None
+        structured = _structured(found.final, self.simulator, self.selection)
+        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
+        asked = self.leads.overwhelming or structured or found.widened is not None
+        fault = self.fault if asked else None
+        if structured and not (fault is not None and fault.certain):
+            either = [one for one in (fault, self.outage) if one is not None]
+            return min(either, key=lambda one: one.after, default=None)
+        return fault
 
 
 def _faults_of_the_log(

@@ -4,8 +4,9 @@
     r(fault) = start-projected RMS after a fit on the coarsest rung                                       fitted
     e(fault) = cross-validated RMS at H after the same road as the base model's                           judged
 
-A fault is screened in when s falls below 0.8 of the table's own as it stands, and judged when r falls to half of the
-base model's. The best one explains the misfit when e is at most half of the base model's. It is ``certain`` when its
+A fault is screened in when s falls below 0.8 of the table's own as it stands, over whole windows or over their first
+half or quarter alone: over a second, an arm that falls is as wrong with any theta but the true one as with a wrong
+unit. It is judged when r falls to half of the base model's. The best one explains the misfit when e is at most half of the base model's. It is ``certain`` when its
 RMS at the rows reaches the floor too: it needs no parameter, so that no effect can explain as much with less. Otherwise
 it must do at least as well as the model with every accepted effect. Errors are counted in units of a floor that carries
 the fault's factor along, and in those of the mended table: dividing a column by 57 makes no error smaller, multiplying
@@ -17,6 +18,7 @@ A base model within three floors is not looked at: no fault of this kind is that
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -27,6 +29,7 @@ from torch import Tensor
 from onlinebayes.criticism.bench import Bench
 from onlinebayes.criticism.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.outages import outage, sudden
 from onlinebayes.criticism.projection import signal_rms
@@ -45,7 +48,7 @@ HALF = 0.5
 EQUAL = 1.05
 OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
 PARTS = (1.0, 0.25)  # of a window: where runs are short, an outage in each may strike every whole one
-OVERWHELMING = 0.3
+OVERWHELMING = 0.5
 DECISIVE = 0.1  # of the error: what an outage must leave where no effect was tried
 MOST_FITS = 4
 NEAR = 3.0  # of the best screened fault's error: what another may have to be fitted
@@ -164,21 +167,43 @@ def outages(
     return min(seen, key=lambda one: one.after, default=None)
 
 
+@dataclass(frozen=True)
+class _Screened:
+    """A hypothesis replayed: its error over that of the table as it stands, the error [floors], and the theta."""
+
+    share: float
+    error: float
+    fault: Fault
+    theta: Float[Tensor, " P"]
+
+
 def _promising(bench: Bench) -> Leads:
-    """The hypotheses replayed from the smoothed starts."""
+    """The hypotheses replayed from the smoothed starts, each at the theta and over the part that speak for it."""
     thetas = bench.thetas()
-    found: list[tuple[float, Fault, Float[Tensor, " P"]]] = []
-    own = bench.replayed(AsItStands(), thetas, True).mean(1).min()
+    own = bench.screened(AsItStands(), thetas).amin(1, keepdim=True)
+    screened = []
     for fault in bench.faults:
-        error = bench.replayed(fault, thetas, True).mean(1)
-        found.append((float(error.min() / own), fault, thetas[int(error.argmin())]))
+        error = bench.screened(fault, thetas)
+        part, best = divmod(int((error / own).nan_to_num(math.inf).argmin()), len(thetas))
+        screened.append(_Screened(float(error[part, best] / own[part]), float(error[part, best]), fault, thetas[best]))
     everywhere = bench.replayed(AsItStands(), thetas)
+    single = []
     for fault in _switched_off(bench, thetas, everywhere):  # single runs that differ: all must be seen
         error = bench.replayed(fault, thetas).mean(1)
-        found.append((float(error.min() / everywhere.mean(1).min()), fault, thetas[int(error.argmin())]))
-    best = sorted(share for share, _, _ in found if share < PROMISING)[:MOST_FITS]
-    kept = tuple((fault, theta) for share, fault, theta in found if share in best and share <= NEAR * best[0])
-    return Leads(bench, kept, best[0] if best else float("inf"))
+        best = int(error.argmin())
+        share = float(error[best] / everywhere.mean(1).min())
+        single.append(_Screened(share, float(error[best]), fault, thetas[best]))
+    kept = [*_best(screened), *_best(single)]
+    return Leads(
+        bench, tuple((one.fault, one.theta) for one in kept), min((one.share for one in kept), default=math.inf)
+    )
+
+
+def _best(screened: Sequence[_Screened]) -> list[_Screened]:
+    """Those worth a fit, in the order of the hypotheses."""
+    promising = [one for one in screened if one.share < PROMISING]
+    ranked = sorted(promising, key=lambda one: (one.share, one.error))[:MOST_FITS]
+    return [one for one in promising if any(one is other for other in ranked) and one.share <= NEAR * ranked[0].share]
 
 
 def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor, "M W"]) -> list[SwitchedOff]:
@@ -230,9 +255,26 @@ def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspi
     left = _total(cross_validated(grounds, selection))
     if max(after, left) > HALF * before:
         return None
-    rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, False)
-    certain = grounds.numerics.sufficient and max(rows.values()) <= selection.tolerance
+    certain = _at_the_floor(grounds, selection) or _at_the_floor(_steadied(fault, floor, bench, selection), selection)
     return Suspicion(fault, tuple(alike[1:]), before, after, left, certain)
+
+
+def _steadied(fault: Fault, floor: Float[Tensor, " S"], bench: Bench, selection: Selection) -> Grounds | None:
+    """The model with the fault put right, over windows as short as that takes; None where they are long enough.
+
+    The table as it stands may hide that the machine falls: nothing tells which way an arm leans whose angles are wrong.
+    """
+    model, mended = fault.model(bench.simulator), fault.mended(bench.measurement)
+    shorter = steady(model, mended, selection).horizon_s
+    return settle(model, mended, shorter, floor) if shorter < bench.horizon else None
+
+
+def _at_the_floor(grounds: Grounds | None, selection: Selection) -> bool:
+    """Whether nothing but noise is left."""
+    if grounds is None or not grounds.numerics.sufficient:
+        return False
+    rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, False)
+    return max(rows.values()) <= selection.tolerance
 
 
 def cross_validated(grounds: Grounds, selection: Selection) -> Float[Tensor, " S"]:

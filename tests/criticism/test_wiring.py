@@ -163,8 +163,8 @@ def test_the_verdict_and_the_report(reversed_sign) -> None:
 
 @pytest.mark.slow
 def test_a_fault_that_no_replay_makes_plain_is_found_after_the_search() -> None:
-    """An actuator off in one run of six: what effects leave shows it, and they are taken back."""
-    off, said = SwitchedOff("lift", ("run1",)), []
+    """An actuator off in one run, in which it did little: what effects leave shows it, and they are taken back."""
+    off, said = SwitchedOff("lift", ("run3",)), []
     result = refine(
         ARM.model(), ARM.measure(off=off), candidates=["dry_friction", "actuator_gain"], progress=said.append
     )

@@ -10,7 +10,7 @@ from recipes.studies.blind_rigs.record import Judged
 
 REPORTED = 2013
 """Seed of a rig's first reported case of a kind; with those below the search was tuned, or they were looked at."""
-LOOKED_AT = {"wiring": 2}
+LOOKED_AT = {"wiring": 4}
 """By kind, how many of the first reported cases were looked at and mended by since: they are tuning cases now."""
 QUICK = (
     *("thrown_ball", "swing", "position_servo", "slide_drive"),
