@@ -6,12 +6,12 @@
 
 A fault is screened in when s falls below 0.8 of the table's own as it stands, over whole windows or over their first
 half or quarter alone: over a second, an arm that falls is as wrong with any theta but the true one as with a wrong
-unit. It is judged when r falls to half of the base model's. The best one explains the misfit when e is at most half of the base model's. It is ``certain`` when its
-RMS at the rows reaches the floor too: it needs no parameter, so that no effect can explain as much with less. Otherwise
-it must do at least as well as the model with every accepted effect. Errors are counted in units of a floor that carries
-the fault's factor along, and in those of the mended table: dividing a column by 57 makes no error smaller, multiplying
-it no floor larger. Nor does a fault explain what it stills: a column in thousandths moves by less than its sensor's
-noise, and would not be scored.
+unit. It is judged when r falls to half of the base model's. The best one explains the misfit when e is at most half of
+the base model's. It is ``certain`` when its RMS at the rows reaches the floor too: it needs no parameter, so that no
+effect can explain as much with less. Otherwise it must do at least as well as the model with every accepted effect.
+Errors are counted in units of a floor that carries the fault's factor along, and in those of the mended table: dividing
+a column by 57 makes no error smaller, multiplying it no floor larger. Nor does a fault explain what it stills: a column
+in thousandths moves by less than its sensor's noise, and would not be scored.
 
 A base model within three floors is not looked at: no fault of this kind is that small.
 """
