@@ -5,13 +5,14 @@
 Hidden states of effects are those that the run left before the window. Where they follow from its command and its
 measured motion alone (heat), they are worked out along that; see :mod:`.recall`. Others (delay buffers) come from a
 forced replay: each world first runs through the commands of the seconds before its window, as many as the effects
-remember, then its positions and velocities are set to the window's start and the hidden states kept.
+remember, then its positions and velocities are set to the window's start and the hidden states kept. Where a parameter
+changes in time the window is played piece by piece; see :mod:`.timed`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import torch
 from jaxtyping import Bool, Float
@@ -21,6 +22,7 @@ from torch import Tensor
 from onlinebayes.criticism.charted import chart_of
 from onlinebayes.criticism.recall import recall
 from onlinebayes.criticism.scoped import unfold
+from onlinebayes.criticism.timed import pieces
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import sense, unsense
@@ -59,23 +61,37 @@ def rollout(
 ) -> TensorDict:
     """The trajectories themselves, batch size (M, W, K). Starts are as the sensors show them; see :mod:`.sensing`."""
     M, W, K = theta.shape[0], windows.count, windows.rows
-    simulator, unfolded = unfold(simulator, windows, theta)
+    scoped = simulator
+    simulator, unfolded = unfold(scoped, windows, theta)
     worlds = unfolded.reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     chart = chart_of(simulator, windows)
     state = chart.enter(unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
     hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
     recalled = recall(simulator, windows, unfolded) if hidden else {}
-    rows = history_rows(chart.physics, windows, recalled) if hidden else 0
-    if rows:
-        before, enable = windows.history[:, -rows:], windows.history_enable[:, -rows:]
+    remembered = history_rows(chart.physics, windows, recalled) if hidden else 0
+    if remembered:
+        before, enable = windows.history[:, -remembered:], windows.history_enable[:, -remembered:]
         past = _drive(chart.physics, worlds, state, before, enable, windows.step, M)
         for key in hidden:
             state[key] = past[key][:, -1]
     for key, value in recalled.items():
         state["effects", key] = value
-    during = _drive(chart.physics, worlds, state, windows.command, windows.enable, windows.step, M)
-    return chart.leave(during.reshape(M, W, K))
+    during: list[TensorDict] = []
+    for rows in pieces(simulator, windows):
+        worlds, piece = unfold(scoped, windows, theta, rows)[1].reshape(M * W, -1), slice(*rows)
+        command, enable = windows.command[:, piece], windows.enable[:, piece]
+        during.append(_drive(chart.physics, worlds, state, command, enable, windows.step, M))
+        state = during[-1][:, -1].exclude("valid")
+    return chart.leave(_joined(during).reshape(M, W, K))
+
+
+def _joined(played: Sequence[TensorDict]) -> TensorDict:
+    """Pieces of a trajectory as one; what diverged in one is not valid in those after it."""
+    if len(played) == 1:
+        return played[0]
+    trajectory = TensorDict.cat(list(played), dim=1)
+    return trajectory.set("valid", trajectory["valid"].long().cummin(1).values.bool())
 
 
 def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[str] = ()) -> int:

@@ -19,7 +19,7 @@ from torch import Tensor
 from onlinebayes.criticism.around import Around
 from onlinebayes.criticism.scope import Scope, address_of, own_name
 from onlinebayes.criticism.split import origin
-from onlinebayes.criticism.timed import in_time
+from onlinebayes.criticism.timed import Rows, in_time
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -221,12 +221,13 @@ def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[
 
 
 def unfold(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M F"]
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M F"], rows: Rows | None = None
 ) -> tuple[Simulator, Float[Tensor, "M W P"]]:
-    """What is replayed, and every window's theta."""
+    """What is replayed, and every window's theta: over all of it, or over a piece's rows (see :mod:`.timed`)."""
     if isinstance(simulator, ScopedSimulator):
-        return simulator.physics, in_time(simulator.physics, windows, simulator.of_windows(theta, windows))
-    return simulator, in_time(simulator, windows, theta[:, None].expand(len(theta), windows.count, theta.shape[1]))
+        return simulator.physics, in_time(simulator.physics, windows, simulator.of_windows(theta, windows), rows)
+    everywhere = theta[:, None].expand(len(theta), windows.count, theta.shape[1])
+    return simulator, in_time(simulator, windows, everywhere, rows)
 
 
 def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:

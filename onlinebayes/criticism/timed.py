@@ -1,12 +1,15 @@
-"""Parameters that change in time: what each window is replayed with.
+"""Parameters that change in time: what each piece of a window is replayed with.
 
-    theta_w = clip(theta + sum of shifts(begin_w, end_w)),      clip to the parameters' bounds
+    theta_wp = clip(theta + sum of shifts(begin_wp, end_wp)),      clip to the parameters' bounds
 
-Within a window a parameter is constant; it takes the mean over the window (``Effect.shift``). Instants are those of
-the measurements' time column.
+Within a piece, an eighth of a window, a parameter is constant and takes the mean over it (``Effect.shift``). In whole
+windows a damping that triples within four seconds left a medium effect's worth of error. Instants are those of the
+measurements' time column.
 """
 
 from __future__ import annotations
+
+from itertools import pairwise
 
 import torch
 from jaxtyping import Float
@@ -15,17 +18,32 @@ from torch import Tensor
 from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 
+PIECES = 8
 
-def in_time(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]) -> Float[Tensor, "M W P"]:
+Rows = tuple[int, int]
+"""From and to which of a window's rows."""
+
+
+def pieces(simulator: Simulator, windows: Windows) -> list[Rows]:
+    """The rows of each piece; all as one where nothing changes in time."""
+    changes = any(effect.target_kind == "parameter" for effect in simulator.effects)
+    edges = torch.linspace(0, windows.rows, PIECES + 1 if changes else 2).round().long().tolist()
+    return [(first, last) for first, last in pairwise(edges) if last > first]
+
+
+def in_time(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"], rows: Rows | None = None
+) -> Float[Tensor, "M W P"]:
     """Theta of every window with what changes in time; the same tensor where nothing does.
 
     Args:
         simulator: the physics, whose effects on parameters act here.
         windows: W windows of one length.
         theta: of every window without these effects [SI].
+        rows: of a piece; the mean over all when None.
     """
     shifts: dict[int, Tensor] = {}
-    begin, end = instants(windows)
+    begin, end = instants(windows, rows)
     space = simulator.parameters
     for effect in simulator.effects:
         own = {name: theta[..., space.index(f"{effect.key}.{name}")] for name in effect.parameters}
@@ -41,7 +59,8 @@ def in_time(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"
     return torch.stack(columns, dim=-1)
 
 
-def instants(windows: Windows) -> tuple[Float[Tensor, " W"], Float[Tensor, " W"]]:
-    """When each window begins and ends, on the measurements' clock [s]."""
+def instants(windows: Windows, rows: Rows | None = None) -> tuple[Float[Tensor, " W"], Float[Tensor, " W"]]:
+    """When each window, or a piece of it, begins and ends, on the measurements' clock [s]."""
     begin = torch.tensor(windows.begin, dtype=torch.float64)[windows.run] + windows.step * windows.first
-    return begin, begin + windows.horizon
+    first, last = rows or (0, windows.rows)
+    return begin + windows.step * first, begin + windows.step * last

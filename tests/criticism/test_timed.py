@@ -107,6 +107,20 @@ def test_windows_see_the_drift_at_their_middles(windows: Windows) -> None:
     torch.testing.assert_close(other[:, 1], theta[:, 1], rtol=0, atol=1e-6)
 
 
+def test_a_drift_is_followed_within_a_window() -> None:
+    """Damping that rises from 1 to 4 N s/m in a run's first window, against Runge and Kutta's method in numpy."""
+    one = measured({"run0": table(lambda t: 1.0 + 3.0 * t)["run0"]})
+    first = make_windows(model(), one, 1.0, 0.0, None).select(torch.tensor([0]))
+    at_rest = torch.zeros(1, 1, 2, dtype=torch.float64)
+    simulator = model().with_effect(ParameterDrift(DAMPING, Parameter(-3.0, 3.0), middle=0.0))
+    followed, valid = replay(simulator, first, torch.tensor([[TRUTH[0], 1.0, 3.0]], dtype=torch.float64), at_rest)
+    held, _ = replay(model(), first, torch.tensor([[TRUTH[0], 2.5]], dtype=torch.float64), at_rest)
+    assert bool(valid.all())
+    errors = [float((first.value - signals[0]).abs().max()) for signals in (followed, held)]
+    assert errors[0] < 5 * NOISE
+    assert errors[1] > 25 * NOISE
+
+
 @pytest.mark.parametrize("cls", [ParameterDrift, ParameterStep], ids=lambda cls: cls.name)
 def test_at_neutral_nothing_changes_and_a_batch_is_its_members(cls: type[Effect], windows: Windows) -> None:
     (effect,) = propose(model(), windows, [f"{cls.name}@{DAMPING}"])

@@ -2,7 +2,7 @@
 
 t is the measurements' own clock: where all runs share one, the drift goes through the whole log; where each run begins
 at zero, through each run anew. t0 is the middle of what was measured, so that theta is the value there. No simulator
-carries it: criticism replays each window with the value at its middle, cut off at the parameter's bounds.
+carries it: criticism replays each piece of a window with the value at its middle, cut off at the parameter's bounds.
 """
 
 from __future__ import annotations

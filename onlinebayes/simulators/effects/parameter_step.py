@@ -1,8 +1,8 @@
 """A parameter that changes once: theta(t) = theta + s for t > t1, theta before.
 
 t is the measurements' own clock, as for a :mod:`.parameter_drift`. No simulator carries it: criticism replays each
-window with the mean over it, cut off at the parameter's bounds, so that t1 is known to within a window. A fit that
-begins more than a window away does not find it, therefore screening starts at many instants.
+piece of a window with the mean over it, cut off at the parameter's bounds. A fit that begins more than a window away
+does not find it, therefore screening starts at many instants.
 """
 
 from __future__ import annotations
