@@ -119,26 +119,24 @@ class _Wiring:
 
     def beside(self, found: Found) -> tuple[Suspicion | None, float]:
         """The fault that may explain more than what was found, and what share of its error it must not exceed."""
-        fault = self._screened(found)
-        if fault is not None:
-            return fault, 1.0
+        room = self.leads is not None and not found.interrupted
+        structured = room and _structured(found.final, self.simulator, self.selection)
+        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
+        asked = structured or (room and found.widened is not None)
+        fault = self.fault if asked or (self.leads is not None and self.leads.overwhelming) else None
+        log, share = self._of_the_log(found) if fault is None else (None, 1.0)
+        certain = next((one for one in (fault, log) if one is not None and one.certain), None)
+        if structured and certain is None:  # an outage takes longest to find
+            either = [one for one in (fault, self.outage) if one is not None]
+            fault = min(either, key=lambda one: one.after, default=None)
+        return (fault, 1.0) if fault is not None else (log, share)
+
+    def _of_the_log(self, found: Found) -> tuple[Suspicion | None, float]:
+        """What the log may have done where effects explain it, and what share of their error it must not exceed."""
         log, share = _faults_of_the_log(found, self.simulator, self.measurement, self.selection)
         if not log:
             return None, 1.0
         return explained(log, self.base, self.simulator, self.measurement, self.selection), share
-
-    def _screened(self, found: Found) -> Suspicion | None:
-        """The screened fault or the outage, where what was found leaves room for either."""
-        if self.leads is None or found.interrupted:
-            return self.fault if self.leads is not None and self.leads.overwhelming else None
-        structured = _structured(found.final, self.simulator, self.selection)
-        # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
-        asked = self.leads.overwhelming or structured or found.widened is not None
-        fault = self.fault if asked else None
-        if structured and not (fault is not None and fault.certain):
-            either = [one for one in (fault, self.outage) if one is not None]
-            return min(either, key=lambda one: one.after, default=None)
-        return fault
 
 
 def _faults_of_the_log(
