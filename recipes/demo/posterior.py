@@ -152,7 +152,8 @@ def infer(
         loss = estimator(space, proposal.box, angle.shape[-1], how)
         report = fit(loss, simulated, generator=draw, epochs=how.epochs)
         posterior = Posterior(loss).condition(experiment.trajectories(experiment.angle[None], beside))
-        proposal = proposals.truncated(posterior, generator=draw)
+        # Inside the last one: a mixture's widest component would reach back to what earlier rounds ruled out.
+        proposal = proposals.truncated(posterior, proposal, generator=draw)
         say(f"round {k + 1}: {how.simulations} simulations, {report.validation[report.best]:.1f} nats on unseen ones")
     return posterior
 
