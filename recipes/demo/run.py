@@ -67,14 +67,12 @@ class Branch:
     Args:
         names: its parameters.
         samples: draws from its posterior [SI].
-        truth_log_prob: log density of the rig's own parameters under it, the missing ones left out [nats].
         angle: of the episodes on the rig, from upright [rad].
         returns: of these episodes.
     """
 
     names: tuple[str, ...]
     samples: Float[Tensor, "S P"]
-    truth_log_prob: float
     angle: Float[Tensor, "N T"]
     returns: Float[Tensor, " N"]
 
@@ -95,6 +93,13 @@ class Outcome:
         """Mean difference of the returns, mended less wrong, and its standard error over the episodes."""
         a, b = self.mended.returns, self.wrong.returns
         return float(a.mean() - b.mean()), float((a.var() / len(a) + b.var() / len(b)).sqrt())
+
+    @property
+    def farthest(self) -> float:
+        """How far the rig's parameters lie from the mended model's posterior, at most [its standard deviations]."""
+        samples = self.mended.samples
+        truth = samples.new_tensor([self.truth[name] for name in self.mended.names])
+        return float(((samples.mean(0) - truth) / samples.std(0)).abs().max())
 
 
 def run(seed: int, out: Path, budget: Budget) -> Outcome:
@@ -154,10 +159,9 @@ def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Bu
     objective = train(problem.simulator, posterior, budget.training, seed, say)
     played = episodes(objective.policy, truth, budget.episodes, seed)
     names = posterior.space.names
-    at = torch.tensor([truth[name] for name in names], dtype=torch.float64)
     angle = torch.atan2(played["observation"][..., 1], played["observation"][..., 0])
     samples = posterior.sample((4000,), torch.Generator().manual_seed(0))
-    return Branch(names, samples, float(posterior.log_prob(at[None])), angle, returns(played))
+    return Branch(names, samples, angle, returns(played))
 
 
 def as_json(outcome: Outcome) -> dict[str, object]:

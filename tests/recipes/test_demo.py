@@ -74,10 +74,12 @@ def test_the_table_the_picture_and_the_files_tell_the_same(quick: tuple[Outcome,
 def test_the_study_judges_each_seed_by_its_own_figures(quick: tuple[Outcome, Path]) -> None:
     outcome, _ = quick
     wrong = replace(outcome.wrong, returns=torch.tensor([10.0, 12.0, 11.0, 13.0]))
-    better = replace(
-        outcome, wrong=wrong, mended=replace(outcome.mended, returns=torch.tensor([90.0, 92.0, 91.0, 93.0]))
-    )
+    truth = torch.tensor([outcome.truth[name] for name in outcome.mended.names])
+    near = truth * (1 + 0.01 * torch.tensor([[-1.0], [0.0], [1.0]]))
+    mended = replace(outcome.mended, samples=near, returns=torch.tensor([90.0, 92.0, 91.0, 93.0]))
+    better = replace(outcome, wrong=wrong, mended=mended)
     assert tabulate([better]).holds
+    assert not tabulate([replace(better, mended=replace(mended, samples=near + 0.05 * truth))]).holds
     even = replace(outcome, wrong=wrong, mended=replace(outcome.mended, returns=wrong.returns + 1.0))
     judged = {row.name: row.holds for row in tabulate([better, replace(even, seed=1)]).rows}
     assert judged["seed 0: difference of the returns"] is True
@@ -114,3 +116,5 @@ def test_the_mended_models_policy_is_better_by_two_standard_errors(tmp_path: Pat
     outcome = run(0, tmp_path, Budget())
     difference, se = outcome.advantage
     assert difference > 2 * se
+    assert outcome.farthest < 4
+    assert float(outcome.mended.samples[:, 0].std()) < 5e-3  # kg
