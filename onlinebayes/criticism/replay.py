@@ -61,14 +61,13 @@ def rollout(
 ) -> TensorDict:
     """The trajectories themselves, batch size (M, W, K). Starts are as the sensors show them; see :mod:`.sensing`."""
     M, W, K = theta.shape[0], windows.count, windows.rows
-    scoped = simulator
-    simulator, unfolded = unfold(scoped, windows, theta)
+    physics, unfolded = unfold(simulator, windows, theta)
     worlds = unfolded.reshape(M * W, -1)
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
-    chart = chart_of(simulator, windows)
-    state = chart.enter(unsense(simulator, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
+    chart = chart_of(physics, windows)
+    state = chart.enter(unsense(physics, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
     hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
-    recalled = recall(simulator, windows, unfolded) if hidden else {}
+    recalled = recall(physics, windows, unfolded) if hidden else {}
     remembered = history_rows(chart.physics, windows, recalled) if hidden else 0
     if remembered:
         before, enable = windows.history[:, -remembered:], windows.history_enable[:, -remembered:]
@@ -77,13 +76,13 @@ def rollout(
             state[key] = past[key][:, -1]
     for key, value in recalled.items():
         state["effects", key] = value
-    during: list[TensorDict] = []
-    for rows in pieces(simulator, windows):
-        worlds, piece = unfold(scoped, windows, theta, rows)[1].reshape(M * W, -1), slice(*rows)
+    played: list[TensorDict] = []
+    for rows in pieces(physics, windows):
+        worlds, piece = unfold(simulator, windows, theta, rows)[1].reshape(M * W, -1), slice(*rows)
         command, enable = windows.command[:, piece], windows.enable[:, piece]
-        during.append(_drive(chart.physics, worlds, state, command, enable, windows.step, M))
-        state = during[-1][:, -1].exclude("valid")
-    return chart.leave(_joined(during).reshape(M, W, K))
+        played.append(_drive(chart.physics, worlds, state, command, enable, windows.step, M))
+        state = played[-1][:, -1].exclude("valid")
+    return chart.leave(_joined(played).reshape(M, W, K))
 
 
 def _joined(played: Sequence[TensorDict]) -> TensorDict:

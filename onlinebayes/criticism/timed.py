@@ -2,9 +2,8 @@
 
     theta_wp = clip(theta + sum of shifts(begin_wp, end_wp)),      clip to the parameters' bounds
 
-Within a piece, an eighth of a window, a parameter is constant and takes the mean over it (``Effect.shift``). In whole
-windows a damping that triples within four seconds left a medium effect's worth of error. Instants are those of the
-measurements' time column.
+Within a piece, an eighth of a window, a parameter is constant and takes the mean over it (``Effect.shift``). Held for
+whole windows, a fast drift leaves more than noise. Instants are those of the measurements' time column.
 """
 
 from __future__ import annotations
