@@ -11,31 +11,44 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.faults import AsItStands, Fault
+from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.hypotheses import hypotheses
 from onlinebayes.criticism.ladder import Rung, ladder
 from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.projection import signal_rms
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.windows import Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 DRAWS = 32  # of one parameter; of P parameters a P-th of them
 FEWEST_DRAWS = 4
 MOST_WINDOWS = 8  # that screening looks at
 PARTS = (1.0, 0.5, 0.25)
+MOVING = 0.5  # of what is scored in the table as it stands: a mended one in which less moves is a stilled one
 
 
 @dataclass(frozen=True)
 class Bench:
-    """What hypotheses are tried on: the base model on the coarsest rung, and the table as it stands."""
+    """What hypotheses are tried on: the base model on the coarsest rung, and the table as it stands.
+
+    Args:
+        simulator: the base model at its own step.
+        measurement: the fit runs.
+        horizon: H [s].
+        base: the base model fitted to the table as it stands.
+        rung: a finer rung to try them on instead.
+    """
 
     simulator: Simulator
     measurement: Measurement
     horizon: float
     base: Grounds
+    rung: Rung | None = None
 
     @property
     def faults(self) -> tuple[Fault, ...]:
@@ -60,6 +73,25 @@ class Bench:
         """The same over the first rows of a window, as many as each of :data:`PARTS` says, mean over the excerpt."""
         windows = self._mended(fault, self._part, self.excerpt)
         return replay_rms_of_parts(self.model(fault), windows, thetas, windows.noise).mean(-1)
+
+    def refitted(self, fault: Fault, theta: Float[Tensor, " P"]) -> tuple[float, Float[Tensor, " P"]] | None:
+        """Start-projected RMS [floors] once the parameters are fitted anew to the table put right, and their values.
+
+        None where the fault stills what moves, or the table put right in a wrong way diverges.
+
+        Args:
+            fault: what is put right.
+            theta: where the fit begins [SI].
+        """
+        try:
+            floor = self.floor(fault)
+            windows = self.windows(fault, floor)
+            if windows.observed.sum() < MOVING * self.whole.observed.sum():
+                return None
+            fitted = fit(self.model(fault), windows, theta)
+        except BadInput:
+            return None
+        return total(signal_rms(fitted.projected), floor / self.carried(fault)), fitted.theta
 
     def _mended(self, fault: Fault, own: Windows, table: Measurement) -> Windows:
         """A table's windows with the fault put right, in the starts too: for most it is not smoothed anew."""
@@ -116,12 +148,17 @@ class Bench:
 
     @cached_property
     def coarse(self) -> Simulator:
-        """The base model on the coarsest rung."""
+        """The base model on the rung."""
         return self._rung.of(self.simulator)
 
     @property
     def _rung(self) -> Rung:
-        return ladder(self.simulator, self.horizon)[0]
+        return self.rung or ladder(self.simulator, self.horizon)[0]
+
+
+def total(by_signal: Float[Tensor, " S"], unit: Float[Tensor, " S"] | float = 1.0) -> float:
+    """RMS over all signals [floors], each in units of its own."""
+    return float((by_signal * unit).square().mean().sqrt())
 
 
 def replay_rms(

@@ -1,13 +1,14 @@
 """The order of the questions: is it the wiring, is it an effect, is it the wiring after all.
 
-    base model -> faults screened -> (a fault that is overwhelming: fitted; a sudden misfit: outages looked for)
+    base model -> faults screened -> (one that is overwhelming: fitted; a late column; a sudden misfit: an outage)
                -> search -> (misfit left: faults fitted, outages looked for)
 
 Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
 the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves less than half
 of the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. So
-does an outage where few windows err thirty times as much as the others: no law is that sudden. A sensor delay of whole
-rows and a zero that is off by a tenth of a radian are looked at as faults once effects explain them.
+does one joint's column that is late by whole rows and leaves nothing but noise, and an outage where few windows err
+thirty times as much as the others: no law is that sudden. Sensor delays beside other misfits, and a zero that is off by
+a tenth of a radian, are looked at as faults once effects explain them.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from functools import cached_property
 
 from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.faults import Fault, misplaced
+from onlinebayes.criticism.late_columns import is_the_logs, late_column
 from onlinebayes.criticism.late_starts import delays
 from onlinebayes.criticism.localise import in_a_sentence
 from onlinebayes.criticism.numerics import Grounds
@@ -104,6 +106,18 @@ class _Wiring:
         return None if self.leads is None else self.leads.explain(self.selection)
 
     @cached_property
+    def late(self) -> Suspicion | None:
+        """One joint's signals that were logged late."""
+        lead = None if self.leads is None else late_column(self.leads.bench)
+        if self.leads is None or lead is None:
+            return None
+        found = explained([lead], self.base, self.simulator, self.measurement, self.selection)
+        if found is None or not found.certain:
+            return None
+        finer = replace(self.leads.bench, rung=found.grounds.rung)
+        return found if is_the_logs(finer, lead[0], found.grounds.fitted.theta) else None
+
+    @cached_property
     def outage(self) -> Suspicion | None:
         """Actuators that were off for parts of runs."""
         return outages(self.base, self.simulator, self.measurement, self.selection, self.say)
@@ -115,6 +129,8 @@ class _Wiring:
             return None
         if self.leads.overwhelming and self.fault is not None and self.fault.certain:
             return self.fault
+        if self.late is not None:
+            return self.late
         return self.outage if self.leads.sudden and self.outage is not None and self.outage.decisive else None
 
     def beside(self, found: Found) -> tuple[Suspicion | None, float]:
@@ -136,7 +152,8 @@ class _Wiring:
         log, share = _faults_of_the_log(found, self.simulator, self.measurement, self.selection)
         if not log:
             return None, 1.0
-        return explained(log, self.base, self.simulator, self.measurement, self.selection), share
+        leads = [(fault, self.base.fitted.theta) for fault in log]
+        return explained(leads, self.base, self.simulator, self.measurement, self.selection), share
 
 
 def _faults_of_the_log(

@@ -4,8 +4,9 @@
     one joint's signals late             cell(t) = q(t - k h),  k = 2, 3, ...         latency = k h of these
 
 with h the row step. Ahead run commands that were stamped when they had been carried out, and columns joined a few rows
-apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay that was accepted is
-the log's where it is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time.
+apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay is the log's where it
+is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time. A joint's are looked
+for before any effect is tried (:mod:`.late_columns`), and where delays were accepted.
 Delays that leave more than noise are not known to a twentieth: the nearest row is tried, and has to do better.
 Where all signals are late alike, or a motor's delay explains as much, nothing says whose it is: see :mod:`.log_notes`.
 """
@@ -91,6 +92,16 @@ def shifts(measurement: Measurement) -> Iterator[Shifted]:
     for count in ROWS:
         if 4 * count < rows:
             yield Shifted(names, -count, _row_step(measurement))
+
+
+def late_joints(measurement: Measurement) -> Iterator[Shifted]:
+    """Every joint's signals late by several rows, where another joint's are not."""
+    names, rows = [signal.name for signal in measurement.signals], int(measurement.lengths.min())
+    for joint in dict.fromkeys(map(_joint, names)):
+        own = tuple(name for name in names if _joint(name) == joint)
+        for count in ROWS:
+            if FEWEST_ROWS <= count < rows / 4 and len(own) < len(names):
+                yield Shifted(own, count, _row_step(measurement))
 
 
 def late(measurement: Measurement, delays: Mapping[str, float], loosely: bool = False) -> Shifted | None:

@@ -26,9 +26,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.bench import Bench
+from onlinebayes.criticism.bench import Bench, total
 from onlinebayes.criticism.faults import AsItStands, Fault, SwitchedOff
-from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.outages import outage, sudden
@@ -65,6 +64,7 @@ class Suspicion:
             the table as it stands, which carry the fault's factor along].
         left: the latter in floors of the table put right: where the sensor's sd was given in SI, that is what it means.
         certain: whether nothing but noise is left then.
+        grounds: the model fitted to the table put right.
     """
 
     fault: Fault
@@ -73,6 +73,7 @@ class Suspicion:
     after: float
     left: float
     certain: bool
+    grounds: Grounds
 
     @property
     def decisive(self) -> bool:
@@ -81,7 +82,7 @@ class Suspicion:
 
     def beats(self, final: Grounds, selection: Selection, share: float = 1.0) -> bool:
         """Whether it leaves no more than that share of what the model with every accepted effect leaves."""
-        return self.certain or self.after <= share * _total(cross_validated(final, selection))
+        return self.certain or self.after <= share * total(cross_validated(final, selection))
 
 
 @dataclass(frozen=True)
@@ -110,8 +111,9 @@ class Leads:
 
     def explain(self, selection: Selection) -> Suspicion | None:
         """The fault that explains the base model's misfit once the parameters are fitted anew, if one does."""
-        limit = HALF * _total(signal_rms(self.bench.base.fitted.projected))
-        found = [(error, fault) for error, fault in _fitted(self.bench, self.faults) if error <= limit]
+        limit = HALF * total(signal_rms(self.bench.base.fitted.projected))
+        fits = [(self.bench.refitted(fault, theta), fault) for fault, theta in self.faults]
+        found = [(fitted[0], fault) for fitted, fault in fits if fitted is not None and fitted[0] <= limit]
         if not found:
             return None
         best = min(error for error, _ in found)
@@ -138,11 +140,20 @@ def look(
 
 
 def explained(
-    faults: Sequence[Fault], base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection
+    faults: Sequence[tuple[Fault, Float[Tensor, " P"]]],
+    base: Grounds,
+    simulator: Simulator,
+    measurement: Measurement,
+    selection: Selection,
 ) -> Suspicion | None:
-    """What the best of these faults explains, something else having spoken for them; the rest as in :func:`look`."""
+    """What the best of these faults explains, something else having spoken for them; the rest as in :func:`look`.
+
+    Args:
+        faults: each with the theta at which its fit begins [SI].
+        base, simulator, measurement, selection: as in :func:`look`.
+    """
     bench = Bench(simulator, measurement, selection.horizon_s, base)
-    return Leads(bench, tuple((fault, base.fitted.theta) for fault in faults), 1.0).explain(selection)
+    return Leads(bench, tuple(faults), 1.0).explain(selection)
 
 
 def outages(
@@ -221,27 +232,6 @@ def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor,
     return found
 
 
-def _fitted(bench: Bench, promising: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> list[tuple[float, Fault]]:
-    """Start-projected RMS with each fault put right and the parameters fitted anew [floors]."""
-    found = []
-    for fault, theta in promising:
-        try:
-            floor = bench.floor(fault)
-            windows = bench.windows(fault, floor)
-            if windows.observed.sum() < HALF * bench.whole.observed.sum():
-                continue
-            fitted = fit(bench.model(fault), windows, theta)
-        except BadInput:  # a table put right in a wrong way may diverge
-            continue
-        found.append((_total(signal_rms(fitted.projected), floor / bench.carried(fault)), fault))
-    return found
-
-
-def _total(by_signal: Float[Tensor, " S"], unit: Float[Tensor, " S"] | float = 1.0) -> float:
-    """RMS over all signals [floors], each in units of its own."""
-    return float((by_signal * unit).square().mean().sqrt())
-
-
 def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspicion | None:
     """The first of the faults that explain most, along the base model's road."""
     fault = alike[0]
@@ -250,13 +240,13 @@ def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspi
         grounds = settle(fault.model(bench.simulator), fault.mended(bench.measurement), bench.horizon, floor)
     except BadInput:
         return None
-    before = _total(cross_validated(bench.base, selection))
-    after = _total(cross_validated(grounds, selection), floor / carried)
-    left = _total(cross_validated(grounds, selection))
+    before = total(cross_validated(bench.base, selection))
+    after = total(cross_validated(grounds, selection), floor / carried)
+    left = total(cross_validated(grounds, selection))
     if max(after, left) > HALF * before:
         return None
     certain = _at_the_floor(grounds, selection) or _at_the_floor(_steadied(fault, floor, bench, selection), selection)
-    return Suspicion(fault, tuple(alike[1:]), before, after, left, certain)
+    return Suspicion(fault, tuple(alike[1:]), before, after, left, certain, grounds)
 
 
 def _steadied(fault: Fault, floor: Float[Tensor, " S"], bench: Bench, selection: Selection) -> Grounds | None:

@@ -76,11 +76,12 @@ def test_where_all_signals_are_late_it_may_be_the_motors() -> None:
 
 
 @pytest.mark.slow
-def test_a_column_that_is_late_by_rows_is_the_logs() -> None:
-    measured = ARM.measure(runs=10)
+def test_a_column_that_is_late_by_rows_is_the_logs_before_any_effect_is_tried() -> None:
+    measured, stages = ARM.measure(runs=6), []
     data = measured.data.clone()
     data["signal"][:, 3:, 1] = data["signal"][:, :-3, 1].clone()
-    result = refine(ARM.model(), replace(measured, data=data), candidates=["sensor_delay", "actuator_delay"])
+    result = refine(ARM.model(), replace(measured, data=data), progress=stages.append)
+    assert not any(stage.startswith("screening") for stage in stages)
     assert result.verdict == "data_problem"
     assert result.wiring is not None
     assert result.wiring.fault == "qpos.elbow is logged 0.03 s (3 rows) late"
@@ -89,8 +90,8 @@ def test_a_column_that_is_late_by_rows_is_the_logs() -> None:
 
 
 @pytest.mark.long
-def test_a_late_column_is_the_logs_also_where_only_a_late_motor_was_tried() -> None:
-    measured = ARM.measure(runs=10)
+def test_a_late_column_beside_friction_is_the_logs_also_where_only_a_late_motor_was_tried() -> None:
+    measured = ARM.measure({FRICTION: (0.03,)}, runs=10)
     data = measured.data.clone()
     data["signal"][:, 3:, 1] = data["signal"][:, :-3, 1].clone()
     result = refine(ARM.model(), replace(measured, data=data), candidates=["actuator_delay"])

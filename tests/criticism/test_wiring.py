@@ -83,8 +83,9 @@ def test_a_fault_does_not_explain_what_it_stills() -> None:
     measurement = tenfold.mended(PENDULUM.measure())
     base = ground(simulator, measurement, selection)
     stills = Rescaled("signal", (POSITION,), 1e-3, "millimetres for metres")
-    assert explained([stills], base, simulator, measurement, selection) is None
-    assert explained([PENDULUM_FAULTS["tenfold"][1]], base, simulator, measurement, selection) is not None
+    assert explained([(stills, base.fitted.theta)], base, simulator, measurement, selection) is None
+    mends = (PENDULUM_FAULTS["tenfold"][1], base.fitted.theta)
+    assert explained([mends], base, simulator, measurement, selection) is not None
 
 
 @pytest.mark.slow

@@ -1,0 +1,81 @@
+"""A joint's signals that were logged some rows late are the log's; a sensor's or a motor's delay is not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import pytest
+import torch
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.bench import Bench
+from onlinebayes.criticism.late_columns import is_the_logs, late_column
+from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.shifts import Shifted, late_joints
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
+from tests.criticism.wired import ARM, PENDULUM, STEP
+
+ELBOW = "qpos.elbow"
+DEAD_TIME = Parameter(0.0, 0.1, "s")
+
+
+def late_by(rows: float) -> Measurement:
+    """The elbow's column lags behind the others, interpolated between rows, and holds its first value until then."""
+    measured = ARM.measure(runs=4)
+    data, whole = measured.data.clone(), math.floor(rows)
+    column = data["signal"][:, :, 1].clone()
+    line = torch.cat([column[:, :1].expand(-1, whole + 1), column], 1)
+    part = rows - whole
+    data["signal"][:, :, 1] = (1 - part) * line[:, 1 : column.shape[1] + 1] + part * line[:, : column.shape[1]]
+    return replace(measured, data=data)
+
+
+def bench(measurement: Measurement) -> Bench:
+    simulator, selection = ARM.model(), Selection()
+    return Bench(simulator, measurement, selection.horizon_s, ground(simulator, measurement, selection))
+
+
+@pytest.mark.parametrize("rows", [4, pytest.param(2, marks=pytest.mark.slow), pytest.param(7, marks=pytest.mark.slow)])
+def test_the_row_is_found_from_afar(rows) -> None:
+    lead = late_column(bench(late_by(rows)))
+    assert lead is not None
+    assert lead[0] == Shifted((ELBOW,), rows, STEP)
+
+
+@pytest.mark.slow
+def test_a_row_is_too_little() -> None:
+    assert late_column(bench(late_by(1))) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "value"),
+    [(DryFriction("elbow", Parameter(0.0, 2.0, "N m")), 0.15), (ActuatorDelay("lift", DEAD_TIME), 0.03)],
+)
+def test_other_misfits_speak_for_no_late_column(effect: Effect, value: float) -> None:
+    assert late_column(bench(ARM.measure({effect: (value,)}, runs=4))) is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("rows", "log"), [(3.0, True), (3.35, False)])
+def test_it_is_the_logs_where_it_is_late_by_whole_rows(rows, log) -> None:
+    table = bench(late_by(rows))
+    lead = late_column(table)
+    assert lead is not None
+    assert is_the_logs(table, *lead) == log
+
+
+@pytest.mark.slow
+def test_a_motor_as_late_may_be_it() -> None:
+    """The last joint of an arm hardly moves the others: its motor's delay and its column's cannot be told apart."""
+    table = bench(ARM.measure({ActuatorDelay("bend", DEAD_TIME): (0.03,)}, runs=4))
+    fault = Shifted((ELBOW,), 3, STEP)
+    assert not is_the_logs(table, fault, table.base.fitted.theta)
+
+
+def test_where_no_other_joint_is_on_time_nothing_is_tried() -> None:
+    assert not list(late_joints(PENDULUM.measure(runs=1)))
+    assert {fault.signals for fault in late_joints(ARM.measure(runs=1))} == {("qpos.shoulder",), (ELBOW,)}
