@@ -16,6 +16,7 @@ from onlinebayes.criticism.changes import Changed, changed
 from onlinebayes.criticism.family import family
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.last import Group, Last, instead, last_candidates, last_found
+from onlinebayes.criticism.needless import without_needless
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.pairs import pair
@@ -155,7 +156,7 @@ def search(
         seen.add(names)
     if before_trial is not None and not standing.at_floor(selection.tolerance):
         standing = before_trial
-    standing = _simplest(asked, base, standing)
+    standing = _simplest(asked, base, without_needless(standing, measurement, selection))
     tried = (*effects, *(effect for _, group in groups for effect in group))
     accepted, changes = standing.accepted, standing.changes
     return Found(base, standing.grounds, tried, tuple(stages), accepted, asked.stopped, changes=changes)

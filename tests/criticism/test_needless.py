@@ -1,0 +1,61 @@
+"""What entered first goes again where the law that came later explains all; both of two that are there stay."""
+
+from __future__ import annotations
+
+import pytest
+
+from envs.rigs import case, write_case
+from onlinebayes.cli.problem import load_problem
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.acceptance import judge
+from onlinebayes.criticism.needless import without_needless
+from onlinebayes.criticism.score import cross_validate
+from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.stage import Stage, blocks_for, refit
+from onlinebayes.criticism.standing import Standing, with_effects
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import DryFriction, Effect, QuadraticDrag
+from tests.criticism.wired import PENDULUM
+
+DRY = DryFriction("hinge", Parameter(0.0, 2.0, "N m"))
+DRAG = QuadraticDrag("hinge", Parameter(0.0, 1.0))
+SIZES = {DRY: 0.1, DRAG: 0.1}
+
+
+def added(standing: Standing, effect: Effect, measurement: Measurement) -> Standing:
+    """The model with the effect, whatever speaks for it."""
+    now, windows = standing.grounds, standing.grounds.windows
+    blocks = blocks_for(now.fitted, windows, None)
+    scores = cross_validate(now.fitted, windows, blocks)
+    fitted, _ = refit(now.fitted, windows, effect, {effect.magnitude: 0.05})
+    judged = judge(effect, 0.0, fitted, scores, windows, blocks, now.numerics, 0.03)
+    stage = Stage(now.fitted, windows, blocks, scores, (), (judged,))
+    return with_effects(standing, [(stage, judged)], measurement, Selection())
+
+
+@pytest.mark.parametrize("hidden", [(DRAG,), pytest.param((DRY, DRAG), marks=pytest.mark.slow)], ids=["one", "both"])
+def test_what_is_there_stays_and_nothing_else(hidden) -> None:
+    measurement = PENDULUM.measure({effect: (SIZES[effect],) for effect in hidden}, runs=6)
+    standing = Standing(PENDULUM.model(), ground(PENDULUM.model(), measurement, Selection()))
+    for effect in (DRY, DRAG):
+        standing = added(standing, effect, measurement)
+    assert standing.effects == [DRY, DRAG]
+    leaner = without_needless(standing, measurement, Selection())
+    assert leaner.effects == list(hidden)
+    assert leaner.at_floor(1.2)
+
+
+@pytest.mark.long
+def test_friction_that_stood_in_for_a_tilt_and_a_drag_goes_again(tmp_path) -> None:
+    """Dry friction enters first, is surely not nothing beside the right two, and the model predicts as well without."""
+    problem = load_problem(write_case(case("thrown_ball", "effect", 2023), tmp_path))
+    result = refine(
+        problem.simulator,
+        problem.measurement,
+        holdout=problem.holdout,
+        selection=problem.selection,
+        candidates=problem.candidates,
+    )
+    assert set(result.accepted) == {"constant_load@x", "viscous_friction@x"}
+    assert result.verdict == "missing_effect"
