@@ -19,6 +19,7 @@ from recipes.demo.run import SIGNAL, Branch, Outcome
 
 RIG, WRONG, MENDED, GROUND = "#1f2933", "#d1495b", "#2a6f97", "#8a8f98"
 SHOWN = 8  # episodes of each policy
+NARROW = 0.2  # of an axis: what a cloud spans at most to be enlarged
 MASSES = (0.95, 0.5)  # shares of a posterior within its contours
 
 
@@ -67,26 +68,53 @@ def _broken(replay: ReplayedRun) -> Float[np.ndarray, " T"]:
 
 
 def _posteriors(axis: Axes, outcome: Outcome) -> tuple[str, str]:
-    """Mass and damping under both models, the rig's own as a cross."""
-    _cloud(axis, outcome.wrong, WRONG)
-    _cloud(axis, outcome.mended, MENDED)
-    truth = outcome.truth
-    axis.plot(truth[MASS], 1e3 * truth[DAMPING], "+", color=RIG, ms=15, mew=2)
+    """Mass and damping under both models, the rig's own as a cross; the mended model's enlarged where it is narrow."""
+    at = np.array([outcome.truth[MASS], 1e3 * outcome.truth[DAMPING]])
+    clouds = [_points(outcome.wrong), _points(outcome.mended)]
     axis.set_xlabel("mass of the bob [kg]")
     axis.set_ylabel("damping [mN m s/rad]")
-    axis.margins(0.12)
-    axis.set_ylim(bottom=0)
+    _cloud(axis, clouds[0], WRONG)
+    _mended(axis, clouds[1], at)
+    low, high = _limits(axis, np.concatenate([*clouds, at[None]]), 0.12)
+    if (np.ptp(clouds[1], axis=0) < NARROW * (high - low)).any():
+        inset = axis.inset_axes((0.3, 0.42, 0.42, 0.42))
+        _mended(inset, clouds[1], at)
+        _limits(inset, np.concatenate([clouds[1], at[None]]), 0.3)
+        inset.tick_params(labelsize=7)
+        inset.locator_params(nbins=3)
+        axis.indicate_inset_zoom(inset, edgecolor=GROUND)
     if DELAY not in outcome.mended.names:
         return "Posteriors given the measured runs", "no delay was found"
     delay = 1e3 * outcome.mended.samples[:, outcome.mended.names.index(DELAY)]
-    found = f"{float(delay.mean()):.1f} ± {float(delay.std()):.1f} ms"
-    return "Posteriors given the measured runs", f"motor delay {found}, the rig's {1e3 * truth[DELAY]:.1f}"
+    found = f"{float(delay.mean()):.2f} ± {float(delay.std()):.2f} ms"
+    return "Posteriors given the measured runs", f"motor delay {found}, the rig's {1e3 * outcome.truth[DELAY]:.2f}"
 
 
-def _cloud(axis: Axes, branch: Branch, colour: str) -> None:
-    """Contours that hold half and 95 % of the draws."""
+def _mended(axis: Axes, points: Float[np.ndarray, "S 2"], at: Float[np.ndarray, " 2"]) -> None:
+    _cloud(axis, points, MENDED)
+    axis.plot(*at, "+", color=RIG, ms=15, mew=2)
+
+
+def _limits(
+    axis: Axes, points: Float[np.ndarray, "S 2"], margin: float
+) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
+    """What the axes are made to show: all points and a margin, no negative damping."""
+    low, high = points.min(0), points.max(0)
+    low, high = low - margin * (high - low), high + margin * (high - low)
+    low[1] = max(low[1], 0.0)
+    axis.set_xlim(low[0], high[0])
+    axis.set_ylim(low[1], high[1])
+    return low, high
+
+
+def _points(branch: Branch) -> Float[np.ndarray, "S 2"]:
+    """Draws of mass [kg] and damping [mN m s/rad]."""
     points = branch.samples[:1500, [branch.names.index(MASS), branch.names.index(DAMPING)]].numpy()
-    points = points * np.array([1.0, 1e3])
+    return points * np.array([1.0, 1e3])
+
+
+def _cloud(axis: Axes, points: Float[np.ndarray, "S 2"], colour: str) -> None:
+    """Contours that hold half and 95 % of the draws."""
     density = gaussian_kde(points.T)
     levels = np.quantile(density(points.T), [1 - mass for mass in MASSES])
     low, high = np.quantile(points, 0.01, axis=0), np.quantile(points, 0.99, axis=0)
