@@ -1,7 +1,7 @@
 """Cogging of a motor: A sin(n q + phase), the pull of the magnets on the iron as the rotor turns.
 
-On a linear motor n is in periods of 2 pi a metre. Fewer than two periods over the travel cannot be told from a spring
-or a load (see criticism), so that the bounds of n start there.
+On a linear motor n is in periods of 2 pi a metre. Less than a period over the travel is a spring or a load for all that the
+data tell (see criticism), so that the bounds of n start there.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect, Scales, Seen
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 
-PERIODS = (2.0, 16.0)
+PERIODS = (1.0, 16.0)
 """Periods over the travel that ``scaled`` allows."""
 SPACING = 0.4
 """Of a period over the travel: the widest spacing of starting values that misses none (three values missed 2.6)."""
@@ -52,7 +52,7 @@ class Cogging(Effect):
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
-        """A up to the largest force in play, n from two to sixteen periods over the travel, any phase."""
+        """A up to the largest force in play, n from one to sixteen periods over the travel, any phase."""
         low, high = (2 * math.pi * periods / scales.travel for periods in PERIODS)
         return cls(
             target,
