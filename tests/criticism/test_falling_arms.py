@@ -7,11 +7,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from envs.rigs import case, write_case
-from onlinebayes.cli.problem import load_problem
-from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism import Selection
 from onlinebayes.criticism.bench import PARTS, Bench, replay_rms, replay_rms_of_parts
 from onlinebayes.criticism.search import ground
+from tests.criticism.cases import refined
 from tests.criticism.wired import ARM
 
 
@@ -39,15 +38,7 @@ def test_the_error_over_a_part_is_that_of_windows_which_end_there() -> None:
     ],
 )
 def test_it_is_named_before_any_effect_is_tried(rig, seed, says, tmp_path) -> None:
-    problem, stages = load_problem(write_case(case(rig, "wiring", seed), tmp_path)), []
-    result = refine(
-        problem.simulator,
-        problem.measurement,
-        holdout=problem.holdout,
-        selection=problem.selection,
-        candidates=problem.candidates,
-        progress=stages.append,
-    )
+    result, stages = refined(rig, "wiring", seed, tmp_path)
     assert result.verdict == "data_problem"
     assert result.wiring is not None
     assert says in result.wiring.fault

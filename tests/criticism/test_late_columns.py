@@ -16,6 +16,7 @@ from onlinebayes.criticism.shifts import Shifted, late_joints
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
+from tests.criticism.cases import refined
 from tests.criticism.wired import ARM, PENDULUM, STEP
 
 ELBOW = "qpos.elbow"
@@ -79,3 +80,11 @@ def test_a_motor_as_late_may_be_it() -> None:
 def test_where_no_other_joint_is_on_time_nothing_is_tried() -> None:
     assert not list(late_joints(PENDULUM.measure(runs=1)))
     assert {fault.signals for fault in late_joints(ARM.measure(runs=1))} == {("qpos.shoulder",), (ELBOW,)}
+
+
+@pytest.mark.long
+def test_a_wrist_of_six_that_is_logged_late_is_named_before_any_effect_is_tried(tmp_path) -> None:
+    result, stages = refined("six_joint_arm", "wiring", 3104, tmp_path)
+    assert result.wiring is not None
+    assert result.wiring.fault == "qpos.j6 and qvel.j6 are logged 0.03 s (3 rows) late"
+    assert not any(stage.startswith("screening") for stage in stages)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from envs.rigs import case, write_case
-from onlinebayes.cli.problem import load_problem
-from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism import Selection
 from onlinebayes.criticism.acceptance import judge
 from onlinebayes.criticism.needless import without_needless
 from onlinebayes.criticism.score import cross_validate
@@ -16,6 +14,7 @@ from onlinebayes.criticism.standing import Standing, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import DryFriction, Effect, QuadraticDrag
+from tests.criticism.cases import refined
 from tests.criticism.wired import PENDULUM
 
 DRY = DryFriction("hinge", Parameter(0.0, 2.0, "N m"))
@@ -49,13 +48,14 @@ def test_what_is_there_stays_and_nothing_else(hidden) -> None:
 @pytest.mark.long
 def test_friction_that_stood_in_for_a_tilt_and_a_drag_goes_again(tmp_path) -> None:
     """Dry friction enters first, is surely not nothing beside the right two, and the model predicts as well without."""
-    problem = load_problem(write_case(case("thrown_ball", "effect", 2023), tmp_path))
-    result = refine(
-        problem.simulator,
-        problem.measurement,
-        holdout=problem.holdout,
-        selection=problem.selection,
-        candidates=problem.candidates,
-    )
+    result, _ = refined("thrown_ball", "effect", 2023, tmp_path)
     assert set(result.accepted) == {"constant_load@x", "viscous_friction@x"}
     assert result.verdict == "missing_effect"
+
+
+@pytest.mark.long
+def test_cogging_of_less_than_two_periods_over_the_travel_is_found_alone(tmp_path) -> None:
+    """Armature and a scale of the encoder enter first, as a pair."""
+    result, _ = refined("swing", "effect", 2013, tmp_path)
+    assert result.accepted == ("cogging@hinge",)
+    assert result.parameters["cogging@hinge.poles"].mean == pytest.approx(7.0, abs=0.1)
