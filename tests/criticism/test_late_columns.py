@@ -39,7 +39,7 @@ def bench(measurement: Measurement) -> Bench:
     return Bench(simulator, measurement, selection.horizon_s, ground(simulator, measurement, selection))
 
 
-@pytest.mark.parametrize("rows", [4, pytest.param(2, marks=pytest.mark.slow), pytest.param(7, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("rows", [4, pytest.param(2, marks=pytest.mark.long), pytest.param(7, marks=pytest.mark.long)])
 def test_the_row_is_found_from_afar(rows) -> None:
     lead = late_column(bench(late_by(rows)))
     assert lead is not None

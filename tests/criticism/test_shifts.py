@@ -99,7 +99,7 @@ def test_a_late_column_beside_friction_is_the_logs_also_where_only_a_late_motor_
     assert result.wiring.fault == "qpos.elbow is logged 0.03 s (3 rows) late"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_late_motor_beside_friction_that_nobody_tries_is_no_late_column() -> None:
     hidden = {ActuatorDelay("bend", Parameter(0.0, 0.1, "s")): (0.03,), FRICTION: (0.15,)}
     result = refine(ARM.model(), ARM.measure(hidden, runs=10), candidates=["actuator_delay"])
