@@ -1,7 +1,7 @@
 """Cogging of a motor: A sin(n q + phase), the pull of the magnets on the iron as the rotor turns.
 
-On a linear motor n is in periods of 2 pi a metre. Less than a period over the travel is a spring or a load for all that the
-data tell (see criticism), so that the bounds of n start there.
+On a linear motor n is in periods of 2 pi a metre. Less than a period over the travel is a spring or a load for all that
+the data tell (see criticism), so that the bounds of n start there.
 """
 
 from __future__ import annotations
