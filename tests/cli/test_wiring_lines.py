@@ -59,7 +59,9 @@ def with_line(text: str, line: str) -> str:
     return text.replace(header, line) if header in text else f"{text}\n{header}\n{value}\n"
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@pytest.mark.parametrize(
+    "name", [name if name == "sign" else pytest.param(name, marks=pytest.mark.slow) for name in FAULTS]
+)
 def test_the_printed_line_puts_it_right(tmp_path: Path, name: str) -> None:
     fault, compensated, line = FAULTS[name]
     measurement = fault.mended(PENDULUM.measure(compensated=compensated, runs=10, seconds=1.5))

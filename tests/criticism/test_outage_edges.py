@@ -19,6 +19,7 @@ def windows() -> Windows:
     return make_windows(PENDULUM.model(), PENDULUM.measure(off=OFF, runs=5), SECONDS, 0.0, noise)
 
 
+@pytest.mark.slow
 def test_edges_are_settled_beside_theta() -> None:
     """From a theta and edges that are both wrong; what is lost beside an edge is the command's integral up to it."""
     wrong = [(1, 60, 150), (4, 204, 250)]

@@ -69,6 +69,7 @@ def check(rig: Rig, wrong: Fault, mends: Fault) -> None:
     assert found.after < 0.05 * found.before
 
 
+@pytest.mark.long
 def test_what_degrees_leave_is_counted_in_the_sensors_own_sd() -> None:
     degrees = PENDULUM_FAULTS["degrees"][0].mended(PENDULUM.measure())
     signals = [replace(signal, sd=NOISE) for signal in degrees.signals]  # given in rad
