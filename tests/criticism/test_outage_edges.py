@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pytest
 import torch
 
 from onlinebayes.criticism.outage_edges import disabled, settled
