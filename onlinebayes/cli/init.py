@@ -8,7 +8,7 @@ everything matched the file loads as it is.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -107,7 +107,7 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     content["parameters"] = {name: [bounds.low, bounds.high] for name, bounds in parameters.items()}
     content |= _mapped(matches)
     text = to_toml(content, head=HEAD.format(name=target.name), comments=_comments(content, simulator, parameters))
-    return Draft(text + _lacking(missing) + _more(simulator), matches, missing, unused)
+    return Draft(text + _lacking(missing) + _more(simulator, content.get("signals", {})), matches, missing, unused)
 
 
 def _measurement(
@@ -164,7 +164,7 @@ def _comments(
     }
     free = MujocoSimulator(simulator.spec, parameters, threads=1)
     for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):
-        comments["parameters", name] = f"{bounds.unit or '1'}; the model has {value:g}"
+        comments["parameters", name] = f"{bounds.unit or 'no unit'}; the model has {value:g}"
     for kind in ("signals", "commands"):
         for name in content.get(kind, {}):  # type: ignore[attr-defined]
             comments[kind, name, "column"] = "proposed by its name: check it"
@@ -184,11 +184,13 @@ def _cure(name: str) -> str:
     return f'name it here: {table} column = "..."'
 
 
-def _more(simulator: MujocoSimulator) -> str:
-    """What else could stand here, as comments."""
+def _more(simulator: MujocoSimulator, mapped: object) -> str:
+    """What else could stand here, as comments; a table that stands above is not begun a second time."""
     signal = simulator.signals[0] if simulator.signals else "qpos.joint"
+    table = f'[signals."{signal}"]'
+    begun = isinstance(mapped, Mapping) and signal in mapped
     return (
-        f'\n# [signals."{signal}"]\n'
+        f"\n# {f'In {table} above may stand, too:' if begun else table}\n"
         "# sd = 1e-3           # the sensor's noise [SI], where you know it; estimated from the data otherwise\n"
         '# unit = "deg"        # or sign = -1, scale, offset: how the column becomes the model\'s quantity\n'
         "# [selection]\n"

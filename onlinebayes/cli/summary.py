@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.criticism import Candidate, Criticism
-from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism import Candidate, Criticism, quantities
+from onlinebayes.criticism.report import words
 
 WIDTH = 80
 RANKS = 5
@@ -29,7 +30,7 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     if result.verdict != "insufficient_data":
         sentences.append(words.remainder(result))
     for sentence in sentences:
-        lines += textwrap.wrap(sentence, WIDTH, break_long_words=False)
+        lines += _wrapped(sentence)
     if result.wiring:
         lines += _labelled("wiring", words.wiring(result))
         lines += ["to put in the problem file:", *(f"    {line}" for line in result.wiring.lines.splitlines())]
@@ -48,7 +49,7 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     for note in result.notes:
         lines += _labelled("note", note)
     lines += [f"wrote:     {folder / name}" for name in more]
-    lines.append(f"report:    {folder / 'report.html'}   (to open it: onlinebayes show {folder})")
+    lines += [f"report:    {folder / 'report.html'}", f"to open:   onlinebayes show {folder}"]
     return "\n".join(lines)
 
 
@@ -61,7 +62,7 @@ def _errors(result: Criticism) -> list[str]:
         scale = quantities.scale_for(before, result.units[signal])
         cells = (scale.text(before), scale.text(after) if result.changed else "–", words.small(scale, floor))
         lines.append(f"  {_cut(signal, 36):<36} " + " ".join(f"{_cut(cell, 12):>12}" for cell in cells))
-    return [*lines, *_others(len(order) - SIGNALS, "signals, with smaller errors")]
+    return [*lines, *_others(len(order) - SIGNALS, "signal", ", with smaller errors")]
 
 
 def _candidates(result: Criticism) -> list[str]:
@@ -71,7 +72,7 @@ def _candidates(result: Criticism) -> list[str]:
     shown = [candidate for k, candidate in enumerate(ranked) if k < RANKS or candidate.accepted]
     lines = [f"{'candidate effects':<35} {'gain':>11} {'p':>6}  outcome"]
     lines += [_candidate(candidate) for candidate in shown]
-    return [*lines, *_others(len(result.candidates) - len(shown), "candidates in the report")]
+    return [*lines, *_others(len(result.candidates) - len(shown), "candidate", " in the report")]
 
 
 def _candidate(candidate: Candidate) -> str:
@@ -81,18 +82,23 @@ def _candidate(candidate: Candidate) -> str:
         gain = f"{quantities.significant(candidate.score_gain)} ± {error}"
     p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
     start = f"{candidate.rank:>4} {_cut(candidate.effect, 30):<30} {gain:>11} {p:>6}  "
-    return start + _cut(words.outcome(candidate), WIDTH - len(start))
+    return start + _cut(words.briefly(candidate), WIDTH - len(start))
 
 
-def _others(count: int, what: str) -> list[str]:
-    return [f"  and {count} more {what}"] if count > 0 else []
+def _others(count: int, what: str, where: str) -> list[str]:
+    return [f"  and {count} more {what}{'s' if count > 1 else ''}{where}"] if count > 0 else []
 
 
 def _labelled(label: str, text: str) -> list[str]:
     """``label:`` in a column of its own, the text beside it wrapped."""
-    return textwrap.wrap(
-        text, WIDTH, initial_indent=f"{label + ':':<11}", subsequent_indent=" " * 11, break_long_words=False
-    )
+    return _wrapped(text, f"{label + ':':<11}", " " * 11)
+
+
+def _wrapped(text: str, first: str = "", others: str = "") -> list[str]:
+    """Lines in which a number stays with its unit."""
+    kept = re.sub(r"(?<=\d) (?=[a-zA-Zµ%])", "\u00a0", text)
+    lines = textwrap.wrap(kept, WIDTH, initial_indent=first, subsequent_indent=others, break_long_words=False)
+    return [line.replace("\u00a0", " ") for line in lines]
 
 
 def _cut(text: str, width: int) -> str:

@@ -37,7 +37,7 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
-        files = write_report(result, folder, title=problem.path.stem, problem=problem.path)
+        files = write_report(result, folder, title=_title(problem.path), problem=problem.path)
     print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:
         _log("stopped by Ctrl-C; the report holds what was found until then")
@@ -64,6 +64,11 @@ def criticise(command: str, problem: Problem) -> Criticism:
             progress=say,
             interrupt=interrupt,
         )
+
+
+def _title(path: Path) -> str:
+    """What the report calls the machine: the file's name, or its folder's where it is plain ``problem.toml``."""
+    return path.stem if path.stem != "problem" else path.resolve().parent.name
 
 
 def earlier_looks(folder: Path) -> int:

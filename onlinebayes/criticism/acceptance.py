@@ -41,7 +41,7 @@ class Judged:
         gain: over the current model.
         falls: of the cross-validated RMS at the long and the short horizon, as shares.
         homogeneous: rule 5.
-        failed: the rules that it fails, in words; empty when it may be added.
+        failed: the rules that it fails, each a few words, a colon and the numbers; empty when it may be added.
         undecided: whether it fails nothing but the number of independent blocks that its residual leaves.
     """
 
@@ -81,20 +81,23 @@ def judge(
     neutral = effect.neutral[effect.magnitude]
     failed = []
     if not min(p_value, gain.sign_p(tried)) < alpha:
-        failed.append(f"p = {p_value:.3g} is not below {alpha:g}")
+        failed.append(f"may be chance: p = {p_value:.3g} is not below {alpha:g}")
     if falls[0] < LEAST_FALL:
-        failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
+        fall = f"falls by {100 * falls[0]:.1f} %, not by 5 %" if falls[0] > 0 else "does not fall"
+        failed.append(f"brings too little: the cross-validated error {fall}")
     if not gain.clear:
         lost = f"{gain.blocks - gain.better} of {gain.blocks} blocks lose"
-        failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each; {lost})")
+        failed.append(f"weak evidence: gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each; {lost})")
     if falls[1] <= 0:
-        failed.append("the error over short windows does not fall")
+        failed.append("no gain at once: the error over short windows does not fall")
     if low <= neutral <= high:
-        failed.append(f"its size, in [{low:.3g}, {high:.3g}], may be nothing")
+        within = f"lies in [{low:.3g}, {high:.3g}]" if high > low else f"is {low:.3g}"
+        failed.append(f"may be nothing: its size {within}")
     if not same:
-        failed.append("its size differs between parts of the data: a patch, not a law")
+        failed.append("a patch, not a law: its size differs between parts of the data")
     if effect.parameters[effect.magnitude].unit == "s" and _within_integration(fitted, effect, high, numerics):
-        failed.append(f"the integration step of {fitted.simulator.timestep:g} s shifts time as much as it does")
+        step = fitted.simulator.timestep
+        failed.append(f"too short to tell: the integration step of {step:g} s shifts time as much as it does")
     return Judged(effect, p_value, fitted, scores, gain, falls, same, tuple(failed))
 
 

@@ -1,12 +1,13 @@
 """How wrong the model is before anything is fitted: the first answer, within seconds.
 
-    r_s = RMS over all windows of y_s - y_s(nominal theta, smoothed start)        [SI, and in floors of the sensor]
+    r_s = RMS over all windows of y_s - y_s(nominal theta, smoothed start)        [SI, and over the sensor noise]
 
 The starts are not fitted yet, so that r may be larger than what the fitted model leaves even where the model is right.
 """
 
 from __future__ import annotations
 
+from onlinebayes.criticism import quantities
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.ladder import ladder
 from onlinebayes.criticism.noise import floors
@@ -41,6 +42,6 @@ def as_given(simulator: Simulator, measurement: Measurement, selection: Selectio
     rms = ((windows.value - signals[0]).square() * seen).sum((0, 1)).div(seen.sum((0, 1)).clamp_min(1)).sqrt()
     worst = int((rms / noise).argmax())
     name, unit = measurement.signals[worst].name, measurement.signals[worst].unit
-    size = f"{float(rms[worst]):.2g} {unit}".rstrip()
-    over = float(rms[worst] / noise[worst])
-    return f"As it was given, the model errs by {size} in {name}, {over:.2g} times the sensor floor."
+    size, over = quantities.text(float(rms[worst]), unit), quantities.times(float(rms[worst] / noise[worst]))
+    given = "With nothing fitted and added effects at zero" if simulator.effects else "As it was given"
+    return f"{given}, the model errs by {size} in {name}, {over} the sensor noise."

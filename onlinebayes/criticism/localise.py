@@ -12,6 +12,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from onlinebayes.criticism import places, quantities
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.motion import seen_by
 from onlinebayes.criticism.projection import project
@@ -63,11 +64,12 @@ def in_a_sentence(fitted: Fit, windows: Windows, units: dict[str, str], over: di
         over: RMS over the floor, by signal.
     """
     signal = max(over, key=lambda name: over[name])
+    times = quantities.times(over[signal])
     if over[signal] <= AT_FLOOR:
-        return f"The model errs by no more than the sensors, {over[signal]:.2g} times their floor in {signal}."
-    size = f"The model errs by {over[signal]:.2g} times the sensor floor in {signal}"
+        return f"Fitted, the model errs by no more than the sensors, {times} their noise in {signal}."
+    size = f"Fitted, the model errs by {times} the sensor noise in {signal}"
     worst = [failure for failure in failures(fitted, windows, units, most=1) if failure.signal == signal]
-    return f"{size}, most where {worst[0].where}." if worst else f"{size}."
+    return f"{size}, most {places.plainly(worst[0].where)}." if worst else f"{size}."
 
 
 def _regions(fitted: Fit, windows: Windows, units: dict[str, str]) -> list[Region]:

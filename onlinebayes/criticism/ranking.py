@@ -25,7 +25,8 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
         return tuple(Candidate(effect.key, None, None, None, None, 0) for effect in found.effects)
     rows: list[Candidate] = []
     for stage, judged in found.accepted:
-        rows.append(_judged(stage, judged, len(rows) + 1, equal, accepted=True))
+        row = _judged(stage, judged, len(rows) + 1, equal, accepted=True)
+        rows.append(replace(row, accepted_with=_partners(found, judged)))
     last = found.stages[-1]
     tried = {screened.effect.key for screened in last.screened}
     for stage, judged in found.accepted:  # equals that are no candidates of the last round: zeros, changes in time
@@ -61,6 +62,15 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate,
     return tuple(
         replace(row, nested_in=tuple(key for key, simpler in richer.items() if row.effect in simpler)) for row in rows
     )
+
+
+def _partners(found: Found, judged: Judged) -> tuple[str, ...]:
+    """What was accepted beside an effect that would not have been alone: see :mod:`.pairs`."""
+    key = judged.effect.key
+    if judged.admissible:
+        return ()
+    beside = [(stage, other.effect.key) for stage, other in found.accepted if other is not judged]
+    return tuple(other for stage, other in beside if key in {e.key for e in stage.current.simulator.effects})[:1]
 
 
 def steps(found: Found) -> tuple[Step, ...]:

@@ -63,6 +63,10 @@ class Estimate:
     identifiable: bool = True
 
 
+MOVES_NOTHING = "nothing moves"
+"""In place of the parameters that do the same: no measured signal moves with the effect."""
+
+
 @dataclass(frozen=True)
 class Candidate:
     """One effect that was tried.
@@ -76,11 +80,12 @@ class Candidate:
         rms_fall: share by which the cross-validated error falls at the long and the short horizon; None likewise.
         homogeneous: whether its size is the same law in all blocks, speeds and positions; None if not refitted.
         accepted: whether it stands in the final model.
+        accepted_with: the effect without which it would not: the other one of a pair.
         refused_because: the rules it failed, in words; empty for accepted and unranked ones.
         parameters: short name -> estimate, from its own refit; empty if not refitted.
         indistinguishable_from: effects that explain the data equally.
         nested_in: richer effects that contain it.
-        confounded_with: free parameters that do the same already.
+        confounded_with: free parameters that do the same already, or :data:`MOVES_NOTHING`.
         exclusion_limit: smallest size of its first parameter that these data would have shown [that unit], or None.
     """
 
@@ -99,6 +104,7 @@ class Candidate:
     nested_in: tuple[str, ...] = ()
     confounded_with: tuple[str, ...] = ()
     exclusion_limit: float | None = None
+    accepted_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

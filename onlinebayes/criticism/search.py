@@ -130,7 +130,7 @@ def search(
     before_trial: Standing | None = None  # comes back unless noise is all that is left
     while standing.grounds.numerics.sufficient and not asked.stopped:
         thorough = not stages and not standing.at_floor(selection.tolerance)
-        stages.append(_round(asked, standing, effects, thorough))
+        stages.append(_round(asked, standing, effects, thorough, len(stages) + 1))
         if asked.stopped:
             break  # a round that was cut short accepts nothing
         if thorough and (wide := excluded(simulator, measurement, selection, base, stages[0])) is not None:
@@ -162,10 +162,10 @@ def search(
     return Found(base, standing.grounds, tried, tuple(stages), accepted, asked.stopped, changes=changes)
 
 
-def _round(asked: _Asked, standing: Standing, effects: Sequence[Effect], thorough: bool) -> Stage:
+def _round(asked: _Asked, standing: Standing, effects: Sequence[Effect], thorough: bool, number: int) -> Stage:
     """Everything that is not in the model screened, and the leading ones judged."""
-    asked.say(f"screening {len(effects) - len(standing.accepted)} effects")
     grounds, left = standing.grounds, standing.untried(effects)
+    asked.say(f"screening {len(left)} effects, round {number}")
     fitted, windows, numerics = grounds.fitted, grounds.windows, grounds.numerics
     return run_stage(fitted, windows, left, numerics, asked.selection, asked.say, thorough, asked.interrupt)
 

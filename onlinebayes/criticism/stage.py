@@ -107,10 +107,10 @@ def judged_stage(
     """The round in which these candidates are refitted and judged."""
     judged: list[Judged] = []
     tried = len(found.screened)
-    for candidate in refits:
+    for k, candidate in enumerate(refits, 1):
         if interrupt is not None and interrupt.requested:
             break
-        say(f"refitting with {candidate.effect.key}")
+        say(f"refitting {k} of {len(refits)}: {candidate.effect.key}")
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
             fitted, effect = refit(

@@ -20,6 +20,7 @@ from onlinebayes.criticism.candidates import Trial, grown, grown_theta, opposite
 from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.noise import tau
 from onlinebayes.criticism.projection import noise_rows, project
+from onlinebayes.criticism.results import MOVES_NOTHING
 from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.score import PIECES, CrossValidated, cross_validate
 from onlinebayes.criticism.screening import Column, Scores, block_scores, observed, p_values, promise
@@ -125,7 +126,7 @@ def screen(
                 promise(horizons, i),
                 (),
                 # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
-                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i]) if tried[i].reach > 0 else None,
+                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i], effect) if tried[i].reach > 0 else None,
                 tuple(starts[:MORE_STARTS]) if effect.rugged else (),
             )
         )
@@ -230,28 +231,32 @@ def starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, floa
     return {**trial.values, first: value}
 
 
-def _exclusion(scores: Scores, column: int, groups: int, trial: Trial) -> float:
-    """Smallest distance from neutral that would have been seen [SI of the first parameter].
+def _exclusion(scores: Scores, column: int, groups: int, trial: Trial, effect: Effect) -> float | None:
+    """Smallest distance from neutral that would have been seen [SI of the first parameter]; None beyond its bounds.
 
     What the groups' spread leaves possible at 95 %, and not less than what lowers the error by the 5 % that acceptance
     asks for: |c~|^2 size^2 = |r|^2 (1 / .95^2 - 1).
     """
     size, g, norm = float(scores.size[column]), scores.g[:, column], float(scores.norm[column])
     if groups < 2 or norm <= 0:
-        return math.inf
+        return None
     se = math.sqrt(groups / (groups - 1) * float((g - g.mean()).square().sum())) / norm
     seen = math.sqrt((1 / (1 - LEAST_FALL) ** 2 - 1) * scores.misfit / norm)
-    return abs(trial.reach) * max(abs(size) + t_quantile(0.975, groups) * se, seen)
+    limit = abs(trial.reach) * max(abs(size) + t_quantile(0.975, groups) * se, seen)
+    bounds, neutral = effect.parameters[effect.magnitude], effect.neutral[effect.magnitude]
+    return limit if limit <= max(bounds.high - neutral, neutral - bounds.low) else None
 
 
 def _confounding(current: Fit, windows: Windows, raw: Float[Tensor, "W n S"]) -> tuple[str, ...]:
-    """The free parameters whose sensitivities make up this one's, largest share first."""
+    """The free parameters whose sensitivities make up this one's, largest share first; the starts without any."""
     projected = project(windows, current.lin)
     c = projected.project(noise_rows(windows, raw[..., None])).flatten()
     F = projected.columns.flatten(0, 1)
     names = current.simulator.parameters.names
-    if not len(names) or float(c.norm()) == 0:
-        return ("nothing moves",) if float(c.norm()) == 0 else ()
+    if float(c.norm()) == 0:
+        return (MOVES_NOTHING,)
+    if not len(names):
+        return ("the windows' starts",)
     shares = torch.linalg.lstsq(F / F.norm(dim=0).clamp_min(1e-300), c[:, None]).solution[:, 0].abs()
     order = shares.argsort(descending=True)
     return tuple(names[i] for i in order.tolist() if float(shares[i]) > 0.1 * float(shares.max()))

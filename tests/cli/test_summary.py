@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from onlinebayes.cli.stages import Stages
-from onlinebayes.cli.summary import WIDTH, summary
+from onlinebayes.cli.summary import WIDTH, _wrapped, summary
 from tests.criticism.report.many import many
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
@@ -30,8 +30,13 @@ def test_verdict_errors_and_candidates_are_there() -> None:
     assert error.split() == [SIGNAL, "6.6", "mm", "2.0", "mm", "0.20", "mm"]
     (first,) = [line for line in lines if line.startswith("   1 ")]
     assert first.split() == ["1", "dry_friction@carriage", "212", "±", "31", "0.001", "accepted"]
-    assert "and 1 more candidates in the report" in text
+    assert "and 1 more candidate in the report" in text
     assert "added:     dry_friction@carriage, constant_load@carriage" in lines
+
+
+def test_a_number_stays_with_its_unit() -> None:
+    lines = _wrapped("a" * 74 + " 0.18 m.")
+    assert lines == ["a" * 74, "0.18 m."]
 
 
 @pytest.mark.parametrize("command", ["compare", "diagnose", "refine"])
@@ -49,7 +54,7 @@ def test_a_terminal_sees_one_line_and_keeps_none(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(sys, "stderr", stream)
     with Stages() as say:
         say("fitting the base model")
-        say("refitting with " + "a" * 100)
+        say("refitting 1 of 4: " + "a" * 100)
     shown = stream.getvalue().split("\r\x1b[K")
     assert "\n" not in stream.getvalue()
     assert shown[1] == "onlinebayes [0 s]: fitting the base mod"
@@ -63,10 +68,27 @@ def test_an_answer_stays_on_the_terminal(monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(sys, "stderr", stream)
     with Stages() as say:
         say("fitting the base model")
-        say("The model errs by 12 times the sensor floor in qpos.arm, most where qvel.arm > 0.")
-    assert stream.getvalue().endswith(
-        "\r\x1b[KThe model errs by 12 times the sensor floor in qpos.arm, most where qvel.arm > 0.\n"
-    )
+        say("The model errs by 12 times the sensor noise in qpos.arm, most where arm moves forward.")
+    kept = "The model errs by 12 times the sensor\nnoise in qpos.arm, most where arm moves\nforward.\n"
+    assert stream.getvalue().endswith(f"\r\x1b[K{kept}")
+
+
+@pytest.mark.parametrize(
+    ("line", "bar"),
+    [
+        ("refitting 1 of 4: a@b", "▒▒░░░░░░░░ "),
+        ("refitting 4 of 4: a@b", "███████▒▒░ "),
+        ("refitting 1 of 1: a@b", "▒▒▒▒▒▒▒▒▒▒ "),
+        ("fitting the base model", ""),
+        ("0 of 0", ""),
+    ],
+)
+def test_a_stage_that_counts_has_a_bar(monkeypatch: pytest.MonkeyPatch, line: str, bar: str) -> None:
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Stages() as say:
+        say(line)
+    assert f"[0 s]: {bar}{line}" in stream.getvalue()
 
 
 def test_a_log_keeps_every_line(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,8 @@ import torch
 
 from onlinebayes.criticism import Selection, compare
 from onlinebayes.criticism.as_given import as_given
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import DryFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.wired import NOISE, PENDULUM
 
@@ -28,8 +30,14 @@ def test_a_right_model_errs_by_little_and_a_wrong_one_by_much() -> None:
     assert factor(said(RIGHT)) < 10
     wrong = said(PENDULUM.xml)
     assert factor(wrong) > 20
-    assert float(wrong.partition("errs by ")[2].split()[0]) == pytest.approx(factor(wrong) * NOISE, rel=0.2)
-    assert " rad in qpos.hinge" in wrong
+    size = 1e-3 * float(wrong.partition("errs by ")[2].split()[0])
+    assert " mrad in qpos.hinge" in wrong
+    assert size == pytest.approx(factor(wrong) * NOISE, rel=0.2)
+
+
+def test_effects_that_were_added_are_said_to_do_nothing_yet() -> None:
+    model = PENDULUM.model().with_effect(DryFriction("hinge", Parameter(0.0, 1.0, "N m")))
+    assert as_given(model, PENDULUM.measure(runs=3), Selection()).startswith("With nothing fitted and added effects at")
 
 
 def test_a_model_that_diverges_is_said_to() -> None:

@@ -38,6 +38,8 @@ def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float
     result = refine(model(), hidden, holdout=["run9", "run8"], candidates=FEW)
     assert result.verdict == "missing_effect"
     assert set(result.accepted) == {effect.key, DELAY.key}
+    first, second = (next(c for c in result.candidates if c.effect == key) for key in result.accepted)
+    assert (first.accepted_with, second.accepted_with) == ((second.effect,), ())
     assert result.remainder.status == "noise"
     delay = result.parameters["actuator_delay@motor.delay"]
     assert delay.mean == pytest.approx(0.02, abs=5 * delay.sd)

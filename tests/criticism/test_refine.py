@@ -190,7 +190,7 @@ def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
 
     result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
     assert result.interrupted
-    assert fits == ["refitting with constant_load@rail"]
+    assert fits == ["refitting 1 of 1: constant_load@rail"]
     assert result.accepted == ()
     assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
 

@@ -13,8 +13,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from onlinebayes.criticism import quantities
 from onlinebayes.criticism.forces import EffectForce
-from onlinebayes.criticism.report import geometry, quantities, words
+from onlinebayes.criticism.report import geometry, words
 from onlinebayes.criticism.report.colours import EFFECTS
 
 if TYPE_CHECKING:

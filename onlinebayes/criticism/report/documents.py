@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.report import places, quantities, words
+from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism.report import words
 from onlinebayes.criticism.results import Candidate, Criticism
 
 SHOWN = 15

@@ -74,6 +74,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "exclusion_limit": candidate.exclusion_limit,
         "confounded_with": candidate.confounded_with,
         "accepted": candidate.accepted,
+        "accepted_with": candidate.accepted_with,
         "rms_fall": candidate.rms_fall,
         "refused_because": candidate.refused_because,
     }

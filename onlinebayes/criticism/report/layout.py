@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from onlinebayes.criticism import quantities
 from onlinebayes.criticism.forces import effect_forces
-from onlinebayes.criticism.report import arrows, geometry, quantities, replays, words
+from onlinebayes.criticism.report import arrows, geometry, replays, words
 from onlinebayes.criticism.results import Criticism
 
 if TYPE_CHECKING:

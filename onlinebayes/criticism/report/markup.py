@@ -23,6 +23,11 @@ def prose(content: str) -> Html:
     return Html(re.sub(r"(?<!\w)(\d[\d.]*) (?=[a-zA-Zµ%])", r"\1&nbsp;", text(content)))
 
 
+def breakable(name: str) -> Html:
+    """A long name that may break behind its separators and nowhere else."""
+    return Html(re.sub(r"([@._])", r"\1<wbr>", text(name)))
+
+
 def tag(name: str, *content: str, kind: str = "") -> Html:
     """``<name class=kind>content</name>``."""
     css = f' class="{kind}"' if kind else ""
@@ -57,16 +62,21 @@ def folded(title: str, *content: str) -> Html:
 def table(caption: str, head: Sequence[str], rows: Sequence[Sequence[str]], kinds: Sequence[str] = ()) -> Html:
     """A table with its caption; the first cell of a row is its head, ``kinds`` gives a CSS class for each row.
 
-    Wide tables scroll within a region of their own, which the keyboard reaches.
+    Wide tables scroll within a region of their own, which the keyboard reaches; on a narrow screen a row is a card.
     """
     kinds = kinds or [""] * len(rows)
     heads = "".join(f'<th scope="col">{text(cell)}</th>' for cell in head)
     body = [
-        tag("tr", Html(f'<th scope="row">{text(row[0])}</th>'), *(tag("td", cell) for cell in row[1:]), kind=kind)
+        tag("tr", Html(f'<th scope="row">{text(row[0])}</th>'), *_cells(row, head), kind=kind)
         for row, kind in zip(rows, kinds, strict=True)
     ]
     inner = tag("table", tag("caption", caption), Html(f"<thead><tr>{heads}</tr></thead>"), tag("tbody", *body))
     return Html(f'<div class="scroll" role="region" tabindex="0" aria-label="{text(caption)}">{inner}</div>')
+
+
+def _cells(row: Sequence[str], head: Sequence[str]) -> list[Html]:
+    """The cells after a row's first, each with its column's name, which a narrow screen shows before it."""
+    return [Html(f'<td data-of="{text(name)}">{text(cell)}</td>') for cell, name in zip(row[1:], head[1:], strict=True)]
 
 
 def wide(drawing: str, label: str) -> Html:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from onlinebayes.criticism.report import quantities, replays, words
+from onlinebayes.criticism import quantities
+from onlinebayes.criticism.report import replays, words
 from onlinebayes.criticism.report.replays import Trace
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs import atomic_path

@@ -15,7 +15,7 @@ from html import escape
 
 import numpy as np
 
-from onlinebayes.criticism.report import quantities
+from onlinebayes.criticism import quantities
 from onlinebayes.criticism.results import Criticism
 
 WIDTH, LEFT, RIGHT, ROW, BOTTOM = 540, 8, 532, 58, 46

@@ -10,8 +10,8 @@ import math
 import re
 from collections.abc import Sequence
 
-from onlinebayes.criticism.report import quantities
-from onlinebayes.criticism.results import Candidate, Criticism, Estimate
+from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism.results import MOVES_NOTHING, Candidate, Criticism, Estimate
 from onlinebayes.criticism.scope import address_of
 from onlinebayes.simulators.effects import EFFECTS
 
@@ -127,7 +127,7 @@ def wiring(result: Criticism) -> str:
     others = (
         f" Just as well: {listing([fault for fault, _ in found.alternatives], 'or')}." if found.alternatives else ""
     )
-    fall = f"{quantities.times(found.error_before)} to {quantities.times(found.error_after)} the sensor floor"
+    fall = f"{quantities.times(found.error_before)} to {quantities.times(found.error_after)} the sensor noise"
     return f"{found.fault}; putting that right takes the cross-validated error from {fall}.{others}"
 
 
@@ -167,11 +167,6 @@ def small(scale: quantities.Scale, floor: float) -> str:
     return unit.text(floor)
 
 
-def place(where: str) -> str:
-    """``where |v| < 0.1 m/s``, ``in run plain``, ``in the last third of the time``."""
-    return f"where {where}" if "<" in where or ">" in where else f"in {where}"
-
-
 def better(before: float, after: float) -> str:
     """``3.3 times better``, ``12 % better`` or ``no better``."""
     ratio = before / after if after > 0 else math.inf
@@ -191,9 +186,9 @@ def remainder(result: Criticism) -> str:
     """What is left after the accepted effects."""
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
     if result.remainder.status == "noise":
-        return f"What is left looks like noise ({quantities.times(ratio)} the sensor floor)."
-    where = f"; it concentrates {place(result.remainder.where)}" if result.remainder.where else ""
-    return f"What is left is not noise, {quantities.times(ratio)} the sensor floor{where}."
+        return f"What is left looks like noise ({quantities.times(ratio)} the sensor noise)."
+    where = f"; it concentrates {places.plainly(result.remainder.where)}" if result.remainder.where else ""
+    return f"What is left is not noise, {quantities.times(ratio)} the sensor noise{where}."
 
 
 def tie_members(result: Criticism) -> tuple[str, ...]:
@@ -238,8 +233,14 @@ def confounded(result: Criticism) -> list[str]:
     return [
         f"{plain(candidate.effect)}: {listing(list(candidate.confounded_with))}"
         for candidate in result.candidates
-        if candidate.confounded_with
+        if candidate.confounded_with and MOVES_NOTHING not in candidate.confounded_with
     ]
+
+
+def motionless(result: Criticism) -> str:
+    """One sentence on the candidates that move no measured signal; empty without any."""
+    still = [candidate.effect for candidate in result.candidates if MOVES_NOTHING in candidate.confounded_with]
+    return f"{_capital(together(still))} would move nothing that was measured." if still else ""
 
 
 def sizes(result: Criticism, candidate: Candidate) -> dict[str, Estimate]:
@@ -258,10 +259,21 @@ def estimate(value: Estimate) -> str:
     return quantities.with_error(value.mean, value.sd, value.unit)
 
 
+def briefly(candidate: Candidate) -> str:
+    """The outcome without its numbers: ``brings too little``."""
+    if candidate.accepted_with:
+        return "accepted, one of two"
+    return outcome(candidate).partition(":")[0]
+
+
 def outcome(candidate: Candidate) -> str:
     """Why a candidate is in the model or not, in a few words."""
+    if candidate.accepted_with:
+        return f"accepted together with {together(candidate.accepted_with)}"
     if candidate.accepted:
         return "accepted"
+    if MOVES_NOTHING in candidate.confounded_with:
+        return "moves nothing that was measured"
     if candidate.confounded_with:
         same = listing(list(candidate.confounded_with))
         return f"the same as {same}{', free already' if len(candidate.confounded_with) == 1 else ' together'}"

@@ -12,10 +12,12 @@ import torch
 
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.html import to_html
-from onlinebayes.criticism.results import Criticism, HeldOutError, Remainder
+from onlinebayes.criticism.report.sections.parameters import interval_text
+from onlinebayes.criticism.report.sections.summary import sizes
+from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, HeldOutError, Remainder
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
-VOID = {"meta", "br", "hr", "img", "link"}
+VOID = {"wbr", "meta", "br", "hr", "img", "link"}
 
 
 class Balanced(HTMLParser):
@@ -83,7 +85,8 @@ def test_the_first_screen_answers_the_four_questions() -> None:
 def test_the_rest_is_there() -> None:
     text = check(to_html(criticism(), refined=("refined.toml", "refined.xml")))
     for part in (
-        "Ranking of 23 candidate effects", "cannot be told from constant load at carriage", "stiffness above 11 N/m",
+        "Ranking of 6 candidate effects", "17 of more freedom",
+            "cannot be told from constant load at carriage", "stiffness above 11 N/m",
         "delay above 1.2 ms", "only the ratio of mass and gear is known", "not determined alone", "from_xml_path",
         "|qvel.carriage| < 0.02 m/s", "by velocity of carriage", "How fast the error grows",
         "The worst windows of qpos.carriage", "Words used here", "is a special case of stribeck friction",
@@ -121,6 +124,39 @@ def test_a_tie_names_both() -> None:
         criticism(), verdict="tie", accepted=("constant_load@carriage",), candidates=criticism().candidates[1:]
     )
     assert "the data cannot tell which: constant load or asymmetric friction at carriage." in check(to_html(result))
+
+
+def test_of_a_pair_the_error_falls_once() -> None:
+    result = criticism()
+    first = dataclasses.replace(result.candidates[0], accepted_with=("constant_load@carriage",))
+    text = check(to_html(dataclasses.replace(result, candidates=(first, *result.candidates[1:]))))
+    assert "accepted together with constant load at carriage" in text
+    assert "+ dry friction and constant load at carriage" in text
+    assert "+ constant load at carriage" not in text
+
+
+def test_what_moves_nothing_is_no_parameter() -> None:
+    result = criticism()
+    still = dataclasses.replace(result.candidates[-1], confounded_with=(MOVES_NOTHING,))
+    text = check(to_html(dataclasses.replace(result, candidates=(*result.candidates[:-1], still))))
+    assert "moves nothing that was measured" in text
+    assert "Viscous friction at carriage would move nothing that was measured." in text
+    assert MOVES_NOTHING not in text
+    assert "free already" not in text
+
+
+def test_of_many_values_a_tile_shows_the_first() -> None:
+    result = criticism()
+    of_runs = {f"frictionloss[run {k}]": next(iter(result.candidates[0].parameters.values())) for k in range(11)}
+    first = dataclasses.replace(result.candidates[0], parameters=of_runs)
+    made = dataclasses.replace(result, candidates=(first, *result.candidates[1:]))
+    assert "and 6 more values" in str(sizes(made, [first]))
+    assert str(sizes(made, [first])).count("22.0 ± 0.9") == 5
+
+
+def test_an_interval_has_the_digits_that_tell_its_ends_apart() -> None:
+    assert interval_text(Estimate(0.148121, 1.5e-5, 0.148096, 0.148146, "m")) == "148.096 to 148.146 mm"
+    assert interval_text(Estimate(22.0, 0.9, 20.5, 23.5, "N")) == "20.5 to 23.5 N"
 
 
 def test_names_from_the_user_are_escaped() -> None:

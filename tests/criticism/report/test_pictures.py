@@ -8,9 +8,9 @@ import re
 import pytest
 
 from onlinebayes.criticism.detail import Profile
+from onlinebayes.criticism.places import plainly
 from onlinebayes.criticism.report import multiples, spread
 from onlinebayes.criticism.report.markup import prose
-from onlinebayes.criticism.report.places import plainly
 from tests.criticism.report.many import many
 from tests.criticism.report.synthetic import SIGNAL, criticism
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.report import quantities, spread, words
+from onlinebayes.criticism import quantities
+from onlinebayes.criticism.report import spread, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism

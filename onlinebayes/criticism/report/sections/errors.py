@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.report import places, quantities, replays, svg, words
+from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism.report import replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Literal
 
-from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism import quantities
+from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag, text
 from onlinebayes.criticism.results import Criticism, Estimate, FlatDirection
 from onlinebayes.criticism.scope import address_of
@@ -52,8 +53,10 @@ def _table(result: Criticism) -> Html:
 
 def interval_text(value: Estimate) -> str:
     """``92.6 to 97.4 kg``, in the unit that suits the mean."""
-    scale = quantities.scale_for(max(abs(value.q05), abs(value.q95)), value.unit)
-    return f"{scale.number(value.q05, 3)} to {scale.text(value.q95, 3)}"
+    largest, width = max(abs(value.q05), abs(value.q95)), value.q95 - value.q05
+    scale = quantities.scale_for(largest, value.unit)
+    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
+    return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
 
 
 def _state(value: Estimate, bounds: Parameter | None) -> str:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from onlinebayes.criticism.report import quantities, words
-from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag
+from onlinebayes.criticism import quantities
+from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report.markup import Html, bar, breakable, folded, join, section, table, tag
+from onlinebayes.criticism.report.sections.summary import sizes
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.simulators.effects import EFFECTS, Scales
 
@@ -32,7 +34,12 @@ def _table(result: Criticism) -> Html:
         "cross-validated error over long and short windows. p: chance of so strong a lead among all candidates if "
         "nothing were missing. Same law: whether one size fits all parts of the data."
     )
-    title = f"Ranking of {result.candidates_tried} candidate effects"
+    unlisted = result.candidates_tried - len(rows)
+    if unlisted > 0:
+        note += (
+            f" {unlisted} of more freedom (such as cogging, wind, changes in time) were tried last and not accepted."
+        )
+    title = f"Ranking of {len(rows)} candidate effects"
     shown = table("Candidate effects, the most significant first", head, rows[:SHOWN], kinds[:SHOWN])
     rest = table("Candidate effects, the others", head, rows[SHOWN:], kinds[SHOWN:])
     more = folded(f"{len(rows) - SHOWN} more candidates", rest) if rows[SHOWN:] else ""
@@ -51,6 +58,8 @@ def _in_words(result: Criticism) -> Html:
         )
         count = f"{len(same)} candidate{'s' if len(same) > 1 else ''} that free parameters can imitate"
         sentences.append(folded(count, tag("p", note, kind="note"), tag("ul", *same)))
+    if still := words.motionless(result):
+        sentences.append(tag("p", still, kind="note"))
     return section("What cannot be told apart", *sentences) if sentences else Html("")
 
 
@@ -64,18 +73,14 @@ def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, 
         else Html("–")
     )
     fall = " / ".join(quantities.percent(share) for share in candidate.rms_fall) if candidate.rms_fall else "–"
-    sizes = [
-        tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
-        for name, value in words.sizes(result, candidate).items()
-    ]
     return (
-        join(words.plain(candidate.effect), tag("small", tag("code", candidate.effect))),
+        join(words.plain(candidate.effect), tag("small", tag("code", breakable(candidate.effect)))),
         str(candidate.rank or "–"),
         evidence,
         tag("span", fall, kind="number"),
         quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
         {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
-        join(*sizes) or "–",
+        sizes(result, [candidate]) or "–",
         words.outcome(candidate),
     )
 
@@ -90,10 +95,18 @@ def _steps(result: Criticism) -> Html:
     unit, first = result.units[signal], result.steps[0].error_before[signal]
     scale = quantities.scale_for(first, unit)
     rows: list[tuple[str, ...]] = [("the base model, refitted", bar(1.0, "before", scale.text(first)))]
+    halves = {candidate.effect for candidate in result.candidates if candidate.accepted_with}
+    added: list[str] = []
     for step in result.steps:
+        added.append(step.added)
+        if step.added in halves:  # of a pair: the error falls with the other one
+            continue
         error = step.error_after[signal]
-        name = join(f"+ {words.plain(step.added)}", tag("small", words.meaning(step.added)))
-        rows.append((name, bar(error / first, "after", scale.text(error))))
+        what = words.listing([meaning for effect in added if (meaning := words.meaning(effect))])
+        rows.append(
+            (join(f"+ {words.together(added)}", tag("small", what)), bar(error / first, "after", scale.text(error)))
+        )
+        added = []
     note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."
     return section(
         "Step by step", table("Error after each addition", ("model", "cross-validated error"), rows), note=note
@@ -109,7 +122,8 @@ def _limits(result: Criticism) -> Html:
         name, unit = _first_parameter(result, candidate)
         size = quantities.text(candidate.exclusion_limit, unit)
         rows.append((words.plain(candidate.effect), f"{name} above {size}".strip()))
-    note = "Had one of these effects been larger than this, these data would have shown it."
+    note = "Had one of these effects been larger than this, these data would have shown it"
+    note += "; beside what was accepted, the limit is for what comes on top of it." if result.accepted else "."
     head, title = ("effect", "excluded"), "What is excluded"
     more = folded(f"{len(rows) - SHOWN} more limits", table("More limits", head, rows[SHOWN:])) if rows[SHOWN:] else ""
     return section(title, table("Limits at 95 %", head, rows[:SHOWN]), more, note=note)

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from onlinebayes.criticism.report import places, quantities, replays, svg, words
+from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism.report import replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.results import Candidate, Criticism
+
+SIZES = 5
+"""How many values of effects stand in a tile or a row: the parameters have a table of their own."""
 
 
 def headline(result: Criticism) -> Html:
@@ -94,7 +100,9 @@ def _where(result: Criticism) -> Html:
     worst = result.failures[0]
     share, time = quantities.percent(worst.share_of_error), quantities.percent(worst.share_of_time)
     return _tile(
-        "Where?", places.plainly(worst.where), f"{share} of the squared error of {worst.signal} in {time} of the time"
+        "Where?",
+        places.plainly(worst.where),
+        f"{share} of the squared error of {worst.signal} in {time} of the time (before, runs of the fit)",
     )
 
 
@@ -117,13 +125,20 @@ def _missing(result: Criticism) -> Html:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
     by_effect = {c.effect: c for c in result.candidates if c.accepted}
-    sizes = [
+    found = [by_effect[effect] for effect in result.accepted if effect in by_effect]
+    return _tile(question, words.together(result.accepted), sizes(result, found))
+
+
+def sizes(result: Criticism, candidates: Sequence[Candidate]) -> Html:
+    """A line for each parameter of these effects: its name and what the data say of it; the first few of many."""
+    lines = [
         tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
-        for effect in result.accepted
-        if effect in by_effect
-        for name, value in words.sizes(result, by_effect[effect]).items()
+        for candidate in candidates
+        for name, value in words.sizes(result, candidate).items()
     ]
-    return _tile(question, words.together(result.accepted), join(*sizes))
+    if len(lines) > SIZES:
+        lines = [*lines[:SIZES], tag("span", f"and {len(lines) - SIZES} more values", kind="line")]
+    return join(*lines)
 
 
 def _line(sentence: str) -> Html:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.report import quantities, words
+from onlinebayes.criticism import quantities
+from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs.results import machine, versions
@@ -26,7 +27,9 @@ GLOSSARY = {
     "Error": "the distance between what was measured and what the model simulates, as a root mean square.",
     "Window": "a short piece of a run. The model starts it from the measured state and then runs without correction.",
     "Held-out runs": "runs that had no part in fitting or choosing: the error in them is an honest one.",
-    "Noise floor": "the error that a perfect model would show, because sensors err and windows start a little off.",
+    "Sensor noise": "what the sensors alone err by. What is left of a fitted model is compared with it.",
+    "Noise floor": "the error that a perfect model would show in held-out runs: sensor noise, and windows that start a "
+    "little off.",
     "90 % interval": "the range in which the data place a parameter with 90 % confidence; before the data, it could be "
     "anywhere within its bounds.",
     "Evidence": "how much better data that were left out of the fit are predicted with the effect than without "
@@ -92,13 +95,16 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...
         held = [effect for effect in result.final.effects if effect not in left_out]
         inside = f"  # {words.together(held)} included" if held else ""
         code = f'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml"){inside}\n'
-        parts += [tag("p", "In plain MuJoCo:"), tag("pre", tag("code", code))]
+        parts += [tag("p", "In plain MuJoCo, from the folder of this report:"), tag("pre", tag("code", code))]
     if left_out:
         lacks = f"Plain MuJoCo has no term for {words.together(left_out)}: refined.xml does not hold it."
         parts.append(tag("p", lacks, kind="warning"))
     if "refined.toml" in files:
         command = "onlinebayes compare refined.toml --out again\n"
-        parts += [tag("p", "On the command line, against these or new measurements:"), tag("pre", tag("code", command))]
+        parts += [
+            tag("p", "On the command line there, against these or new measurements:"),
+            tag("pre", tag("code", command)),
+        ]
     return section("Use the refined model", *parts) if parts else Html("")
 
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from onlinebayes.criticism import quantities
 from onlinebayes.criticism.detail import HorizonError
-from onlinebayes.criticism.report import multiples, quantities, replays, svg, words
+from onlinebayes.criticism.report import multiples, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, folded, join, prose, section, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism

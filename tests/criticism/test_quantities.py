@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from onlinebayes.criticism.report.quantities import exact, percent, scale_for, significant, text, times, with_error
+from onlinebayes.criticism.quantities import exact, percent, scale_for, significant, text, times, with_error
 
 
 @pytest.mark.parametrize(
@@ -41,6 +41,7 @@ def test_text(value: float | None, unit: str, expected: str) -> None:
         (0.0123, 0.0004, "s", "12.3 ± 0.4 ms"),
         (2.31e-5, 4e-7, "kg", "(2.31 ± 0.04)e-5 kg"),
         (0.0, 0.3, "N", "0.0 ± 0.3 N"),
+        (0.0, 1.3e-15, "N s/m", "0 N s/m"),
         (1.5, 0.0, "N", "1.500 N"),
         (math.nan, 1.0, "N", "–"),
     ],
