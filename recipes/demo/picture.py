@@ -56,7 +56,7 @@ def _replay(axis: Axes, outcome: Outcome) -> tuple[str, str]:
     scale = f"{1e3 * error.before[SIGNAL]:.0f} → {1e3 * error.after[SIGNAL]:.1f} mrad"
     return (
         "A held-out run, replayed second by second",
-        f"error {scale}, of which noise {1e3 * error.noise_floor[SIGNAL]:.1f}",
+        f"error {scale} (noise floor {1e3 * error.noise_floor[SIGNAL]:.1f})",
     )
 
 

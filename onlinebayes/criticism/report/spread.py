@@ -89,7 +89,7 @@ def _axis(px: Callable[[float], float], high: float, bottom: float) -> str:
     middle = (LEFT + RIGHT) / 2
     parts.append(
         f'<text class="label" x="{middle:.0f}" y="{bottom + 36}" text-anchor="middle">'
-        "error, in multiples of what sensor noise alone would give</text>"
+        "error, in multiples of the noise floor</text>"
     )
     return "".join(parts)
 
