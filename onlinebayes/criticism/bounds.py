@@ -86,7 +86,7 @@ def excluded(
             model, measurement, selection.horizon_s, base.windows.noise, fitted.theta, before=base, fitted=fitted
         )
         coarsened = settled.numerics.timestep > simulator.timestep
-        left = rms_over_floor(settled.fitted, settled.windows, settled.numerics, coarsened)
+        left = rms_over_floor(settled.fitted, settled.windows, settled.numerics, coarsened or settled.as_run)
         if max(left.values(), default=0.0) <= selection.tolerance:
             found.append((gain.gain, Widened(name, simulator.parameters[name], wider, settled)))
     return max(found, key=lambda item: item[0])[1] if found else None

@@ -81,4 +81,4 @@ def changed(
 
 def _left(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
     coarsened = grounds.numerics.timestep > simulator.timestep
-    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened)
+    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened or grounds.as_run)

@@ -199,8 +199,8 @@ def _zeros(found: Found) -> dict[str, float]:
 
 def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
     """RMS over the floor by signal, of grounds whose step may be coarser than the simulator's own."""
-    coarsened = grounds.numerics.timestep > simulator.timestep
-    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened)
+    meant = grounds.as_run or grounds.numerics.timestep > simulator.timestep
+    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, meant)
 
 
 def _structured(final: Grounds, simulator: Simulator, selection: Selection) -> bool:

@@ -5,17 +5,19 @@
 Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
 residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
 model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
-taken while the residual is far above the sensors' noise, for they leave measured rows out.
+taken while the residual is far above the sensors' noise, for they leave measured rows out. In the end the model as it
+was given is preferred where it follows the log far better (:mod:`.as_run`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.as_run import as_run
 from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.fit import Fit, improve, unfitted
 from onlinebayes.criticism.grid import even_step
@@ -41,7 +43,8 @@ FAR = 10.0  # residual over noise above which rows may be left out
 class Grounds:
     """What everything is judged on: windows at one integration step, the model fitted to them, and how fine that is.
 
-    ``shift`` is by how much the step moves theta [SI]: see :func:`check`.
+    ``shift`` is by how much the step moves theta [SI]: see :func:`check`. ``as_run`` says that the model's own step is
+    used though a finer one moves the replay: see :mod:`.as_run`.
     """
 
     windows: Windows
@@ -49,6 +52,7 @@ class Grounds:
     numerics: Numerics
     rung: Rung
     shift: Float[Tensor, " P"]
+    as_run: bool = False
 
 
 def settle(
@@ -104,9 +108,21 @@ def settle(
         begin, starts = here.theta, here.lin.starts
         grounds = Grounds(windows, here, numerics, rung, shift)
         if numerics.sufficient:
-            return grounds
+            break
     assert grounds is not None
-    return grounds
+    return _as_run(simulator, measurement, horizon, grounds)
+
+
+def _as_run(simulator: Simulator, measurement: Measurement, horizon: float, grounds: Grounds) -> Grounds:
+    """These grounds, or those of the model as it was given: see :mod:`.as_run`."""
+    found = as_run(simulator, measurement, horizon, grounds.fitted, grounds.windows, grounds.rung)
+    if found is None:
+        return grounds
+    windows, fitted = found
+    numerics, shift = check(simulator, measurement, windows, fitted)
+    # The parameters are those of this step: what a finer one would make of them is no doubt about them.
+    certain = torch.zeros_like(shift)
+    return Grounds(windows, fitted, replace(numerics, sufficient=True), Rung(simulator.timestep), certain, as_run=True)
 
 
 def check(

@@ -263,7 +263,7 @@ def _at_the_floor(grounds: Grounds | None, selection: Selection) -> bool:
     """Whether nothing but noise is left."""
     if grounds is None or not grounds.numerics.sufficient:
         return False
-    rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, False)
+    rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, grounds.as_run)
     return max(rows.values()) <= selection.tolerance
 
 

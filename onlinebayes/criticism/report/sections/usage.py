@@ -111,8 +111,6 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...
 def provenance(result: Criticism) -> Html:
     """Settings, checks and versions."""
     numerics, selection = result.numerics, result.selection
-    fine = "fine enough: a quarter of it moves the replay by less than a tenth of what is left"
-    coarse = "too coarse to judge by: a quarter of it moves the replay; no effect is named from these data"
     blocks = result.candidates[0].n_blocks if result.candidates else selection.folds
     looks = {1: "once"}.get(result.holdout_looks, f"{result.holdout_looks} times")
     noise = [f"{name} {quantities.text(sd, result.units.get(name, ''))}" for name, sd in result.sensor_sd.items()]
@@ -121,7 +119,7 @@ def provenance(result: Criticism) -> Html:
     rows = [
         (
             "time step",
-            f"{quantities.exact(numerics.timestep, 's')}, {fine if numerics.sufficient else coarse}",
+            f"{quantities.exact(numerics.timestep, 's')}, {_fineness(result)}",
         ),
         ("held-out runs", words.listing(list(result.held_out_runs)) or "none"),
         ("held-out runs opened", f"{looks}, for the reported error only"),
@@ -136,6 +134,14 @@ def provenance(result: Criticism) -> Html:
     ]
     shown = table("Settings, checks and versions", ("what", "value"), rows)
     return join(section("Settings, checks and versions", shown), _stages(result), _glossary())
+
+
+def _fineness(result: Criticism) -> str:
+    if not result.numerics.sufficient:
+        return "too coarse to judge by: a quarter of it moves the replay; no effect is named from these data"
+    if result.remainder.status == "noise" and result.numerics.error_at_quarter_step > 1:  # floor
+        return "the model's own, with which it follows the log better than with a finer one"
+    return "fine enough: a quarter of it moves the replay by less than a tenth of what is left"
 
 
 def _stages(result: Criticism) -> Html:
