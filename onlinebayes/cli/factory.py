@@ -4,7 +4,7 @@
 |----------------------------------------------------------------------|------------------------------------|
 | an onlinebayes ``Simulator``                                         | itself                             |
 | a ``mujoco.MjSpec``                                                  | that spec                          |
-| a ``dm_control.mjcf`` model, a Composer entity, or its environment   | the spec of its XML and its assets |
+| a ``dm_control.mjcf`` model, a Composer entity, task or environment  | the spec of its XML and its assets |
 | a ``dm_control`` ``Physics``, or an environment that has one         | the spec of its XML, see below     |
 
 A compiled ``Physics`` does not hold its XML. MuJoCo remembers the last one that it loaded; it is taken when it compiles
@@ -81,7 +81,7 @@ def _takes_parameters(make: Any) -> bool:
 def _spec(made: Any, model: str) -> mujoco.MjSpec:
     if isinstance(made, mujoco.MjSpec):
         return made
-    made = getattr(getattr(made, "task", None), "root_entity", made)
+    made = getattr(getattr(made, "task", made), "root_entity", made)
     made = getattr(made, "mjcf_model", made)
     if hasattr(made, "to_xml_string") and hasattr(made, "get_assets"):
         root = getattr(made, "root_model", made)

@@ -13,6 +13,7 @@ import sys
 import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
+from pathlib import Path
 from typing import NoReturn
 
 EXAMPLES = """\
@@ -62,7 +63,7 @@ def parser() -> argparse.ArgumentParser:
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in COMMANDS.items():
         command = commands.add_parser(name, help=what, description=what)
-        command.add_argument("problem", help="the problem file (TOML)")
+        command.add_argument("problem", nargs="?", help="the problem file (TOML)")
         command.add_argument("--out", required=True, metavar="DIR", help="where report and recording are written")
         command.add_argument(
             "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
@@ -70,17 +71,30 @@ def parser() -> argparse.ArgumentParser:
     first = commands.add_parser("init", help="write a first problem file", description="write a first problem file")
     first.add_argument("model", help="the model (MJCF)")
     first.add_argument("logs", nargs="+", metavar="LOG", help="measurement tables")
-    first.add_argument("--out", required=True, metavar="FILE", help="where the problem file goes")
+    first.add_argument("--out", metavar="FILE", help="where the problem file goes; MODEL.toml here by default")
     first.add_argument("--force", action="store_true", help="write over a file that is there")
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
     show.add_argument("out", metavar="DIR", help="the folder that a command wrote")
     return top
 
 
+def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
+    """The arguments; a problem file that stands behind the effects of ``--add`` is none of them."""
+    top = parser()
+    arguments = top.parse_args(argv)
+    if arguments.command in COMMANDS and arguments.problem is None:
+        files = [item for item in arguments.add if "@" not in item and item.endswith(".toml")]
+        if len(files) != 1:
+            top.error(f"{arguments.command}: the following arguments are required: problem")
+        arguments.problem = files[0]
+        arguments.add = [item for item in arguments.add if item != files[0]]
+    return arguments
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
     try:
-        arguments = parser().parse_args(argv)
+        arguments = _parsed(argv)
     except SystemExit as stop:
         return stop.code if isinstance(stop.code, int) else 2
     for stream in (sys.stdout, sys.stderr):  # a terminal that lacks a sign shows its code instead
@@ -114,7 +128,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.command == "init":
         from onlinebayes.cli.init import init
 
-        return init(arguments.model, arguments.logs, arguments.out, arguments.force)
+        out = arguments.out or f"{Path(arguments.model).stem}.toml"
+        return init(arguments.model, arguments.logs, out, arguments.force)
     if arguments.command == "next":
         from onlinebayes.cli.next import propose_next
 

@@ -25,6 +25,22 @@ SI = {
     "deg/s": ("rad/s", math.pi / 180),
     "rev/s": ("rad/s", 2 * math.pi),
     "rpm": ("rad/s", 2 * math.pi / 60),
+    "m/s2": ("m/s2", 1.0),
+    "m/s^2": ("m/s2", 1.0),
+    "rad/s2": ("rad/s2", 1.0),
+    "rad/s^2": ("rad/s2", 1.0),
+    "deg/s2": ("rad/s2", math.pi / 180),
+    "N": ("N", 1.0),
+    "mN": ("N", 1e-3),
+    "kN": ("N", 1e3),
+    "N m": ("N m", 1.0),
+    "Nm": ("N m", 1.0),
+    "mN m": ("N m", 1e-3),
+    "mNm": ("N m", 1e-3),
+    "V": ("V", 1.0),
+    "mV": ("V", 1e-3),
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
 }
 """unit -> (its SI unit, factor)."""
 

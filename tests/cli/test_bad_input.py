@@ -262,7 +262,9 @@ def test_an_out_folder_that_may_not_be_written(folder, capsys):
     ("arguments", "message"),
     [
         ([], "the following arguments are required: COMMAND"),
-        (["refine"], "required: problem, --out"),
+        (["refine"], "required: --out"),
+        (["refine", "--out", "o"], "required: problem"),
+        (["refine", "--out", "o", "--add", "a.toml", "b.toml"], "required: problem"),
         (["refine", "x.toml"], "required: --out"),
         (["refin", "x.toml", "--out", "o"], "invalid choice: 'refin'"),
         (["compare", "x.toml", "--out", "o", "--seed", "1"], "unrecognized arguments"),
@@ -288,6 +290,12 @@ def test_bad_arguments(capsys, arguments, message):
 def test_effects_added_by_hand_are_checked(folder, capsys, add, message):
     assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out"), "--add", add]) == 2
     assert message in one_line(capsys.readouterr().err, folder)
+
+
+def test_the_problem_may_stand_behind_the_effects(folder, capsys):
+    arguments = ["compare", "--add", "glue@carriage", str(folder / "carriage.toml"), "--out", str(folder / "out")]
+    assert main(arguments) == 2
+    assert "--add: effect 'glue' is unknown" in one_line(capsys.readouterr().err, folder)
 
 
 def test_show_of_a_folder_without_a_report(folder, capsys):

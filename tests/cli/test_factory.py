@@ -33,6 +33,19 @@ class Carriage(composer.Entity):
 def make():
     return Carriage()
 """,
+    "task": """
+from dm_control import composer, mjcf
+class Task(composer.Task):
+    def __init__(self):
+        self._root = composer.ModelWrapperEntity(mjcf.from_path('carriage.xml'))
+    @property
+    def root_entity(self):
+        return self._root
+    def get_reward(self, physics):
+        return 0.0
+def make():
+    return Task()
+""",
     "physics": "from dm_control import mujoco\ndef make():\n    return mujoco.Physics.from_xml_path('carriage.xml')\n",
     "other": """
 import mujoco

@@ -33,6 +33,14 @@ def test_exact_names_need_nothing_more(folder, capsys) -> None:
     assert "signals" not in content
 
 
+def test_the_file_is_called_like_the_model_by_default(folder, capsys, monkeypatch) -> None:
+    monkeypatch.chdir(folder)
+    (folder / "cart.xml").write_text(MODEL)
+    assert main(["init", "cart.xml", "carriage.csv"]) == 0
+    assert "wrote:     cart.toml" in capsys.readouterr().out
+    assert load_problem(folder / "cart.toml").holdout == ("second",)
+
+
 def test_a_gear_is_freed_only_where_mass_and_damping_do_not_do_the_same(folder) -> None:
     """m v' = g u - d v knows two of three; with the mass at rest in the model's frame both joints share one gear."""
     assert "gear" not in draft(folder / "carriage.xml", [folder / "carriage.csv"], folder / "x.toml").text

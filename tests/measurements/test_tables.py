@@ -110,6 +110,8 @@ def test_a_column_may_be_mapped_to_a_signal(tmp_path):
 def test_an_actuator_that_is_off_needs_no_command(tmp_path):
     m = read(tmp_path, "time,enable.motor,qpos.carriage\n0,0,0\n1,,0\n")
     assert m.data["enable"].flatten().tolist() == [0.0, 0.0]
+    m = read(tmp_path, "time,ctrl.motor,enable.motor,qpos.carriage\n0,1,True,0\n1,2,False,0\n")
+    assert m.data["enable"].flatten().tolist() == [1.0, 0.0]
     m = read(tmp_path, "time,ctrl.motor,enable.motor,qpos.carriage\n0,,0,0\n1,,,0\n2,5,1,0\n")
     assert m.data["command"].flatten().tolist() == [0.0, 0.0, 5.0]
     assert m.data["enable"].flatten().tolist() == [0.0, 0.0, 1.0]

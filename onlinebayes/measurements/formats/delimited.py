@@ -28,6 +28,7 @@ CHUNK_CELLS = 5_000_000
 LONGEST_LINE = 4_000_000
 """Characters in one line; what is longer is no table, and would be held in memory as a whole."""
 
+SWITCHED = {"true": "1", "false": "0"}
 NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
@@ -147,6 +148,8 @@ def _numbers(cells: Sequence[str], name: str, path: Path, rows: np.ndarray, held
         values = np.array([float(cell) if cell else np.nan for cell in cells])
     except ValueError:
         cells = [cell.strip() for cell in cells]
+        if held:  # a switch may be written as a truth value
+            cells = [SWITCHED.get(cell.lower(), cell) for cell in cells]
         for cell, row in zip(cells, rows, strict=True):
             _check_number(cell, name, path, int(row))
         values = np.array([float(cell) if cell else np.nan for cell in cells])
