@@ -14,19 +14,21 @@ from onlinebayes.criticism.stage import REFIT_BELOW, Stage
 from onlinebayes.criticism.survey import Screened
 
 
-def rank(found: Found, equal: Mapping[str, tuple[str, ...]]) -> tuple[Candidate, ...]:
+def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str, Estimate]) -> tuple[Candidate, ...]:
     """Every candidate, the best first, the confounded ones last.
 
     Args:
         found: what the search found.
         equal: accepted effect -> those it cannot be told from.
+        final: parameters of the final model; an accepted effect has its values there, others those of their own refit.
     """
     if not found.stages:
         return tuple(Candidate(effect.key, None, None, None, None, 0) for effect in found.effects)
     rows: list[Candidate] = []
     for stage, judged in found.accepted:
         row = _judged(stage, judged, len(rows) + 1, equal, accepted=True)
-        rows.append(replace(row, accepted_with=_partners(found, judged)))
+        own = {name: final.get(f"{row.effect}.{name}", value) for name, value in row.parameters.items()}
+        rows.append(replace(row, parameters=own, accepted_with=_partners(found, judged)))
     last = found.stages[-1]
     tried = {screened.effect.key for screened in last.screened}
     for stage, judged in found.accepted:  # equals that are no candidates of the last round: zeros, changes in time

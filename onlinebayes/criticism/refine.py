@@ -216,7 +216,7 @@ def _assemble(
     )
     heldout_error, detail = opened(base_model, final_model, held, signals, units)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
-    candidates = rank(found, equal)
+    candidates = rank(found, equal, final_model.parameters)
     lacking = verdict == "insufficient_data"
     return Criticism(
         command=question,

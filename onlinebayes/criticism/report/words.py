@@ -243,17 +243,6 @@ def motionless(result: Criticism) -> str:
     return f"{_capital(together(still))} would move nothing that was measured." if still else ""
 
 
-def sizes(result: Criticism, candidate: Candidate) -> dict[str, Estimate]:
-    """Its parameters: the final model's where it stands in it, else its own refit's; empty where there was none."""
-    final = {name: result.parameters.get(f"{candidate.effect}.{name}") for name in candidate.parameters}
-    return {name: final[name] or value for name, value in candidate.parameters.items()}
-
-
-def size(result: Criticism, candidate: Candidate) -> str:
-    """Its parameters in one line: ``frictionloss 22.0 ± 0.9 N``."""
-    return ", ".join(f"{name} {estimate(value)}" for name, value in sizes(result, candidate).items())
-
-
 def estimate(value: Estimate) -> str:
     """``mean ± sd unit``."""
     return quantities.with_error(value.mean, value.sd, value.unit)

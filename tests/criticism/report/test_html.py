@@ -149,9 +149,8 @@ def test_of_many_values_a_tile_shows_the_first() -> None:
     result = criticism()
     of_runs = {f"frictionloss[run {k}]": next(iter(result.candidates[0].parameters.values())) for k in range(11)}
     first = dataclasses.replace(result.candidates[0], parameters=of_runs)
-    made = dataclasses.replace(result, candidates=(first, *result.candidates[1:]))
-    assert "and 6 more values" in str(sizes(made, [first]))
-    assert str(sizes(made, [first])).count("22.0 ± 0.9") == 5
+    assert "and 6 more values" in str(sizes([first]))
+    assert str(sizes([first])).count("22.0 ± 0.9") == 5
 
 
 def test_an_interval_has_the_digits_that_tell_its_ends_apart() -> None:

@@ -80,7 +80,7 @@ def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, 
         tag("span", fall, kind="number"),
         quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
         {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
-        sizes(result, [candidate]) or "–",
+        sizes([candidate]) or "–",
         words.outcome(candidate),
     )
 

@@ -126,15 +126,15 @@ def _missing(result: Criticism) -> Html:
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
     by_effect = {c.effect: c for c in result.candidates if c.accepted}
     found = [by_effect[effect] for effect in result.accepted if effect in by_effect]
-    return _tile(question, words.together(result.accepted), sizes(result, found))
+    return _tile(question, words.together(result.accepted), sizes(found))
 
 
-def sizes(result: Criticism, candidates: Sequence[Candidate]) -> Html:
+def sizes(candidates: Sequence[Candidate]) -> Html:
     """A line for each parameter of these effects: its name and what the data say of it; the first few of many."""
     lines = [
         tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
         for candidate in candidates
-        for name, value in words.sizes(result, candidate).items()
+        for name, value in candidate.parameters.items()
     ]
     if len(lines) > SIZES:
         lines = [*lines[:SIZES], tag("span", f"and {len(lines) - SIZES} more values", kind="line")]
