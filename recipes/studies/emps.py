@@ -19,11 +19,12 @@ from typing import Any
 
 import tyro
 
-from envs.drive import FREE, MODEL
-from onlinebayes.runs import BadInput, ResultTable, write_atomic
+from envs.measured import FOLDER
+from onlinebayes.runs import BadInput, ResultTable
 from recipes.studies.exits import status
 
 SIGNAL = "qpos.carriage"
+PROBLEM = FOLDER / "emps" / "problem.toml"
 
 
 @dataclass(frozen=True)
@@ -39,41 +40,16 @@ class Study:
     report: Path = Path("out/emps")
 
 
-def problem(data: Path) -> str:
-    """The problem file for this data folder.
-
-    Raises:
-        BadInput: the folder lacks the set.
-    """
-    measured = data / "emps" / "emps.csv"
-    if not measured.is_file():
-        raise BadInput(f"'{measured}' does not exist", "set ONLINEBAYES_DATA to the folder that holds emps/emps.csv")
-    free = "\n".join(f'"{name}" = [{p.low}, {p.high}]' for name, p in FREE.items())
-    return f"""schema = 1
-model = {json.dumps(str(MODEL.resolve()))}
-measurements = [{json.dumps(str(measured.resolve()))}]
-holdout = ["pulses"]
-
-[parameters]
-{free}
-
-[signals."{SIGNAL}"]
-unit = "m"
-"""
-
-
 def refine(folder: Path) -> tuple[dict[str, Any], float]:
     """Run the command on its own, as from a shell; its report and the seconds it took, start-up included."""
-    data = os.environ.get("ONLINEBAYES_DATA")
-    if not data:
+    if not os.environ.get("ONLINEBAYES_DATA"):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds emps/emps.csv")
-    write_atomic(folder / "problem.toml", problem(Path(data)))
     command = [
         sys.executable,
         "-m",
         "onlinebayes.cli.main",
         "refine",
-        str(folder / "problem.toml"),
+        str(PROBLEM),
         "--out",
         str(folder),
     ]
