@@ -95,7 +95,7 @@ def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: 
     """Judge the trials, each kept as soon as it is known; ``found`` grows."""
     spent = 0.0
     with Progress("versus peers", len(todo) + len(found)) as progress:
-        tried = work(todo, Judge(study.out, code), study.processes, 60 * study.minutes)
+        tried = work(todo, Judge(code), study.processes, 60 * study.minutes)
         for number, done in enumerate(tried, 1):
             outcome = done.result or unanswered(done.job, done.problem, done.seconds, code)
             write_atomic(study.kept / f"{outcome.name}.json", to_json(outcome))

@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import final
 
 from envs.driven_pendulum import KINDS
@@ -16,7 +15,7 @@ from envs.rigs import case as rig_case
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism.clock import in_step
 from onlinebayes.criticism.split import split
-from onlinebayes.runs import BadInput, write_atomic
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies import blind_data, emps
 from recipes.studies.blind_rigs.judging import loaded
@@ -78,18 +77,17 @@ def jobs(count: int, measured: bool) -> list[Job]:
     return found
 
 
-def make(job: Job, folder: Path) -> Case:
+def make(job: Job) -> Case:
     """Make the case of a job (seconds).
 
     Args:
         job: which.
-        folder: where EMPS's problem file may be written.
 
     Raises:
         BadInput: EMPS without its data.
     """
     if job.rig == EMPS:
-        return _emps(folder)
+        return _emps()
     return _pendulum(job) if job.rig == PENDULUM else _rig(job)
 
 
@@ -113,12 +111,10 @@ def _pendulum(job: Job) -> Case:
     return Case(task, hidden, tuple(_plain(key) for key in hidden))
 
 
-def _emps(folder: Path) -> Case:
-    data = os.environ.get("ONLINEBAYES_DATA")
-    if not data:
+def _emps() -> Case:
+    if not os.environ.get("ONLINEBAYES_DATA"):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds emps/emps.csv")
-    write_atomic(folder / "emps" / "problem.toml", emps.problem(Path(data)))
-    problem = load_problem(folder / "emps" / "problem.toml")
+    problem = load_problem(emps.PROBLEM)
     assert isinstance(problem.simulator, MujocoSimulator)
     assert problem.holdout is not None
     simulator = MujocoSimulator(problem.simulator.spec, problem.simulator.parameters, threads=1)

@@ -7,7 +7,6 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, final
 
 import torch
@@ -40,17 +39,15 @@ class Judge:
     """What judges a trial in a process of its own.
 
     Args:
-        folder: for files of its own.
         code: the mark that the results get.
     """
 
-    folder: Path
     code: str = ""
 
     def __call__(self, trial: Trial) -> Outcome:
         """Make the case, fit and predict."""
         torch.set_num_threads(1)
-        case = make(trial.job, self.folder)
+        case = make(trial.job)
         found = Outcome(trial.job.name, trial.method, case.hidden, code=self.code)
         if trial.method == COST:
             from recipes.studies.peers import cost
