@@ -10,9 +10,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from onlinebayes.cli.problem import Problem, load_problem
+from onlinebayes.cli.problem import Problem, load_problem, read_toml
 from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import summary
+from onlinebayes.cli.wiring_lines import composed
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import write_report
 from onlinebayes.runs import BadInput, Interrupt
@@ -47,6 +48,16 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
 
 def criticise(command: str, problem: Problem) -> Criticism:
     """The command's result on a loaded problem; a search that Ctrl-C stops gives what it has found until then."""
+    result = _criticised(command, problem)
+    if result.wiring is None:
+        return result
+    content, found = read_toml(problem.path), result.wiring
+    others = tuple((fault, composed(lines, content)) for fault, lines in found.alternatives)
+    mended = dataclasses.replace(found, lines=composed(found.lines, content), alternatives=others)
+    return dataclasses.replace(result, wiring=mended)
+
+
+def _criticised(command: str, problem: Problem) -> Criticism:
     model, data, how = problem.simulator, problem.measurement, problem.selection
     if command == "compare":
         with Stages() as say:

@@ -10,8 +10,8 @@ from onlinebayes.runs.results import machine, versions
 
 NEXT = {
     None: "Run onlinebayes diagnose to rank the effects that could be missing.",
-    "data_problem": "Put the line below into the problem file and run again; a sign or scale multiplies one "
-    "that stands there.",
+    "data_problem": "Put the lines below into the problem file, in place of keys that stand there already, and run "
+    "again.",
     "insufficient_data": "Record more, then run again.",
     "bounds_exclude_truth": "Widen the bound named above if the value is physically possible, and run again.",
     "tie": "Decide by what you know of the machine, add that effect with --add, or record an experiment in which the "
