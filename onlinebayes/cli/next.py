@@ -10,7 +10,7 @@ from pathlib import Path
 from onlinebayes.cli.limits import read_allowed
 from onlinebayes.cli.problem import load_problem, read_toml
 from onlinebayes.cli.section import Section
-from onlinebayes.cli.work import criticise, writable
+from onlinebayes.cli.work import criticise, title_of, writable
 from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan import write_plan
@@ -56,7 +56,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
             )
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
-        names = write_plan(plan, folder, title=problem.path.stem)
+        names = write_plan(plan, folder, title=title_of(problem.path))
     print(summary(plan, folder, names))
     return 0
 

@@ -38,7 +38,7 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
-        files = write_report(result, folder, title=_title(problem.path), problem=problem.path)
+        files = write_report(result, folder, title=title_of(problem.path), problem=problem.path)
     print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:
         _log("stopped by Ctrl-C; the report holds what was found until then")
@@ -77,7 +77,7 @@ def _criticised(command: str, problem: Problem) -> Criticism:
         )
 
 
-def _title(path: Path) -> str:
+def title_of(path: Path) -> str:
     """What the report calls the machine: the file's name, or its folder's where it is plain ``problem.toml``."""
     return path.stem if path.stem != "problem" else path.resolve().parent.name
 

@@ -14,9 +14,10 @@ from onlinebayes.criticism.experiment import Allowed, Payload, next_experiment
 from onlinebayes.criticism.experiment.inputs import family
 from onlinebayes.criticism.experiment.limits import find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.experiment.rivals import Pair, explanation
+from onlinebayes.criticism.experiment.rivals import Pair, explanation, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
 from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.results import Wiring
 from onlinebayes.criticism.windows import MEMORY, make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -25,6 +26,7 @@ from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, Effect, QuadraticDrag, ViscousFriction
 from tests.criticism import sprung
 from tests.criticism.alike import Armature, BackEmf
+from tests.criticism.report.synthetic import criticism
 
 WIDE = Allowed({"motor": 40.0}, {"motor": 200.0}, {"rail": (-0.5, 0.5)}, {"rail": 2.0})
 
@@ -198,6 +200,13 @@ def test_an_adequate_torch_model_gets_the_input_that_shows_most() -> None:
     assert all(r.names[1] == "the model as it is" for r in plan.rivalries)
     assert float(plan.command.abs().max()) <= float(measured.data["command"].abs().max()) + 1e-9
     assert plan.time[-1] == pytest.approx(2.0)
+
+
+def test_faulty_data_are_put_right_first() -> None:
+    """An effect that a reversed sign asks for is no rival of anything."""
+    result = replace(criticism(), wiring=Wiring("qpos.carriage: the reversed sign", "[a]\nsign = -1", 9.0, 1.0))
+    with pytest.raises(BadInput, match=r"reversed sign; put it right first: \[a\] sign = -1"):
+        find_rivals(result, sprung.model(), sprung.measurement(sprung.small_runs(sprung.model(), (1.0, 1.0))), [])
 
 
 def _commands(u: torch.Tensor) -> TensorDict:

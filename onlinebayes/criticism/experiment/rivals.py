@@ -113,8 +113,12 @@ def find_rivals(
         candidates: which effects were tried.
 
     Raises:
-        BadInput: no effect is left that could be a rival, or a parameter differs between the runs.
+        BadInput: the data have a fault, no effect is left that could be a rival, or a parameter differs between the
+            runs.
     """
+    if result.wiring:
+        mended = " ".join(result.wiring.lines.split())
+        raise BadInput(f"the data have a fault: {result.wiring.fault}", f"put it right first: {mended}")
     if result.changes:
         raise BadInput(
             f"{', '.join(change.parameter for change in result.changes)} differs between the runs, and an experiment "
