@@ -60,6 +60,13 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str,
                 indistinguishable_from=_equals(key, equal),
             )
         rows.append(row)
+    listed = {row.effect for row in rows}
+    late = ("tried last: it does not leave noise",)
+    rows += [
+        Candidate(effect.key, None, None, None, None, last.blocks.count, refused_because=late)
+        for effect in found.effects
+        if effect.key not in listed
+    ]
     richer = {effect.key: contained(effect) for effect in found.effects}
     return tuple(
         replace(row, nested_in=tuple(key for key, simpler in richer.items() if row.effect in simpler)) for row in rows

@@ -73,7 +73,7 @@ class Candidate:
 
     Args:
         effect: ``name@target``.
-        rank: 1 for the first; None where it is confounded with the free parameters.
+        rank: 1 for the first; None where it is confounded with the free parameters, or was tried last.
         p_value: of the maximum over all candidates, in the stage in which it was last screened; None if confounded.
         score_gain, score_gain_se: cross-validated log score over the model without it, nats; None if not refitted.
         n_blocks: number of blocks B.

@@ -54,6 +54,7 @@ def test_a_wrong_period_is_left_for_a_better_start() -> None:
 def test_cogging_is_found_among_all() -> None:
     result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7)}, runs=9, finer=16))
     assert (result.verdict, result.accepted) == ("missing_effect", ("cogging@rail",))
+    assert len(result.candidates) >= result.candidates_tried  # those that were tried last are listed, too
     assert result.parameters["cogging@rail.amplitude"].mean == pytest.approx(1.0, rel=0.02)
     assert result.parameters["cogging@rail.poles"].mean == pytest.approx(25.0, rel=0.01)
 

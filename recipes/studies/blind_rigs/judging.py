@@ -137,7 +137,8 @@ def _refused(candidates: Sequence[Candidate], hidden: Sequence[str]) -> dict[str
 
 def _standing(candidate: Candidate) -> str:
     gain = "" if candidate.score_gain is None else f", gain {candidate.score_gain:.3g} ± {candidate.score_gain_se:.2g}"
-    return f"rank {candidate.rank}{gain}: {'; '.join(candidate.refused_because) or 'another went before it'}"
+    place = "not ranked" if candidate.rank is None else f"rank {candidate.rank}"
+    return f"{place}{gain}: {'; '.join(candidate.refused_because) or 'another went before it'}"
 
 
 def _coverage(result: Criticism, truth: Mapping[str, float]) -> tuple[int, int]:

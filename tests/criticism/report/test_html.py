@@ -85,7 +85,7 @@ def test_the_first_screen_answers_the_four_questions() -> None:
 def test_the_rest_is_there() -> None:
     text = check(to_html(criticism(), refined=("refined.toml", "refined.xml")))
     for part in (
-        "Ranking of 6 candidate effects", "17 of more freedom",
+        "Ranking of 6 candidate effects",
             "cannot be told from constant load at carriage", "stiffness above 11 N/m",
         "delay above 1.2 ms", "only the ratio of mass and gear is known", "not determined alone", "from_xml_path",
         "|qvel.carriage| < 0.02 m/s", "by velocity of carriage", "How fast the error grows",

@@ -34,11 +34,6 @@ def _table(result: Criticism) -> Html:
         "cross-validated error over long and short windows. p: chance of so strong a lead among all candidates if "
         "nothing were missing. Same law: whether one size fits all parts of the data."
     )
-    unlisted = result.candidates_tried - len(rows)
-    if unlisted > 0:
-        note += (
-            f" {unlisted} of more freedom (such as cogging, wind, changes in time) were tried last and not accepted."
-        )
     title = f"Ranking of {len(rows)} candidate effects"
     shown = table("Candidate effects, the most significant first", head, rows[:SHOWN], kinds[:SHOWN])
     rest = table("Candidate effects, the others", head, rows[SHOWN:], kinds[SHOWN:])
