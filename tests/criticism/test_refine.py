@@ -174,7 +174,7 @@ def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     assert result.accepted == ("constant_load@rail",)
     assert lines[0].startswith("As it was given, the model errs by ")
     assert lines[1] == "fitting the base model"
-    assert lines[2].startswith("The model errs by ")
+    assert lines[2].startswith("Fitted, the model errs by ")
     assert "qpos.rail" in lines[2]
     assert [timing.stage for timing in result.timings if timing.stage.endswith(".")] == []  # answers are no stages
 
@@ -190,7 +190,7 @@ def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
 
     result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
     assert result.interrupted
-    assert fits == ["refitting 1 of 1: constant_load@rail"]
+    assert fits == ["refitting 1 of 2: constant_load@rail"]
     assert result.accepted == ()
     assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
 
