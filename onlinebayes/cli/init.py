@@ -7,6 +7,7 @@ everything matched the file loads as it is.
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from onlinebayes.measurements.units import to_si
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
 
 LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
 HEAD = """\
@@ -89,7 +91,11 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     have = {found.name for found in matches}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in have]
     missing = tuple(([] if "time" in shared else ["time"]) + needed)
-    own = (*measured_sensors(simulator.model, shared), *(f"enable.{name}" for name in simulator.commands))
+    own = (
+        *measured_sensors(simulator.model, shared),
+        *(f"enable.{name}" for name in simulator.commands),
+        *_wrenches(simulator, shared),
+    )
     taken = {"run", "time", *own, *(found.column for found in matches)}
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
     measurement = None if missing else _measurement(simulator, logs, matches, unused)
@@ -108,6 +114,16 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     content |= _mapped(matches)
     text = to_toml(content, head=HEAD.format(name=target.name), comments=_comments(content, simulator, parameters))
     return Draft(text + _lacking(missing) + _more(simulator, content.get("signals", {})), matches, missing, unused)
+
+
+def _wrenches(simulator: MujocoSimulator, columns: Sequence[str]) -> list[str]:
+    """The columns of wrenches from outside that act on bodies of the model."""
+    found = []
+    for column in filter(is_wrench, columns):
+        with contextlib.suppress(BadInput):
+            with_wrenches(simulator.spec, [column])
+            found.append(column)
+    return found
 
 
 def _measurement(

@@ -20,6 +20,7 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, expand, names, resolve
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
+from onlinebayes.simulators.mujoco.wrenches import with_wrenches
 
 RATES = {"qpos": "", "qvel": "/s"}
 
@@ -53,7 +54,8 @@ def build_simulator(
     if isinstance(made, Simulator):
         _check_made(top, made, parameters)
         return made, parameters
-    spec = edited(made, edit, actuators)
+    with top.at("measurements"):
+        spec = with_wrenches(edited(made, edit, actuators), columns)
     compiled = compile_spec(spec.copy())
     parameters = parameters.expanded(lambda name: expand(compiled, name), top.section("parameters"))
     sensors = measured_sensors(compiled, columns)

@@ -60,7 +60,7 @@ def target_scales(
         return Scales(1.0, 1.0, 1.0, time, bounds=unscoped(simulator).parameters[target], span=span)
     if kind == "geom":
         return Scales(force=1.0, speed=1.0, travel=1.0, time=time, contact=simulator.contacts[target])
-    if kind in ("body", "world"):
+    if kind in ("body", "site", "world"):
         return _body_scales(simulator, windows, target, time)
     j = joints.index(target)
     position, speed, acceleration = _motion(simulator, windows, j)

@@ -34,6 +34,13 @@ def held(name: str, values: Column, where: str, rows: Rows) -> Column:
     return filled
 
 
+def begun(values: Column) -> Column:
+    """A measured input before its first value: that value; 0 throughout where it has none."""
+    known = np.flatnonzero(~np.isnan(values))
+    first = values[known[0]] if known.size else 0.0
+    return np.where(np.isnan(values), first, values)
+
+
 def blank_while_off(actuator: str, column: str, values: dict[str, np.ndarray], where: str, rows: Rows) -> None:
     """A run's first commands may be empty only while the actuator is off; they become 0, which nothing feels.
 

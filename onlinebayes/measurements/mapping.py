@@ -55,7 +55,7 @@ class CommandColumn:
 
     Args:
         actuator: the model's actuator.
-        column: the table's column; ``ctrl.<actuator>`` by default.
+        column: the table's column; ``ctrl.<actuator>`` by default, of a measured wrench its own name.
         scale: what multiplies the cell, units and sign included [command unit / unit of the column].
         offset: what is added then [command unit].
         enable: the column that is 0 while the actuator is off; ``enable.<actuator>`` by default.
@@ -72,7 +72,12 @@ class CommandColumn:
     @property
     def source(self) -> str:
         """Name of the column in the table."""
-        return self.column or f"ctrl.{self.actuator}"
+        return self.column or (self.actuator if self.measured else f"ctrl.{self.actuator}")
+
+    @property
+    def measured(self) -> bool:
+        """Whether it is a wrench from outside, ``xfrc.<body>.<axis>``, which was measured and not commanded."""
+        return self.actuator.startswith("xfrc.")
 
     @property
     def sources(self) -> tuple[str, ...]:

@@ -9,6 +9,7 @@
 | ``run``                       | rows of a run are contiguous; without the column the file is one run          |
 | ``time``                      | [s], strictly increasing within a run, not necessarily uniform                |
 | ``ctrl.<actuator>``           | command; an empty cell holds the last one of the run                          |
+| ``xfrc.<body>.0`` to ``.5``    | measured wrench from outside, held likewise; 0 in a table without it          |
 | ``enable.<actuator>``         | 0 while the actuator is off, else 1; an empty cell holds the last one         |
 | ``qpos.<joint>``, ...         | a signal of the model; an empty cell was not measured; quaternions made unit  |
 | ``meta.*``, other unknown     | kept out and named in the notes, like ``sensor.*`` that the model lacks       |
@@ -29,7 +30,7 @@ import numpy as np
 
 from onlinebayes.measurements.checks import check_columns
 from onlinebayes.measurements.formats import Columns, Source, open_source
-from onlinebayes.measurements.inputs import blank_while_off, first_commanded, held
+from onlinebayes.measurements.inputs import begun, blank_while_off, first_commanded, held
 from onlinebayes.measurements.latency import advanced
 from onlinebayes.measurements.mapping import CommandColumn, SignalColumn
 from onlinebayes.measurements.measurement import Measurement, Signal
@@ -124,7 +125,11 @@ class TableReader:
         numbers, where = read.rows[rows], str(source.path)
         values = {"time": read["time"][rows]}
         for name, one in inputs.items():
-            values[name] = one.value(*(held(name, read[column][rows], where, numbers) for column in one.sources))
+            cells = (held(name, read[column][rows], where, numbers) for column in one.sources)
+            values[name] = one.value(*(begun(column) for column in cells) if one.measured else cells)
+        for name in self.commands:
+            if CommandColumn(name).measured:  # nothing pushed while nobody measured
+                values.setdefault(f"ctrl.{name}", np.zeros(len(numbers)))
         for w in found:
             values[w.signal.name] = w.value(read[w.source][rows])
         if source.joined and 0 < (first := first_commanded(self.commands, values)) < len(numbers):
@@ -187,12 +192,6 @@ class TableReader:
                 if target not in joints:
                     self._unknown(name, target, joints, "joint", path)
                 later.append(name)
-            elif kind == "xfrc":
-                raise BadInput(
-                    "a measured wrench from outside is not applied to the model by this version",
-                    "add the column to 'ignore' in the problem file if the replay may go without it",
-                    where=f"{path}, row 1, column '{name}'",
-                )
             elif kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known):
                 later.append(name)
             else:

@@ -233,11 +233,52 @@ def test_a_sensor_and_a_torque_are_compared(folder, capsys):
     assert ignoring.simulator.signals == ("qpos.carriage", "qvel.carriage")
 
 
-def test_a_wrench_from_outside_is_refused(folder):
-    text = (folder / "carriage.csv").read_text().replace("ctrl.motor", "xfrc.carriage.0", 1)
-    (folder / "carriage.csv").write_text(text)
-    with pytest.raises(BadInput, match=r"column 'xfrc.carriage.0': a measured wrench from outside is not applied"):
+def pushed(folder, column: str = "xfrc.carriage.0") -> None:
+    """The drive's force measured at the carriage (2 N a command) in place of the command, and no drive."""
+    model = folder / "carriage.xml"
+    model.write_text(model.read_text().replace('<motor name="motor" joint="carriage" gear="2"/>', ""))
+    _, *rows = (folder / "carriage.csv").read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    rows = [f"{run},{time},{2 * float(u)},{q}" for run, time, u, q in cells]
+    rows[0] = rows[0].replace(cells[0][2], "", 1) if float(cells[0][2]) else rows[0]
+    (folder / "carriage.csv").write_text("\n".join([f"run,time,{column},qpos.carriage", *rows]) + "\n")
+
+
+def test_a_wrench_from_outside_moves_the_model(folder, capsys):
+    pushed(folder)
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 0, capsys.readouterr().err
+    report = json.loads((folder / "out" / "report.json").read_text())
+    assert report["heldout_error"]["after"]["qpos.carriage"] < 1e-3
+    assert report["parameters"]["body.carriage.mass"]["mean"] == pytest.approx(3.0, rel=0.02)
+    problem = load_problem(folder / "carriage.toml")
+    assert problem.simulator.commands == ("xfrc.carriage.0",)
+    assert problem.simulator.targets("actuator") == ()  # no law of an actuator acts on what was measured
+    assert (
+        main(["init", str(folder / "carriage.xml"), str(folder / "carriage.csv"), "--out", str(folder / "p.toml")]) == 0
+    )
+    assert load_problem(folder / "p.toml").simulator.commands == ("xfrc.carriage.0",)
+
+
+@pytest.mark.parametrize(
+    ("column", "said"),
+    [
+        ("xfrc.cariage.0", "no body 'cariage' that moves; nearest: carriage"),
+        ("xfrc.carriage.6", "is no part of a wrench; write xfrc.<body>.0 to .5"),
+    ],
+)
+def test_a_wrench_on_nothing_is_refused(folder, column, said):
+    pushed(folder, column)
+    with pytest.raises(BadInput, match=said):
         load_problem(folder / "carriage.toml")
+
+
+def test_a_table_without_the_wrench_was_not_pushed(folder):
+    pushed(folder)
+    rows = [f"free,{0.01 * k},{0.1 + 0.02 * k}" for k in range(20)]
+    (folder / "free.csv").write_text("\n".join(["run,time,qpos.carriage", *rows]))
+    write(folder, PROBLEM.replace('["carriage.csv"]', '["carriage.csv", "free.csv"]'))
+    measured = load_problem(folder / "carriage.toml").measurement
+    assert not bool(measured.data["command"][measured.runs.index("free")].any())
 
 
 def test_two_parameters_may_not_be_the_same_value():

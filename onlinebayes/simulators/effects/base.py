@@ -31,7 +31,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 
-TargetKind = Literal["joint", "actuator", "body", "geom", "world", "signal", "parameter"]
+TargetKind = Literal["joint", "actuator", "body", "geom", "site", "world", "signal", "parameter"]
 """What an effect acts on; a world has one target, ``"world"``, a parameter's is its address."""
 
 
@@ -166,10 +166,10 @@ class Effect(ABC):
     Attributes:
         name: the contract's name, e.g. ``"dry_friction"``.
         target_kind: what ``target`` names.
-        wider: other kinds that it may name, each for several of its own: the world for bodies, a body for its geoms.
+        wider: other kinds that it may name: the world for all bodies, a site for a place on one.
         rare: criticism tries it last, where nothing else explains the data (or where it is named).
         rugged: its misfit has several valleys, so that a refit begins at several of its starting values.
-        target: name of the joint, actuator, body, geom or signal, a parameter's address; ``"world"`` for all.
+        target: name of the joint, actuator, body, geom, site or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
         needs_drive: whether its force stage reads the actuators' force (``Seen.drive``).

@@ -238,6 +238,18 @@ def movable_body(model: mujoco.MjModel, name: str) -> int:
     return i
 
 
+def movable_site(model: mujoco.MjModel, name: str) -> int:
+    """Id of a site on a body that can move.
+
+    Raises:
+        BadInput: there is no such site, or its body is welded to the world.
+    """
+    i = element_id(model, "site", name)
+    if model.body_weldid[model.site_bodyid[i]] == 0:
+        raise BadInput(f"site '{name}' is fixed to the world", "name one on a body that a joint moves")
+    return i
+
+
 def _servo(model: mujoco.MjModel, element: str, field: str, name: str) -> tuple[Cell, ...]:
     """Cells of kp and kv: position servo f = kp (u - q) - kv v, velocity servo f = kv (u - v)."""
     i = element_id(model, "actuator", element)

@@ -28,6 +28,7 @@ from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
+from onlinebayes.simulators.mujoco.wrenches import is_wrench
 
 JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))  # transmissions to a joint
 
@@ -112,14 +113,20 @@ class MujocoSimulator(Simulator):
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
         """See :meth:`Simulator.targets`.
 
-        Slide and hinge joints, bodies that move, by name, geoms that can touch something, and the world.
+        Actuators, but no measured wrenches; slide and hinge joints, bodies that move and their sites, by name, geoms
+        that can touch something, and the world.
         """
+        if kind == "actuator":
+            return tuple(name for name in self.commands if not is_wrench(name))
         if kind == "joint":
             return tuple(self.joint_kinds)
         if kind == "body":
             return tuple(self.body_sizes)
         if kind == "geom":
             return tuple(self.contacts)
+        if kind == "site":
+            moving = self.model.body_weldid[self.model.site_bodyid] != 0
+            return tuple(name for name, moves in zip(names(self.model, "site"), moving, strict=True) if name and moves)
         return ("world",) if kind == "world" else super().targets(kind)
 
     @property
@@ -277,10 +284,11 @@ class MujocoSimulator(Simulator):
             near = difflib.get_close_matches(body, known, n=3, cutoff=0.4) or known
             raise BadInput(f"the model has no body '{body}'", f"nearest: {', '.join(near)}")
         spec = self._system.source.copy()
+        spec.compiler.fusestatic = False  # would add it to the body's own mass
         centre = self.model.body(body).ipos
         # Welded on, so that a free mass of the body itself stays what it is; MuJoCo adds the two up.
         point = spec.body(body).add_body(name=f"payload@{body}", pos=centre, mass=mass, inertia=[1e-9 * mass] * 3)
-        point.explicitinertial = True
+        point.ipos, point.explicitinertial = [0.0] * 3, True  # without an ipos MuJoCo takes the pos, once more
         return self._integrated(spec, self.dt)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:

@@ -37,6 +37,7 @@ from onlinebayes.simulators.mujoco.addresses import (
     element_id,
     model_array,
     movable_body,
+    movable_site,
     names,
     resolve,
     scalar_joint,
@@ -296,7 +297,8 @@ def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str],
             raise BadInput(problem, f"nearest: {', '.join(near) or 'none'}")
         return
     elif effect.target_kind == "body":
-        movable_body(model, effect.element)
+        at_site = "site" in effect.wider and effect.element not in names(model, "body")
+        (movable_site if at_site and effect.element in names(model, "site") else movable_body)(model, effect.element)
     elif effect.target_kind == "geom":
         touching(model, effect.target)
     elif effect.target_kind == "world":
