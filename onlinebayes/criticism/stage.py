@@ -17,6 +17,7 @@ from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, make_blocks
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.longer import longer
+from onlinebayes.criticism.projection import project, signal_rms
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import CrossValidated
@@ -29,6 +30,8 @@ REFIT_BELOW = 0.1
 FEWEST_REFITS, MOST_REFITS = 2, 5
 GROSS = 4.0
 """Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
+GROSS_MISFIT = 3.0  # floors
+EVERY_P = math.inf
 PROMISING = 0.4 * LEAST_FALL
 """To first order; what lowers the error by less will not lower it by what acceptance asks for."""
 
@@ -119,9 +122,24 @@ def judged_stage(
         except BadInput:  # it diverges from where screening would start it
             continue
         p = candidate.p_value or 0.0
-        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, selection.alpha, tried)
+        level = EVERY_P if explains_all(found.current, fitted, found.windows, selection) else selection.alpha
+        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, level, tried)
         judged.append(if_slow(one, found.windows, selection) if found.slow else one)
     return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
+
+
+def explains_all(current: Fit, fitted: Fit, windows: Windows, selection: Selection) -> bool:
+    """Whether a candidate leaves no more than noise of a gross misfit, which nothing does by chance.
+
+    Screening's p says nothing more then: it is linear, and sees little of a spring whose centre is free.
+    """
+    gross = float(signal_rms(current.projected).max()) > GROSS_MISFIT
+    return gross and leaves_noise(fitted, windows, selection.tolerance)
+
+
+def leaves_noise(fitted: Fit, windows: Windows, tolerance: float) -> bool:
+    """Whether no signal errs by more than ``tolerance`` floors."""
+    return float(signal_rms(project(windows, fitted.lin)).max()) <= tolerance
 
 
 def if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:

@@ -45,8 +45,8 @@ class ActuatorGain(Effect):
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
-        """From half to twice the force."""
-        return cls(target, Parameter(-0.5, 1.0, ""))
+        """From a fifth of the force to four times as much."""
+        return cls(target, Parameter(-0.8, 3.0, ""))
 
     @property
     def parameters(self) -> ParameterSpace:
