@@ -8,7 +8,7 @@ OUT ?= out
 WORKERS ?= 2
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs cartpole pendulum emps measured cost versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs cartpole pendulum emps measured cost versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -46,6 +46,8 @@ blind: setup     ## hidden effects and null sets -> docs/results/blind.json
 	$(BIN)/python -m recipes.studies.blind
 blind-rigs: setup  ## the same on eight rigs (hours; goes on where it was stopped) -> docs/results/blind-rigs.json
 	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
+blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two) -> docs/results/blind-pairs.json
+	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2040 --out $(OUT)/blind_pairs
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
 	$(BIN)/python -m recipes.studies.emps
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json

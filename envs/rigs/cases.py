@@ -106,6 +106,11 @@ def case(rig: str, kind: str, seed: int, last: bool = True) -> BlindCase:
     return _made(RIGS[rig], kind, seed, _plan(RIGS[rig], kind, seed, draw, last), draw)
 
 
+def hidden_in(rig: str, seed: int) -> tuple[str, ...]:
+    """Keys of what the case of kind ``effect`` hides, without its recording."""
+    return tuple(effect.key for effect in drawn_effects(RIGS[rig], _drawing(rig, "effect", seed)))
+
+
 def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     """A case of kind ``effect`` that hides this effect at this level, for studies of power.
 

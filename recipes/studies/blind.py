@@ -99,7 +99,7 @@ def outcome(case: BlindCase, result: Criticism, seconds: float) -> Outcome:
     return Outcome(
         case.kind,
         case.seed,
-        result.verdict or "",
+        result.verdict,
         first,
         ", ".join(result.accepted),
         named,

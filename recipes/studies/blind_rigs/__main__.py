@@ -5,6 +5,7 @@ and rigs advance together, so that the table of a part, which says of how many, 
 
     python -m recipes.studies.blind_rigs                               all cases -> docs/results/blind-rigs.json
     python -m recipes.studies.blind_rigs --published docs/results/blind-rigs-cases.jsonl      those not judged yet
+    python -m recipes.studies.blind_rigs --pairs 5 --first 2040        two effects only -> docs/results/blind-pairs.json
     python -m recipes.studies.blind_rigs --rigs swing --effects 3 --null 1 --others 0 --first 0 --results /tmp/rigs
 """
 
@@ -23,7 +24,7 @@ import onlinebayes
 from envs.rigs import KINDS, RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.studies.blind_rigs.judging import Judge, unanswered
-from recipes.studies.blind_rigs.plan import REPORTED, Job, in_words, jobs, seconds_to_go
+from recipes.studies.blind_rigs.plan import REPORTED, Job, in_words, jobs, pair_jobs, seconds_to_go
 from recipes.studies.blind_rigs.record import Judged, from_json, to_json
 from recipes.studies.blind_rigs.table import tabulate
 from recipes.studies.blind_rigs.workers import Done, work
@@ -39,19 +40,21 @@ class Study:
         null: that hide nothing.
         others: of each of the other five kinds.
         rigs: which.
+        pairs: cases of two effects, and no others.
         first: seed of the first case; see :data:`REPORTED`.
         candidates: effects that refine tries; none for all.
         processes: that share the cases.
         minutes: that refine may take for a case; one that takes longer is a miss. (The study's own fits of the true
             effects come on top, and a case is ended after twice that.)
         out: folder of the judged cases.
-        results: folder of the table and of all judged cases in one file, ``blind-rigs-cases.jsonl``.
+        results: folder of the table and of all judged cases in one file, ``NAME-cases.jsonl``.
         published: such a file, of a part of the study that was judged elsewhere; its cases are not judged again.
     """
 
     effects: int = 27
     null: int = 13
     others: int = 4
+    pairs: int = 0
     rigs: tuple[str, ...] = tuple(RIGS)
     first: int = REPORTED
     candidates: tuple[str, ...] = ()
@@ -64,8 +67,15 @@ class Study:
     @property
     def jobs(self) -> list[Job]:
         """Its cases, in their order."""
+        if self.pairs:
+            return pair_jobs(self.pairs, self.rigs, self.first)
         counts = {"effect": self.effects, "null": self.null}
         return jobs({kind: counts.get(kind, self.others) for kind in KINDS}, self.rigs, self.first)
+
+    @property
+    def name(self) -> str:
+        """Of its table, and of the make target."""
+        return "blind-pairs" if self.pairs else "blind-rigs"
 
     @property
     def cases(self) -> Path:
@@ -91,13 +101,13 @@ def main(study: Study) -> int:
     except KeyboardInterrupt:
         print(f"stopped; {len(found)} of {len(wanted)} cases are kept; the same command goes on", file=sys.stderr)
         stopped = True
-    table = tabulate(list(found.values()), len(wanted))
+    table = tabulate(list(found.values()), len(wanted), study.name)
     for row in table.rows:
         held = {None: "", True: "holds", False: "MISSED"}[row.holds]
         value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
         print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
     ordered = sorted(found.values(), key=lambda judged: judged.name)
-    write_atomic(study.results / "blind-rigs-cases.jsonl", "".join(map(to_json, ordered)))
+    write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(to_json, ordered)))
     print(f"written: {table.write(study.results)}")
     return 130 if stopped else 0
 

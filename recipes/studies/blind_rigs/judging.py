@@ -80,7 +80,7 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
     covered, intervals = _coverage(result, truth) if meant else (0, 0)
     return replace(
         _asked(made),
-        verdict=result.verdict or "",
+        verdict=result.verdict,
         accepted=result.accepted,
         first=first.effect if first else "",
         gain=first.score_gain if first else None,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import count, islice
 
-from envs.rigs import KINDS
+from envs.rigs import KINDS, hidden_in
 from recipes.studies.blind_rigs.record import Judged
 
 REPORTED = 2013
@@ -49,6 +50,17 @@ def jobs(counts: Mapping[str, int], rigs: Iterable[str], first: int) -> list[Job
         for k in range(counts.get(kind, 0))
     ]
     return [job for *_, job in sorted(order, key=lambda item: item[:3])]
+
+
+def pair_jobs(each: int, rigs: Iterable[str], first: int) -> list[Job]:
+    """For each rig the first ``each`` cases from seed ``first`` on that hide two effects; all rigs advance together."""
+    chosen = [rig for rig in QUICK if rig in set(rigs)]
+    seeds = {rig: _hiding_two(rig, each, first) for rig in chosen}
+    return [Job(rig, "effect", seeds[rig][k]) for k in range(each) for rig in chosen]
+
+
+def _hiding_two(rig: str, each: int, first: int) -> list[int]:
+    return list(islice((seed for seed in count(first) if len(hidden_in(rig, seed)) == 2), each))
 
 
 def seconds_to_go(found: Iterable[Judged], todo: Iterable[Job], processes: int) -> float:

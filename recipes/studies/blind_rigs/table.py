@@ -53,9 +53,9 @@ GOALS = {
 Rule = Callable[[Judged], bool]
 
 
-def tabulate(found: Sequence[Judged], wanted: int, command: str = "make blind-rigs") -> ResultTable:
+def tabulate(found: Sequence[Judged], wanted: int, name: str = "blind-rigs") -> ResultTable:
     """All rows, overall ones first; ``wanted`` is how many cases the whole study has."""
-    table = ResultTable("blind-rigs", command, sorted({judged.seed for judged in found}))
+    table = ResultTable(name, f"make {name}", sorted({judged.seed for judged in found}))
     ordered = sorted(found, key=lambda judged: (judged.rig, judged.kind, judged.seed))
     effects = [judged for judged in ordered if judged.kind == "effect" and judged.counts]
     table.add("cases judged", len(found), unit=_sizes(found), goal=str(wanted), holds=len(found) == wanted)
