@@ -135,7 +135,7 @@ def _selection(section: Section) -> Selection:
         if not low < value < high:
             rule = f"between {low} and {high}" if high < float("inf") else f"above {low}"
             raise section.error(key, f"{value} is out of range", f"give a number {rule}")
-    return Selection(**given, shorten="horizon_s" not in section)  # a horizon that was asked for stands
+    return Selection(**given, fixed_horizon="horizon_s" in section)  # a horizon that was asked for stands
 
 
 def _scope(
@@ -159,11 +159,11 @@ def _scope(
 
 
 def _columns(top: Section, tables: Sequence[str]) -> set[str]:
-    """Names of columns and of mapped signals that are not ignored."""
+    """Names of columns, of mapped signals and of mapped commands that are not ignored."""
     ignored = top.texts("ignore", ())
     found = {name for table in tables for name in open_source(_located(top, table)).names}
     kept = {name for name in found if not any(fnmatchcase(name, pattern) for pattern in ignored)}
-    return kept | set(top.section("signals").values)
+    return kept | set(top.section("signals").values) | set(top.section("commands").values)
 
 
 def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note: Callable[[str], None]) -> Measurement:

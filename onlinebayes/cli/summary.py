@@ -25,7 +25,8 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         folder: where its report was written.
         more: names of further files there.
     """
-    lines = [] if result.verdict is None else [f"verdict:   {result.verdict}"]
+    asked = " (no effect was tried)" if result.only_compared else ""
+    lines = [f"verdict:   {result.verdict}{asked}"]
     sentences = [words.headline(result), words.improvement(result)]
     if result.verdict != "insufficient_data":
         sentences.append(words.remainder(result))

@@ -35,7 +35,7 @@ def steady(simulator: Simulator, measurement: Measurement, selection: Selection)
         measurement: the fit runs.
         selection: how effects are judged; its horizon is only ever shortened, and only where it says so.
     """
-    if not selection.shorten:
+    if selection.fixed_horizon:
         return selection
     windows = make_windows(simulator, measurement, selection.horizon_s, MEMORY * selection.horizon_s)
     sample = torch.linspace(0, windows.count - 1, min(windows.count, SAMPLE), device=windows.start.device)

@@ -7,7 +7,7 @@ held-out runs: opened once, for the reported error
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -41,6 +41,7 @@ from onlinebayes.criticism.results import (
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.scoped import scoped
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground
+from onlinebayes.criticism.slow_effects import adds_to, lengthened, slower, unexplained_when_slow
 from onlinebayes.criticism.split import split
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.ties import alternatives
@@ -66,7 +67,9 @@ def compare(
     scope: Scope | None = None,
     progress: Say | None = None,
 ) -> Criticism:
-    """Fit what is free, replay, and show where the model fails; no effect is tried and there is no verdict.
+    """Fit what is free, replay, and show where the model fails; no effect is tried.
+
+    A model that errs is ``unexplained``, then, unless the data are at fault or too few.
 
     Args:
         simulator: the model; its parameters are free within their bounds.
@@ -86,6 +89,9 @@ def compare(
     say("fitting the base model")
     base = ground(task.simulator, task.fit_runs, task.selection)
     fault = suspect(base, task.simulator, task.fit_runs, task.selection, say)
+    if fault is None and (longer := task.slower(Found(base, base, (), (), ()), say)) is not None:
+        task = task.over(longer)
+        base = ground(task.simulator, task.fit_runs, longer)
     return _assemble("compare", task, Found(base, base, (), (), ()), fault, say)
 
 
@@ -142,6 +148,13 @@ def _searched(
     say = Stopwatch(progress or _silent)
     task = _prepared(simulator, measurement, holdout, selection, scope)
     found, fault = inquire(task.simulator, task.fit_runs, task.selection, candidates, most, say, interrupt)
+    stopped = interrupt is not None and interrupt.requested
+    if fault is None and not stopped and (longer := task.slower(found, say)) is not None:
+        again, late_fault = inquire(task.simulator, task.fit_runs, longer, candidates, most, say, interrupt)
+        if late_fault is None and adds_to(again, found, task.simulator, longer):
+            task, found = task.over(longer), again
+        else:
+            task = replace(task, notes=(*task.notes, unexplained_when_slow(task.selection, longer)))
     return _assemble(question, task, found, fault, say)
 
 
@@ -157,6 +170,14 @@ class _Task:
     held_runs: Measurement
     selection: Selection
     notes: tuple[str, ...]
+
+    def slower(self, found: Found, say: Say) -> Selection | None:
+        """Longer windows over which more is left than over these; None without any."""
+        return slower(self.simulator, self.fit_runs, self.selection, found, say)
+
+    def over(self, longer: Selection) -> _Task:
+        """The task with longer windows, and a note that says so."""
+        return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer)))
 
 
 def _prepared(
@@ -203,7 +224,7 @@ def _assemble(
         before,
         after,
         selection.tolerance,
-        fault is not None,
+        fault is not None and (fault.certain or question != "compare"),
         bool(found.changes),
     )
     say("opening the held-out runs")
@@ -220,7 +241,7 @@ def _assemble(
     lacking = verdict == "insufficient_data"
     return Criticism(
         command=question,
-        verdict=None if question == "compare" else verdict,
+        verdict=verdict,
         accepted=tuple(judged.effect.key for _, judged in found.accepted),
         remainder=_remainder(final, after, units, selection),
         heldout_error=heldout_error,

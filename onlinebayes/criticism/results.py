@@ -38,14 +38,15 @@ class Selection:
         horizon_s: length of the long windows H [s]; the short ones are 0.3 H.
         alpha: level of the screening test.
         tolerance: rms_over_floor up to which a model with nothing missing is called adequate.
-        shorten: whether a machine that is unstable in open loop gets shorter windows (see :mod:`.horizon`).
+        fixed_horizon: whether windows keep that length; else a machine that is unstable in open loop gets shorter ones
+            (see :mod:`.horizon`), and what is too slow for them longer ones (see :mod:`.slow_effects`).
     """
 
     folds: int | None = None
     horizon_s: float = 1.0
     alpha: float = 0.03
     tolerance: float = 1.2
-    shorten: bool = True
+    fixed_horizon: bool = False
 
 
 @dataclass(frozen=True)
@@ -281,7 +282,7 @@ class Criticism:
     """The answer of ``compare``, ``diagnose`` or ``refine``; the fields up to ``numerics`` are report.json's.
 
     Args:
-        verdict: what is wrong; None from ``compare``, which names nothing.
+        verdict: what is wrong; from ``compare``, which tries no effect, ``unexplained`` where the model errs.
         accepted: keys of the effects added, in order (those added by hand belong to the base model).
         what_to_record: with ``insufficient_data``, what would decide; else empty.
         base, final: the base model refitted and the accepted one (the same object where nothing was accepted).
@@ -294,12 +295,12 @@ class Criticism:
         widened: parameter -> bounds, with ``bounds_exclude_truth``; ``final`` is then the model within the wider ones.
         detail: the held-out error window by window and over time, and how the error spreads over what the machine did.
         timings: the stages of the work and how long each took, up to the result.
-        wiring: with ``data_problem`` (from ``compare``: where it is suspected), the fault and the line that mends it.
+        wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
     """
 
     command: Literal["compare", "diagnose", "refine"]
-    verdict: Verdict | None
+    verdict: Verdict
     accepted: tuple[str, ...]
     remainder: Remainder
     heldout_error: HeldOutError
@@ -326,6 +327,11 @@ class Criticism:
     timings: tuple[Timing, ...] = ()
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
+
+    @property
+    def only_compared(self) -> bool:
+        """Whether the model errs and nobody has asked why."""
+        return self.command == "compare" and self.verdict == "unexplained"
 
     @property
     def changed(self) -> bool:

@@ -27,7 +27,7 @@ def arguments(command: str, folder: Path, *more: str) -> list[str]:
 
 @pytest.mark.parametrize("command", ["compare", "diagnose", "refine"])
 def test_a_command_writes_its_files_and_says_what_it_found(folder, capsys, monkeypatch, result, command):
-    verdict = None if command == "compare" else result.verdict
+    verdict = "unexplained" if command == "compare" else result.verdict
     made = dataclasses.replace(result, command=command, verdict=verdict)
     monkeypatch.setattr(work, "criticise", lambda _command, _problem: made)
     assert main(arguments(command, folder)) == 0
@@ -40,6 +40,7 @@ def test_a_command_writes_its_files_and_says_what_it_found(folder, capsys, monke
     assert printed.err == ""
     assert str(out / "report.html") in printed.out
     assert ("verdict:   missing_effect" in printed.out) == (command != "compare")
+    assert ("verdict:   unexplained (no effect was tried)" in printed.out) == (command == "compare")
     assert "   1 dry_friction@carriage" in printed.out
     assert json.loads((out / "report.json").read_text())["holdout_looks"] == result.holdout_looks
 

@@ -68,7 +68,7 @@ def test_everything_optional(folder):
     assert problem.measurement.signals == (Signal("qpos.carriage", "m", 1e-5, 1e-6),)
     raw = float(table.splitlines()[100].split(",")[3])
     assert float(problem.measurement.data["signal"][0, 99, 0]) == pytest.approx(-2e-3 * raw + 0.25)
-    assert problem.selection == Selection(8, 0.5, 0.01, 1.5, shorten=False)
+    assert problem.selection == Selection(8, 0.5, 0.01, 1.5, fixed_horizon=True)
     assert problem.candidates == ("dry_friction", "actuator_delay@motor")
     assert problem.added == ("constant_load@carriage", "dry_friction@carriage")
     assert [effect.key for effect in problem.simulator.effects] == list(problem.added)

@@ -42,7 +42,9 @@ def test_a_number_stays_with_its_unit() -> None:
 @pytest.mark.parametrize("command", ["compare", "diagnose", "refine"])
 def test_it_fits_the_terminal(command: str) -> None:
     for result in (criticism(rate=50.0, seconds=2.0), many(joints=4, candidates=40)):
-        made = dataclasses.replace(result, command=command, verdict=None if command == "compare" else result.verdict)
+        made = dataclasses.replace(
+            result, command=command, verdict="unexplained" if command == "compare" else result.verdict
+        )
         lines = summary(made, Path("o"), ["refined.toml"]).splitlines()
         assert max(map(len, lines)) <= WIDTH, max(lines, key=len)
         assert len(lines) < 40

@@ -74,7 +74,7 @@ def test_a_hanging_rod_keeps_its_windows() -> None:
 
 
 def test_a_horizon_that_was_asked_for_stands() -> None:
-    asked = Selection(horizon_s=0.8, shorten=False)
+    asked = Selection(horizon_s=0.8, fixed_horizon=True)
     assert steady(model(True), recorded(True), asked) == asked
 
 

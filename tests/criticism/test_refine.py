@@ -104,7 +104,8 @@ def test_diagnose_judges_the_best_alone() -> None:
 def test_compare_names_nothing() -> None:
     drag = QuadraticDrag("rail", Parameter(0.0, 5.0, "N s2/m2"))
     result = compare(model(), measure({drag: (3.0,)}, runs=8))
-    assert result.verdict is None
+    assert result.verdict == "unexplained"
+    assert result.only_compared
     assert result.candidates == ()
     assert result.held_out_runs == ("run6", "run7")
     assert result.failures

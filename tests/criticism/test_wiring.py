@@ -192,9 +192,9 @@ def test_parameters_that_differ_between_runs_do_not_hide_a_fault() -> None:
 
 
 @pytest.mark.slow
-def test_compare_reports_the_suspicion_without_a_verdict(reversed_sign) -> None:
+def test_compare_reports_the_fault(reversed_sign) -> None:
     result = compare(PENDULUM.model(), reversed_sign, holdout=["run8", "run9"])
-    assert result.verdict is None
+    assert result.verdict == "data_problem"
     assert result.wiring is not None
     assert "qpos.hinge: the reversed sign" in words.wiring(result)
 

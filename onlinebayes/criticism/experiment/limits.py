@@ -130,7 +130,7 @@ def _commands(
     low, high = [], []
     for name in simulator.commands:
         largest = float(_column(measurement, name).abs().max())
-        bounds = (-largest, largest)
+        bounds = (-largest, largest) if name in simulator.targets("actuator") else (0.0, 0.0)
         if isinstance(simulator, MujocoSimulator):
             actuator = simulator.model.actuator(name)
             if bool(actuator.ctrllimited[0]):

@@ -76,7 +76,7 @@ class Plan:
         units: signal -> unit.
     """
 
-    verdict: Verdict | None
+    verdict: Verdict
     chosen: Tried
     tried: tuple[Tried, ...]
     refused: int

@@ -23,7 +23,6 @@ VERDICTS = {
     "missing_effect": "missing effect",
     "unexplained": "unexplained",
     "adequate": "adequate",
-    None: "compared",
 }
 SHOWN_RUNS = 8
 """How many runs' own values stand in a sentence."""
@@ -83,6 +82,8 @@ def over_floor(result: Criticism, signal: str) -> float:
 def headline(result: Criticism) -> str:
     """One sentence: what is wrong, or that nothing is."""
     effects = together(result.accepted)
+    if result.only_compared or (result.command == "compare" and result.verdict == "insufficient_data"):
+        return _compared(result)
     if result.verdict == "missing_effect":
         besides = f"; besides, {_differs(result)}" if result.changes else ""
         return f"The model misses {effects}{besides}."
@@ -100,10 +101,8 @@ def headline(result: Criticism) -> str:
     if result.verdict == "unexplained" and result.changes:
         helped = f"; {effects} helps, but not enough" if result.accepted else ""
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
-    if result.verdict == "unexplained":
-        helped = f"; {effects} helps, but not enough" if result.accepted else ""
-        return f"The model is wrong, and no effect that was tried explains it{helped}."
-    return _compared(result)
+    helped = f"; {effects} helps, but not enough" if result.accepted else ""
+    return f"The model is wrong, and no effect that was tried explains it{helped}."
 
 
 def improvement(result: Criticism) -> str:

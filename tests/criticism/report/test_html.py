@@ -113,7 +113,7 @@ def test_adequate_claims_nothing() -> None:
 
 
 def test_compare_says_how_wrong_and_names_nothing() -> None:
-    result = bare(criticism(), verdict=None, command="compare", candidates_tried=0)
+    result = bare(criticism(), verdict="unexplained", command="compare", candidates_tried=0)
     text = check(to_html(result))
     assert "The model misses qpos.carriage by 6.6 mm over 1 s, 33 times the noise floor." in text
     assert "Ranking" not in text

@@ -70,11 +70,6 @@ def test_numbers_that_json_lacks_become_null(value: float) -> None:
     assert found["heldout_error"]["after"] == {SIGNAL: None}
 
 
-def test_compare_has_no_verdict() -> None:
-    result = dataclasses.replace(criticism(), command="compare", verdict=None, accepted=(), candidates=(), steps=())
-    assert load(to_json(result))["verdict"] is None
-
-
 def test_changes_between_runs_are_listed() -> None:
     (change,) = json.loads(to_json(changed(criticism())))["changes"]
     assert change["parameter"] == "body.carriage.mass"

@@ -18,9 +18,12 @@ SIZES = 5
 def headline(result: Criticism) -> Html:
     """The verdict, the headline, and the answer in two sentences."""
     lead = tag("p", prose(f"{words.improvement(result)} {words.remainder(result)}"), kind="lead")
+    badge = tag("span", words.VERDICTS[result.verdict], kind=f"badge {result.verdict}")
+    if result.only_compared:
+        badge = tag("span", "compared", kind="badge")
     notes = tag("p", "The search was stopped before its end; this is what it had found.", kind="warning")
     return join(
-        tag("p", tag("span", words.VERDICTS[result.verdict], kind=f"badge {result.verdict or 'compared'}")),
+        tag("p", badge),
         tag("h1", prose(words.headline(result))),
         lead,
         notes if result.interrupted else "",

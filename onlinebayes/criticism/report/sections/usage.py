@@ -9,7 +9,6 @@ from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs.results import machine, versions
 
 NEXT = {
-    None: "Run onlinebayes diagnose to rank the effects that could be missing.",
     "data_problem": "Put the lines below into the problem file, in place of keys that stand there already, and run "
     "again.",
     "insufficient_data": "Record more, then run again.",
@@ -42,6 +41,7 @@ CHANGED = (
     "Find out what was changed between the runs. If it was meant, put the line below into the problem file: every run "
     "then has a value of its own, as in the refined model."
 )
+RANK = "Run onlinebayes diagnose to rank the effects that could be missing."
 ADD = "onlinebayes refine adds it, refits, and looks for more."
 
 
@@ -60,6 +60,8 @@ def _next(result: Criticism) -> Html:
     """What to do with this verdict."""
     record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
     advice = ADD if result.command == "diagnose" and result.accepted else NEXT[result.verdict]
+    if result.only_compared:
+        advice = RANK
     if result.changes and result.verdict == "unexplained":
         advice = CHANGED
     return join(tag("p", advice, kind="lead"), record, *_wiring(result), *_changes(result), *_notes(result))

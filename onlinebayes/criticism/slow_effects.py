@@ -1,0 +1,108 @@
+"""What is too slow to show within one horizon, such as the drag of a free swing: windows as long as the data allow.
+
+    H' = min(10 H, shortest fit run, T / 8, the time in which an error of a start grows e-fold),    at least 2 H
+
+A window's start is fitted, and takes up what acts slowly. Where nothing but noise is left over H, the model is replayed
+over H' as well; where more is left there, every question is asked once more over H'. That answer stands where it adds
+to the first one, and leaves noise or at most half of the squared error above it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+from onlinebayes.criticism.candidates import grown
+from onlinebayes.criticism.fit import improve, unfitted
+from onlinebayes.criticism.horizon import steady
+from onlinebayes.criticism.inquiry import left_over
+from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.search import Found
+from onlinebayes.criticism.stage import leaves_noise
+from onlinebayes.criticism.verdict import halved
+from onlinebayes.criticism.windows import MEMORY, make_windows
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+
+MOST = 10.0  # times H
+LEAST = 2.0
+WINDOWS = 8  # in the fit runs' whole time T: seven blocks, and something to spare
+
+
+def slower(
+    simulator: Simulator, measurement: Measurement, selection: Selection, found: Found, say: Callable[[str], None]
+) -> Selection | None:
+    """The selection with the longer windows in which more than noise is left; None where none is, or none fit.
+
+    Args:
+        simulator: the base model at its own step.
+        measurement: the fit runs.
+        selection: how effects were judged; a horizon that the user asked for stands.
+        found: what was found over the selection's horizon.
+        say: takes one line of progress.
+    """
+    final = found.final
+    if not found.enough or found.widened is not None:
+        return None
+    if selection.fixed_horizon or _most(left_over(final, simulator)) > selection.tolerance:
+        return None
+    durations = measurement.durations
+    longest = min(MOST * selection.horizon_s, min(durations), sum(durations) / WINDOWS)
+    if longest < LEAST * selection.horizon_s:
+        return None
+    say("looking over longer windows")
+    try:
+        wanted = steady(simulator, measurement, replace(selection, horizon_s=float(f"{longest:.2g}")))
+        if wanted.horizon_s < LEAST * selection.horizon_s:
+            return None
+        if _quiet(final, measurement, wanted):
+            return None
+        plain = found.simulator(simulator)
+        model = grown(plain, [e for e in final.fitted.simulator.effects if e not in plain.effects])
+        long = settle(model, measurement, wanted.horizon_s, final.windows.noise, final.fitted.theta)
+    except BadInput:  # it diverges over so long a time
+        return None
+    return wanted if _most(left_over(long, simulator)) > selection.tolerance else None
+
+
+def _quiet(final: Grounds, measurement: Measurement, wanted: Selection) -> bool:
+    """Whether noise is all that is left on the same rung; on a finer one it would be, too."""
+    horizon, model = wanted.horizon_s, final.fitted.simulator
+    windows = make_windows(model, measurement, horizon, MEMORY * horizon, final.windows.noise)
+    begun = unfitted(model, windows, final.fitted.theta)
+    if leaves_noise(begun, windows, wanted.tolerance):
+        return True
+    return leaves_noise(improve(begun, windows), windows, wanted.tolerance)
+
+
+def adds_to(again: Found, first: Found, simulator: Simulator, selection: Selection) -> bool:
+    """Whether what was found over longer windows says more than what was found before, and explains their misfit."""
+    if again.interrupted or again.widened is not None:
+        return False
+    more = len(again.accepted) + len(again.changes) > len(first.accepted) + len(first.changes)
+    before, after = left_over(again.base, simulator), left_over(again.final, simulator)
+    return more and (_most(after) <= selection.tolerance or halved(before, after))
+
+
+def lengthened(asked: Selection, used: Selection) -> tuple[str, ...]:
+    """What to tell a user whose windows are longer than the usual ones; nothing where they are not."""
+    if used.horizon_s <= asked.horizon_s:
+        return ()
+    return (
+        f"windows last {used.horizon_s:g} s, not {asked.horizon_s:g} s: over {asked.horizon_s:g} s nothing more than "
+        "noise is left, and what is wrong shows over longer times only",
+    )
+
+
+def unexplained_when_slow(asked: Selection, longer: Selection) -> str:
+    """What to tell a user whose model errs over longer windows, where nothing that was tried explains that."""
+    return (
+        f"over windows of {longer.horizon_s:g} s more than noise is left, which nothing that was tried explains: trust "
+        f"the model over {asked.horizon_s:g} s"
+    )
+
+
+def _most(left: dict[str, float]) -> float:
+    return max(left.values(), default=0.0)
