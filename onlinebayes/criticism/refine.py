@@ -7,7 +7,6 @@ held-out runs: opened once, for the reported error
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -15,11 +14,8 @@ import torch
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.blocks import Blocks
-from onlinebayes.criticism.charted import charted
-from onlinebayes.criticism.clock import in_step, restepped
 from onlinebayes.criticism.held_starts import starts_note
 from onlinebayes.criticism.heldout import replay_runs
-from onlinebayes.criticism.horizon import shortened, steady
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.criticism.inquiry import inquire, left_over, suspect
 from onlinebayes.criticism.ladder import Rung
@@ -39,11 +35,10 @@ from onlinebayes.criticism.results import (
     Selection,
 )
 from onlinebayes.criticism.scope import Scope
-from onlinebayes.criticism.scoped import scoped
 from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground
-from onlinebayes.criticism.slow_effects import adds_to, lengthened, slower, unexplained_when_slow
-from onlinebayes.criticism.split import split
+from onlinebayes.criticism.slow_effects import adds_to
 from onlinebayes.criticism.stage import blocks_for
+from onlinebayes.criticism.task import Task, prepared
 from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.verdict import decide, what_to_record
@@ -83,7 +78,7 @@ def compare(
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
     """
     say = Stopwatch(progress or _silent)
-    task = _prepared(simulator, measurement, holdout, selection, scope)
+    task = prepared(simulator, measurement, holdout, selection, scope)
     if first := as_given(task.simulator, task.fit_runs, task.selection):
         say(first)
     say("fitting the base model")
@@ -146,7 +141,7 @@ def _searched(
     interrupt: Interrupt | None,
 ) -> Criticism:
     say = Stopwatch(progress or _silent)
-    task = _prepared(simulator, measurement, holdout, selection, scope)
+    task = prepared(simulator, measurement, holdout, selection, scope)
     found, fault = inquire(task.simulator, task.fit_runs, task.selection, candidates, most, say, interrupt)
     stopped = interrupt is not None and interrupt.requested
     if fault is None and not stopped and (longer := task.slower(found, say)) is not None:
@@ -154,51 +149,13 @@ def _searched(
         if late_fault is None and adds_to(again, found, task.simulator, longer):
             task, found = task.over(longer), again
         else:
-            task = replace(task, notes=(*task.notes, unexplained_when_slow(task.selection, longer)))
+            task = task.unexplained_over(longer)
     return _assemble(question, task, found, fault, say)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """What is asked, made ready: the model on the log's clock, the runs parted, windows as long as the model allows.
-
-    ``notes`` tell the user what was changed for that.
-    """
-
-    simulator: Simulator
-    fit_runs: Measurement
-    held_runs: Measurement
-    selection: Selection
-    notes: tuple[str, ...]
-
-    def slower(self, found: Found, say: Say) -> Selection | None:
-        """Longer windows over which more is left than over these; None without any."""
-        return slower(self.simulator, self.fit_runs, self.selection, found, say)
-
-    def over(self, longer: Selection) -> _Task:
-        """The task with longer windows, and a note that says so."""
-        return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer)))
-
-
-def _prepared(
-    simulator: Simulator,
-    measurement: Measurement,
-    holdout: Sequence[str] | None,
-    selection: Selection | None,
-    scope: Scope | None,
-) -> _Task:
-    asked = selection or Selection()
-    given, measurement = charted(simulator, measurement)
-    fit_runs, held_runs = split(measurement, holdout)
-    stepped = in_step(given, fit_runs)
-    used = steady(stepped, fit_runs, asked)
-    notes = (*restepped(given, stepped), *shortened(asked, used))
-    return _Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)
 
 
 def _assemble(
     question: Question,
-    task: _Task,
+    task: Task,
     found: Found,
     fault: Suspicion | None,
     say: Stopwatch,

@@ -1,0 +1,65 @@
+"""What is asked, made ready: the model on the log's clock, the runs parted, windows as long as the model allows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from onlinebayes.criticism.charted import charted
+from onlinebayes.criticism.clock import in_step, restepped
+from onlinebayes.criticism.horizon import shortened, steady
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.scoped import scoped
+from onlinebayes.criticism.search import Found
+from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_when_slow
+from onlinebayes.criticism.split import split
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
+
+
+@dataclass(frozen=True)
+class Task:
+    """A model and the runs that it is held against.
+
+    Args:
+        simulator: the base model, with what differs between runs.
+        fit_runs, held_runs: the measurement, parted.
+        selection: how effects are judged.
+        notes: what was changed to make it ready, a sentence each.
+    """
+
+    simulator: Simulator
+    fit_runs: Measurement
+    held_runs: Measurement
+    selection: Selection
+    notes: tuple[str, ...]
+
+    def slower(self, found: Found, say: Callable[[str], None]) -> Selection | None:
+        """Longer windows over which more is left than over these; None without any."""
+        return slower(self.simulator, self.fit_runs, self.selection, found, say)
+
+    def over(self, longer: Selection) -> Task:
+        """The task with longer windows, and a note that says so."""
+        return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer)))
+
+    def unexplained_over(self, longer: Selection) -> Task:
+        """The task as it is, with a note on what is left over longer windows."""
+        return replace(self, notes=(*self.notes, unexplained_when_slow(self.selection, longer)))
+
+
+def prepared(
+    simulator: Simulator,
+    measurement: Measurement,
+    holdout: Sequence[str] | None,
+    selection: Selection | None,
+    scope: Scope | None,
+) -> Task:
+    """The task that a user's arguments ask; see :func:`onlinebayes.criticism.refine.compare`."""
+    asked = selection or Selection()
+    given, measurement = charted(simulator, measurement)
+    fit_runs, held_runs = split(measurement, holdout)
+    stepped = in_step(given, fit_runs)
+    used = steady(stepped, fit_runs, asked)
+    notes = (*restepped(given, stepped), *shortened(asked, used))
+    return Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)
