@@ -247,6 +247,14 @@ def estimate(value: Estimate) -> str:
     return quantities.with_error(value.mean, value.sd, value.unit)
 
 
+def interval(value: Estimate) -> str:
+    """``92.6 to 97.4 kg``, in the unit that suits the mean."""
+    largest, width = max(abs(value.q05), abs(value.q95)), value.q95 - value.q05
+    scale = quantities.scale_for(largest, value.unit)
+    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
+    return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
+
+
 def briefly(candidate: Candidate) -> str:
     """The outcome without its numbers: ``brings too little``."""
     if candidate.accepted_with:

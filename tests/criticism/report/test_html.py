@@ -12,7 +12,6 @@ import torch
 
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.html import to_html
-from onlinebayes.criticism.report.sections.parameters import interval_text
 from onlinebayes.criticism.report.sections.summary import sizes
 from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, HeldOutError, Remainder
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism
@@ -154,8 +153,8 @@ def test_of_many_values_a_tile_shows_the_first() -> None:
 
 
 def test_an_interval_has_the_digits_that_tell_its_ends_apart() -> None:
-    assert interval_text(Estimate(0.148121, 1.5e-5, 0.148096, 0.148146, "m")) == "148.096 to 148.146 mm"
-    assert interval_text(Estimate(22.0, 0.9, 20.5, 23.5, "N")) == "20.5 to 23.5 N"
+    assert words.interval(Estimate(0.148121, 1.5e-5, 0.148096, 0.148146, "m")) == "148.096 to 148.146 mm"
+    assert words.interval(Estimate(22.0, 0.9, 20.5, 23.5, "N")) == "20.5 to 23.5 N"
 
 
 def test_names_from_the_user_are_escaped() -> None:

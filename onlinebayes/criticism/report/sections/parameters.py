@@ -30,7 +30,7 @@ def _table(result: Criticism) -> Html:
         cells = [
             tag("code", name),
             tag("strong", words.estimate(value)),
-            interval_text(value),
+            words.interval(value),
             _strip(name, value, bounds, base if changed else None) if bounds else "–",
             _state(value, bounds),
         ]
@@ -49,14 +49,6 @@ def _table(result: Criticism) -> Html:
     rest = rows[SHOWN:]
     more = folded(f"{len(rest)} more parameters", table("The other parameters", head, rest)) if rest else ""
     return section("Values and intervals", shown, more, note=note) if rows else Html("")
-
-
-def interval_text(value: Estimate) -> str:
-    """``92.6 to 97.4 kg``, in the unit that suits the mean."""
-    largest, width = max(abs(value.q05), abs(value.q95)), value.q95 - value.q05
-    scale = quantities.scale_for(largest, value.unit)
-    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
-    return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
 
 
 def _state(value: Estimate, bounds: Parameter | None) -> str:
@@ -84,7 +76,7 @@ def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None)
     ends = f"{bounds.low:.4g} to {bounds.high:.4g} {quantities.scale_for(0.0, bounds.unit).unit}".strip()
     log = " (logarithmic)" if bounds.scale == "log" else ""
     hit = _hit(value, bounds)
-    label = text(f"{name}: {words.estimate(value)}, 90 % within {interval_text(value)}; allowed {ends}{log}")
+    label = text(f"{name}: {words.estimate(value)}, 90 % within {words.interval(value)}; allowed {ends}{log}")
     marks = f'<s style="left:{_place(base.mean, bounds):.1f}%"></s>' if base else ""
     marks += f'<u class="{hit}"></u>' if hit else ""
     return Html(

@@ -75,7 +75,7 @@ def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, 
         tag("span", fall, kind="number"),
         quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
         {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
-        sizes([candidate]) or "–",
+        sizes([candidate], intervals=True) or "–",
         words.outcome(candidate),
     )
 

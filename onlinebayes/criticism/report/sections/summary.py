@@ -132,10 +132,16 @@ def _missing(result: Criticism) -> Html:
     return _tile(question, words.together(result.accepted), sizes(found))
 
 
-def sizes(candidates: Sequence[Candidate]) -> Html:
+def sizes(candidates: Sequence[Candidate], intervals: bool = False) -> Html:
     """A line for each parameter of these effects: its name and what the data say of it; the first few of many."""
     lines = [
-        tag("span", f"{name} ", tag("span", words.estimate(value), kind="number"), kind="line")
+        tag(
+            "span",
+            f"{name} ",
+            tag("span", words.estimate(value), kind="number"),
+            tag("small", f"90 %: {words.interval(value)}") if intervals else "",
+            kind="line",
+        )
         for candidate in candidates
         for name, value in candidate.parameters.items()
     ]
