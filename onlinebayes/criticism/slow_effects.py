@@ -13,7 +13,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates import grown
-from onlinebayes.criticism.fit import improve, unfitted
+from onlinebayes.criticism.fit import SLACK, bounded_step, improve, unfitted
 from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.inquiry import left_over
 from onlinebayes.criticism.numerics import Grounds, settle
@@ -57,7 +57,7 @@ def slower(
         wanted = steady(simulator, measurement, replace(selection, horizon_s=float(f"{longest:.2g}")))
         if wanted.horizon_s < LEAST * selection.horizon_s:
             return None
-        if _quiet(final, measurement, wanted):
+        if not _structured(final, measurement, wanted):
             return None
         plain = found.simulator(simulator)
         model = grown(plain, [e for e in final.fitted.simulator.effects if e not in plain.effects])
@@ -67,14 +67,20 @@ def slower(
     return wanted if _most(left_over(long, simulator)) > selection.tolerance else None
 
 
-def _quiet(final: Grounds, measurement: Measurement, wanted: Selection) -> bool:
-    """Whether noise is all that is left on the same rung; on a finer one it would be, too."""
+def _structured(final: Grounds, measurement: Measurement, wanted: Selection) -> bool:
+    """Whether a fit on the same rung ends with more than noise.
+
+    One that creeps though it promises more says nothing: contacts make long windows rugged, and steps there cost much.
+    """
     horizon, model = wanted.horizon_s, final.fitted.simulator
     windows = make_windows(model, measurement, horizon, MEMORY * horizon, final.windows.noise)
     begun = unfitted(model, windows, final.fitted.theta)
     if leaves_noise(begun, windows, wanted.tolerance):
-        return True
-    return leaves_noise(improve(begun, windows), windows, wanted.tolerance)
+        return False
+    fitted = improve(begun, windows, hopeless=0.0)
+    _, promised = bounded_step(model, fitted.projected, fitted.theta, 0.0)
+    ended = fitted.converged or promised <= SLACK * fitted.projected.objective
+    return ended and not leaves_noise(fitted, windows, wanted.tolerance)
 
 
 def adds_to(again: Found, first: Found, simulator: Simulator, selection: Selection) -> bool:
