@@ -19,6 +19,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.criticism.grid import RunGrid, row_step, run_grids
+from onlinebayes.criticism.motion import SeenBy, seen_by
 from onlinebayes.criticism.smoother import half_window, local_cubic
 from onlinebayes.measurements import Measurement
 
@@ -30,7 +31,7 @@ class Past:
     Args:
         measurement: that the run belongs to.
         grid: the run on the rows of the replay.
-        joints: names of those whose position was measured.
+        joints: names, each with its position or its velocity among the signals.
     """
 
     measurement: Measurement
@@ -48,7 +49,7 @@ class Past:
         (sensor,) = run_grids(alone, row_step(alone))
         names = [signal.name for signal in alone.signals]
         at = (torch.arange(rows).to(grid.value) + 0.5) * grid.step
-        found = [smoothed(sensor, names.index(f"qpos.{joint}"), at) for joint in self.joints]
+        found = [_path(sensor, seen_by(joint, names), at) for joint in self.joints]
         if any(path is None for path in found):
             return None
         q, v = (torch.stack(part, dim=-1) for part in zip(*(path for path in found if path is not None), strict=True))
@@ -56,14 +57,25 @@ class Past:
         return TensorDict(columns, batch_size=[rows])
 
 
+def _path(
+    sensor: RunGrid, by: SeenBy, at: Float[Tensor, " G"]
+) -> tuple[Float[Tensor, " G"], Float[Tensor, " G"]] | None:
+    """Position and velocity of a joint; of one whose velocity alone was measured, the position is that integrated."""
+    path = smoothed(sensor, by.column, at)
+    if path is None or by.position:
+        return path
+    v, step = path[0], 2 * float(at[0])  # the instants are the rows' middles
+    return step * (v.cumsum(0) - v / 2), v
+
+
 def smoothed(
     sensor: RunGrid, signal: int, at: Float[Tensor, " G"]
 ) -> tuple[Float[Tensor, " G"], Float[Tensor, " G"]] | None:
-    """Position and velocity at the instants ``at`` [s]; None with fewer than two places where the smoother sees enough.
+    """A signal and its rate at the instants ``at`` [s]; None with fewer than two places where the smoother sees enough.
 
     Args:
         sensor: the run on its sensor's rows.
-        signal: column of the position.
+        signal: its column.
         at: instants since the run began [s].
     """
     m = half_window((sensor,), signal)

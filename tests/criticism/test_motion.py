@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from onlinebayes.criticism import compare, refine
+from onlinebayes.criticism import compare, diagnose, refine
 from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.report import write_report
 from onlinebayes.criticism.windows import START_LOOSENESS, make_windows
@@ -97,3 +97,20 @@ def test_a_joint_that_nothing_shows_is_an_error() -> None:
     data["signal"], data["measured"] = data["signal"][..., :0], data["measured"][..., :0]
     with pytest.raises(BadInput, match="no measured position or velocity"):
         make_windows(model(), replace(seen, data=data, signals=()), 1.0)
+
+
+def test_a_runs_past_is_known_from_its_speeds() -> None:
+    """What heat before a window follows from: the velocity as measured, the position as its integral."""
+    shown = measure(noise=1e-12).data["signal"][0, :, 0]
+    motion = make_windows(model(), tachometer(), 1.0).pasts[0].motion
+    assert motion is not None
+    middle = (shown[1:] + shown[:-1]) / 2 - shown[0]
+    rows = min(len(middle), len(motion["q"]))
+    assert torch.allclose(motion["q"][:rows, 0], middle[:rows], atol=0.01 * float(shown.abs().max()))
+
+
+def test_an_effect_that_remembers_is_tried_from_speeds_alone() -> None:
+    hidden = tachometer({FRICTION: (1.5,)})
+    result = diagnose(model(), hidden, candidates=["thermal_derating", "dry_friction"])
+    assert {c.effect for c in result.candidates} == {"thermal_derating@motor", "dry_friction@rail"}
+    assert result.accepted == ("dry_friction@rail",)
