@@ -89,7 +89,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
     matches = match(wanted, [name for name in shared if name not in ("run", "time")])
     have = {found.name for found in matches}
-    needed = [name for name in wanted if not name.startswith("qvel.") and name not in have]
+    seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
+    needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
     missing = tuple(([] if "time" in shared else ["time"]) + needed)
     own = (
         *measured_sensors(simulator.model, shared),

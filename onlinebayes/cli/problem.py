@@ -17,7 +17,7 @@ from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
 from onlinebayes.cli.mapping import command_columns, signal_columns
-from onlinebayes.cli.model import build_simulator, known_addresses, signal_units
+from onlinebayes.cli.model import build_simulator, closed_loops, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism import Scope, Selection
@@ -87,6 +87,11 @@ def load_problem(
     parameters = declared(top, effects)
     import_modules(effects)
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
+    if tied := closed_loops(simulator):
+        note(
+            f"<equality> {', '.join(tied)} ties joints together, while a window's start is fitted joint by joint: fits "
+            "of such machines may fail (see docs/limits.md)"
+        )
     measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)

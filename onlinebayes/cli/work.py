@@ -63,7 +63,7 @@ def _criticised(command: str, problem: Problem) -> Criticism:
         with Stages() as say:
             return compare(model, data, holdout=problem.holdout, selection=how, scope=problem.scope, progress=say)
     search = {"diagnose": diagnose, "refine": refine}[command]
-    stopping = "onlinebayes: stopping after the fit in hand; Ctrl-C again stops at once"
+    stopping = "onlinebayes: stopping after the fit in hand; Ctrl-C again gives that one up"
     with Interrupt(stopping) as interrupt, Stages() as say:
         return search(
             model,

@@ -38,8 +38,8 @@ def restepped(given: Simulator, used: Simulator) -> tuple[str, ...]:
     if used.timestep == given.timestep:
         return ()
     return (
-        f"the log's rows do not fall on steps of {given.timestep:g} s: the model is integrated with "
-        f"{used.timestep:g} s here and in the refined model",
+        f"the log's rows do not fall on steps of {given.timestep:g} s: {used.timestep:g} s are taken for the model's "
+        "own step",
     )
 
 

@@ -6,6 +6,7 @@ This module owns the order only; every rule stands in the module that is called.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from onlinebayes.criticism.acceptance import choose
@@ -83,6 +84,11 @@ class _Asked:
         return self.interrupt is not None and self.interrupt.requested
 
     @property
+    def fit_in_hand(self) -> AbstractContextManager[None]:
+        """Where a second Ctrl-C gives up the fit that a first one waits for, and keeps what is known."""
+        return nullcontext() if self.interrupt is None else self.interrupt.giving_up()
+
+    @property
     def everything(self) -> bool:
         return self.candidates == "all"
 
@@ -128,35 +134,37 @@ def search(
     seen: set[frozenset[str]] = set()
     groups: tuple[Group, ...] = ()  # of what is tried last
     before_trial: Standing | None = None  # comes back unless noise is all that is left
-    while standing.grounds.numerics.sufficient and not asked.stopped:
-        thorough = not stages and not standing.at_floor(selection.tolerance)
-        stages.append(_round(asked, standing, effects, thorough, len(stages) + 1))
-        if asked.stopped:
-            break  # a round that was cut short accepts nothing
-        if thorough and (wide := excluded(simulator, measurement, selection, base, stages[0])) is not None:
-            return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
-        added = _chosen(asked, standing, stages[-1], effects)
-        if isinstance(added, Changed):
-            say(f"giving every run its own {added.judged.address}")
-            standing = with_change(standing, added)
-            standing = without_idle(standing, standing.accepted, measurement, selection) or standing
-            continue
-        if not (added or asked.stopped or groups or standing.at_floor(selection.tolerance)) and asked.everything:
-            groups = last_candidates(standing.grounds, len(standing.accepted))
-            if (latest := _latest(asked, standing, groups)) is not None:
-                added = [(latest.stage, latest.judged)]
-                before_trial = None if latest.believed else standing
-        if not added:
-            break
-        standing = _extended(asked, standing, added)
-        names = frozenset(effect.key for effect in standing.effects)
-        # What takes an earlier one's place may make room for others; the same effects again would go round in circles.
-        if names in seen or len(standing.accepted) >= most:
-            break
-        seen.add(names)
+    with asked.fit_in_hand:
+        while standing.grounds.numerics.sufficient and not asked.stopped:
+            thorough = not stages and not standing.at_floor(selection.tolerance)
+            stages.append(_round(asked, standing, effects, thorough, len(stages) + 1))
+            if asked.stopped:
+                break  # a round that was cut short accepts nothing
+            if thorough and (wide := excluded(simulator, measurement, selection, base, stages[0])) is not None:
+                return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
+            added = _chosen(asked, standing, stages[-1], effects)
+            if isinstance(added, Changed):
+                say(f"giving every run its own {added.judged.address}")
+                standing = with_change(standing, added)
+                standing = without_idle(standing, standing.accepted, measurement, selection) or standing
+                continue
+            if not (added or asked.stopped or groups or standing.at_floor(selection.tolerance)) and asked.everything:
+                groups = last_candidates(standing.grounds, len(standing.accepted))
+                if (latest := _latest(asked, standing, groups)) is not None:
+                    added = [(latest.stage, latest.judged)]
+                    before_trial = None if latest.believed else standing
+            if not added:
+                break
+            standing = _extended(asked, standing, added)
+            names = frozenset(effect.key for effect in standing.effects)
+            # What takes an earlier one's place may make room for others; the same ones again would go round in circles.
+            if names in seen or len(standing.accepted) >= most:
+                break
+            seen.add(names)
     if before_trial is not None and not standing.at_floor(selection.tolerance):
         standing = before_trial
-    standing = _simplest(asked, base, without_needless(standing, measurement, selection))
+    if not asked.stopped:
+        standing = _simplest(asked, base, without_needless(standing, measurement, selection))
     tried = (*effects, *(effect for _, group in groups for effect in group))
     accepted, changes = standing.accepted, standing.changes
     return Found(base, standing.grounds, tried, tuple(stages), accepted, asked.stopped, changes=changes)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType, TracebackType
 from typing import Any
 
@@ -12,7 +14,8 @@ class Interrupt:
     """Context in which Ctrl-C sets :attr:`requested` instead of raising.
 
     A loop looks at ``requested`` between its steps, keeps what it has and returns. A second Ctrl-C raises
-    ``KeyboardInterrupt`` as usual. Outside the main thread, where handlers cannot be set, the context does nothing.
+    ``KeyboardInterrupt`` as usual, which within :meth:`giving_up` leaves that block only. Outside the main thread,
+    where handlers cannot be set, the context does nothing.
 
     Args:
         message: what the first Ctrl-C prints on standard error; nothing when empty.
@@ -36,6 +39,15 @@ class Interrupt:
     ) -> None:
         if self._installed:
             signal.signal(signal.SIGINT, self._previous)
+
+    @contextmanager
+    def giving_up(self) -> Iterator[None]:
+        """A block that the second Ctrl-C leaves, and after which the work goes on with what it has."""
+        try:
+            yield
+        except KeyboardInterrupt:
+            if not self.requested:
+                raise
 
     def _handle(self, _number: int, _frame: FrameType | None) -> None:
         if self.requested:

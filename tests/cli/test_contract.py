@@ -233,6 +233,15 @@ def test_a_sensor_and_a_torque_are_compared(folder, capsys):
     assert ignoring.simulator.signals == ("qpos.carriage", "qvel.carriage")
 
 
+def test_joints_that_a_constraint_ties_are_named(folder):
+    model = folder / "carriage.xml"
+    tied = '<equality><joint name="stuck" joint1="carriage" polycoef="0 0 0 0 0"/></equality></mujoco>'
+    model.write_text(model.read_text().replace("</mujoco>", tied))
+    notes: list[str] = []
+    load_problem(folder / "carriage.toml", note=notes.append)
+    assert any(note.startswith("<equality> stuck ties joints together") for note in notes)
+
+
 def pushed(folder, column: str = "xfrc.carriage.0") -> None:
     """The drive's force measured at the carriage (2 N a command) in place of the command, and no drive."""
     model = folder / "carriage.xml"

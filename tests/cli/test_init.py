@@ -33,6 +33,17 @@ def test_exact_names_need_nothing_more(folder, capsys) -> None:
     assert "signals" not in content
 
 
+def test_a_position_is_not_missed_where_the_speed_was_measured(folder, capsys) -> None:
+    rows = [row.split(",") for row in (folder / "carriage.csv").read_text().splitlines()[1:]]
+    speeds = [(float(b[3]) - float(a[3])) / 0.01 for a, b in zip(rows, [*rows[1:], rows[-1]], strict=True)]
+    text = [f"{run},{t},{u},{v:.6f}" for (run, t, u, _), v in zip(rows, speeds, strict=True)]
+    (folder / "speeds.csv").write_text("\n".join(["run,time,ctrl.motor,qvel.carriage", *text]))
+    status, said = make(folder, capsys, log="speeds.csv")
+    assert status == 0
+    assert "missing" not in said
+    assert load_problem(folder / "first.toml").simulator.parameters.names[0] == "joint.carriage.damping"
+
+
 def test_the_file_is_called_like_the_model_by_default(folder, capsys, monkeypatch) -> None:
     monkeypatch.chdir(folder)
     (folder / "cart.xml").write_text(MODEL)

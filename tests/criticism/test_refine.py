@@ -196,6 +196,21 @@ def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
     assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
 
 
+def test_a_second_ctrl_c_gives_up_the_fit_in_hand_and_keeps_what_is_known() -> None:
+    interrupt = Interrupt()
+
+    def say(line: str) -> None:
+        if line.startswith("adding"):
+            interrupt.requested = True
+            raise KeyboardInterrupt
+
+    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
+    assert result.interrupted
+    assert result.accepted == ()
+    assert result.candidates[0].effect == "constant_load@rail"
+    assert result.candidates[0].score_gain is not None
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

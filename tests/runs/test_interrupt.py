@@ -27,6 +27,19 @@ def test_the_first_asks_and_says_so_the_second_stops(capsys):
     assert signal.getsignal(signal.SIGINT) is before
 
 
+def test_a_block_may_be_given_up():
+    done = []
+    with Interrupt() as interrupt:
+        press()
+        with interrupt.giving_up():
+            press()
+            done.append("the block's end")
+        done.append("what comes after")
+    assert done == ["what comes after"]
+    with pytest.raises(KeyboardInterrupt), Interrupt().giving_up():
+        raise KeyboardInterrupt  # nobody had asked for a stop before
+
+
 def test_without_a_message_it_is_silent(capsys):
     with Interrupt() as interrupt:
         press()
