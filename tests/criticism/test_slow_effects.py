@@ -61,7 +61,7 @@ def test_a_drag_that_a_second_hides_is_found_over_longer_windows() -> None:
     assert any("shows over longer times only" in note for note in result.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_compare_looks_as_far() -> None:
     result = compare(model(), swings(DRAG, 20.0), holdout=["run8", "run9"])
     assert result.verdict == "unexplained"
@@ -82,7 +82,7 @@ def test_a_right_model_is_adequate_over_a_second() -> None:
     assert "looking over longer windows" in {timing.stage for timing in result.timings}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_nothing_explains_over_longer_times_is_said() -> None:
     result = refine(model(), swings(DRAG, 20.0), holdout=["run8", "run9"], candidates=["sensor_scale"])
     assert (result.verdict, result.accepted) == ("adequate", ())
