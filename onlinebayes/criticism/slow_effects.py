@@ -12,11 +12,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.fit import SLACK, bounded_step, improve, unfitted
 from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.inquiry import left_over
-from onlinebayes.criticism.numerics import Grounds, settle
+from onlinebayes.criticism.numerics import Grounds, check
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import leaves_noise
@@ -57,30 +56,32 @@ def slower(
         wanted = steady(simulator, measurement, replace(selection, horizon_s=float(f"{longest:.2g}")))
         if wanted.horizon_s < LEAST * selection.horizon_s:
             return None
-        if not _structured(final, measurement, wanted):
-            return None
-        plain = found.simulator(simulator)
-        model = grown(plain, [e for e in final.fitted.simulator.effects if e not in plain.effects])
-        long = settle(model, measurement, wanted.horizon_s, final.windows.noise, final.fitted.theta)
+        long = _refitted(final, measurement, wanted)
     except BadInput:  # it diverges over so long a time
+        return None
+    if long is None or not long.numerics.sufficient:
         return None
     return wanted if _most(left_over(long, simulator)) > selection.tolerance else None
 
 
-def _structured(final: Grounds, measurement: Measurement, wanted: Selection) -> bool:
-    """Whether a fit on the same rung ends with more than noise.
+def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Grounds | None:
+    """The accepted model fitted over longer windows on the same rung; None where that leaves noise, or creeps.
 
     One that creeps though it promises more says nothing: contacts make long windows rugged, and steps there cost much.
+    So does one whose integration errs too much over so long a time: finer rungs would cost more than the search did.
     """
     horizon, model = wanted.horizon_s, final.fitted.simulator
     windows = make_windows(model, measurement, horizon, MEMORY * horizon, final.windows.noise)
     begun = unfitted(model, windows, final.fitted.theta)
     if leaves_noise(begun, windows, wanted.tolerance):
-        return False
+        return None
     fitted = improve(begun, windows, hopeless=0.0)
     _, promised = bounded_step(model, fitted.projected, fitted.theta, 0.0)
     ended = fitted.converged or promised <= SLACK * fitted.projected.objective
-    return ended and not leaves_noise(fitted, windows, wanted.tolerance)
+    if not ended or leaves_noise(fitted, windows, wanted.tolerance):
+        return None
+    numerics, shift = check(model, measurement, windows, fitted)
+    return Grounds(windows, fitted, numerics, final.rung, shift, final.as_run)
 
 
 def adds_to(again: Found, first: Found, simulator: Simulator, selection: Selection) -> bool:
