@@ -23,6 +23,12 @@ from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 from onlinebayes.simulators.mujoco.wrenches import with_wrenches
 
 TYING = tuple(map(int, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT)))
+NEVER_NEGATIVE = {
+    "mass": "mass",
+    "inertia": "moment of inertia",
+    "armature": "rotor inertia",
+    "frictionloss": "dry friction",
+}
 RATES = {"qpos": "", "qvel": "/s"}
 
 
@@ -88,8 +94,17 @@ def _with_units(top: Section, model: mujoco.MjModel, parameters: Declared) -> Pa
     for name, parameter in parameters.space.items():
         table = top.section("parameters") if name in parameters.model else top.section("runs")
         with table.at(name):
-            named[name] = dataclasses.replace(parameter, unit=resolve(model, name).unit)
+            unit = resolve(model, name).unit
+            if parameter.low < 0 and (field := _field(name)) in NEVER_NEGATIVE:
+                problem = f"address '{name}': a {NEVER_NEGATIVE[field]} of {parameter.low:g} {unit} cannot be"
+                raise BadInput(problem, "give a lower bound of 0 or more")
+            named[name] = dataclasses.replace(parameter, unit=unit)
     return ParameterSpace(named)
+
+
+def _field(address: str) -> str:
+    """``mass`` of ``body.arm.mass``, ``inertia`` of ``body.arm.inertia[0]``."""
+    return address.rpartition(".")[2].partition("[")[0]
 
 
 def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> None:

@@ -31,7 +31,10 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
     Raises:
         BadInput: the problem cannot be used, nothing is admissible, or the folder not be written.
     """
-    problem = load_problem(problem_file, add, note=_log)
+    notes: list[str] = []
+    problem = load_problem(problem_file, add, note=notes.append)
+    for line in notes:
+        _log(line)
     if problem.scope:
         raise BadInput(
             "an experiment for parameters that differ between runs is not planned by this version",

@@ -31,7 +31,10 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     Raises:
         BadInput: the problem cannot be used, or the folder not be written.
     """
-    problem = load_problem(problem_file, add, note=_log)
+    notes: list[str] = []  # said once the file is sound: an error is one line
+    problem = load_problem(problem_file, add, note=notes.append)
+    for line in notes:
+        _log(line)
     with writable(Path(out)) as folder:
         try:
             result = criticise(command, problem)

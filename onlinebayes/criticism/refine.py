@@ -35,7 +35,7 @@ from onlinebayes.criticism.results import (
     Selection,
 )
 from onlinebayes.criticism.scope import Scope
-from onlinebayes.criticism.search import MOST_EFFECTS, Found, ground
+from onlinebayes.criticism.search import MOST_EFFECTS, Found, enough, ground
 from onlinebayes.criticism.slow_effects import adds_to
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.task import Task, prepared
@@ -84,10 +84,11 @@ def compare(
     say("fitting the base model")
     base = ground(task.simulator, task.fit_runs, task.selection)
     fault = suspect(base, task.simulator, task.fit_runs, task.selection, say)
-    if fault is None and (longer := task.slower(Found(base, base, (), (), ()), say)) is not None:
-        task = task.over(longer)
-        base = ground(task.simulator, task.fit_runs, longer)
-    return _assemble("compare", task, Found(base, base, (), (), ()), fault, say)
+    found = Found(base, base, (), (), (), enough=enough(base, task.selection))
+    if fault is None and (longer := task.slower(found, say)) is not None:
+        task, base = task.over(longer), ground(task.simulator, task.fit_runs, longer)
+        found = Found(base, base, (), (), ())
+    return _assemble("compare", task, found, fault, say)
 
 
 def diagnose(

@@ -99,6 +99,12 @@ def ground(simulator: Simulator, measurement: Measurement, selection: Selection)
     return settle(simulator, measurement, selection.horizon_s, noise.to(measurement.data["signal"]))
 
 
+def enough(base: Grounds, selection: Selection) -> bool:
+    """Whether joints move, for as many blocks as it takes to tell a law from chance."""
+    moves = bool(base.windows.observed.any())
+    return moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
+
+
 def search(
     simulator: Simulator,
     measurement: Measurement,
@@ -126,8 +132,7 @@ def search(
         base = ground(simulator, measurement, selection)
     asked = _Asked(measurement, selection, candidates, say, interrupt)
     effects = propose(base.fitted.simulator, base.windows, candidates)
-    moves = bool(base.windows.observed.any())
-    if not moves or make_blocks(base.windows, 0.0, selection.folds).count < FEWEST:
+    if not enough(base, selection):
         return Found(base, base, effects, (), (), asked.stopped, enough=False)
     standing = Standing(simulator, base)
     stages: list[Stage] = []

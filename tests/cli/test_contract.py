@@ -233,6 +233,21 @@ def test_a_sensor_and_a_torque_are_compared(folder, capsys):
     assert ignoring.simulator.signals == ("qpos.carriage", "qvel.carriage")
 
 
+def test_a_mass_is_never_negative(folder):
+    write(folder, PROBLEM.replace("[1.0, 10.0]", "[-1.0, 10.0]"))
+    with pytest.raises(BadInput, match=r"address 'body.carriage.mass': a mass of -1 kg cannot be; give a lower bound"):
+        load_problem(folder / "carriage.toml")
+
+
+def test_an_error_is_one_line(folder, capsys):
+    """What was kept out of a table is said only where the work begins."""
+    text = (folder / "carriage.csv").read_text().replace("ctrl.motor", "comand", 1)
+    (folder / "carriage.csv").write_text(text)
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no column 'ctrl.motor'" in line
+
+
 def test_joints_that_a_constraint_ties_are_named(folder):
     model = folder / "carriage.xml"
     tied = '<equality><joint name="stuck" joint1="carriage" polycoef="0 0 0 0 0"/></equality></mujoco>'

@@ -57,7 +57,7 @@ def test_compare_takes_clocks_as_they_come(folder: Path, capsys, change: Callabl
     assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 0, capsys.readouterr().err
     assert {path.name for path in (folder / "out").iterdir()} == {"report.json", "report.html", "run.rrd"}
     report = json.loads((folder / "out" / "report.json").read_text())
-    assert report["verdict"] is None
+    assert report["verdict"] == "insufficient_data"
     assert report["holdout_looks"] == 1
     assert report["heldout_error"]["before"]["qpos.carriage"] < 0.5
 
