@@ -56,7 +56,7 @@ def build_simulator(
             from_factory(model, parameters.space) if factory else load_spec(folder / model, root=_root(folder, model))
         )
         if isinstance(made, mujoco.MjSpec):
-            compile_spec(made.copy())
+            compile_spec(made)  # not a copy, which leaves out what names nothing: a motor at a joint that is not there
     edit, actuators = edits(top), top.section("actuators")
     if isinstance(made, Simulator):
         _check_made(top, made, parameters)

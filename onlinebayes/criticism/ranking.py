@@ -10,7 +10,7 @@ from onlinebayes.criticism.identifiability import covariance_of, estimates
 from onlinebayes.criticism.results import Candidate, Estimate, Step
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
-from onlinebayes.criticism.stage import REFIT_BELOW, Stage
+from onlinebayes.criticism.stage import PROMISING, REFIT_BELOW, Stage
 from onlinebayes.criticism.survey import Screened
 
 
@@ -101,7 +101,8 @@ def _not_refitted(screened: Screened) -> tuple[str, ...]:
     if screened.p_value is None:
         return ()
     if screened.p_value < REFIT_BELOW:
-        return (f"too weak: it would lower the error by {100 * screened.promise:.1f} % (p = {screened.p_value:.2g})",)
+        why = "too weak" if screened.promise < PROMISING else "not refitted"
+        return (f"{why}: it would lower the error by {100 * screened.promise:.1f} % (p = {screened.p_value:.2g})",)
     return (f"not significant (p = {screened.p_value:.2g})",)
 
 

@@ -233,6 +233,14 @@ def test_a_sensor_and_a_torque_are_compared(folder, capsys):
     assert ignoring.simulator.signals == ("qpos.carriage", "qvel.carriage")
 
 
+def test_a_model_that_names_nothing_is_refused(folder):
+    """MuJoCo leaves such an element out of a copy of the spec, which then compiles."""
+    model = folder / "carriage.xml"
+    model.write_text(model.read_text().replace('joint="carriage"', 'joint="cariage"'))
+    with pytest.raises(BadInput, match="cariage"):
+        load_problem(folder / "carriage.toml")
+
+
 def test_a_mass_is_never_negative(folder):
     write(folder, PROBLEM.replace("[1.0, 10.0]", "[-1.0, 10.0]"))
     with pytest.raises(BadInput, match=r"address 'body.carriage.mass': a mass of -1 kg cannot be; give a lower bound"):

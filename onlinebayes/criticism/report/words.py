@@ -102,6 +102,8 @@ def headline(result: Criticism) -> str:
         helped = f"; {effects} helps, but not enough" if result.accepted else ""
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     helped = f"; {effects} helps, but not enough" if result.accepted else ""
+    if result.interrupted:
+        return f"The model is wrong, and the search was stopped before it could say why{helped}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
 
 

@@ -118,6 +118,12 @@ def test_compare_says_how_wrong_and_names_nothing() -> None:
     assert "Ranking" not in text
 
 
+def test_a_search_that_was_stopped_does_not_claim_to_have_tried_all() -> None:
+    text = check(to_html(bare(criticism(), verdict="unexplained", interrupted=True)))
+    assert "the search was stopped before it could say why" in text
+    assert "no effect that was tried" not in text
+
+
 def test_a_tie_names_both() -> None:
     result = dataclasses.replace(
         criticism(), verdict="tie", accepted=("constant_load@carriage",), candidates=criticism().candidates[1:]
