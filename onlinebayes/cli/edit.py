@@ -53,6 +53,7 @@ def edited(spec: mujoco.MjSpec, edit: Section, actuators: Section) -> mujoco.MjS
     for name in edit.texts("weld", ()):
         with edit.at("weld"):
             _weld(spec, name)
+            compile_spec(spec)  # what moved the joint, or measured it, is there still
     if (timestep := edit.number("timestep")) is not None:
         if timestep <= 0:
             raise edit.error("timestep", f"{timestep:g} s is no step", "give a positive time in seconds")

@@ -48,7 +48,7 @@ class _Parser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print one line that also says where help is, and exit with status 2."""
-        self.exit(2, f"{self.prog}: error: {' '.join(message.split())}; see {self.prog} --help\n")
+        self.exit(2, f"onlinebayes: error: {' '.join(message.split())}; see {self.prog} --help\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -62,7 +62,8 @@ def parser() -> argparse.ArgumentParser:
     top.add_argument("--version", action="version", version=f"onlinebayes {version('onlinebayes')}")
     commands = top.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, what in COMMANDS.items():
-        command = commands.add_parser(name, help=what, description=what)
+        usage = f"onlinebayes {name} [-h] --out DIR [--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
+        command = commands.add_parser(name, help=what, description=what, usage=usage)
         command.add_argument("problem", nargs="?", help="the problem file (TOML)")
         command.add_argument("--out", required=True, metavar="DIR", help="where report and recording are written")
         command.add_argument(

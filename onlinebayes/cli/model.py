@@ -130,6 +130,15 @@ def closed_loops(simulator: Simulator) -> list[str]:
     return [model.equality(i).name or str(i) for i in active]
 
 
+def beside_bounds(simulator: Simulator) -> list[str]:
+    """A line for each free parameter whose value in the model lies outside the bounds that it was given."""
+    return [
+        f"{name}: the model's own {value:g} lies outside the bounds {bounds.low:g} to {bounds.high:g}"
+        for (name, bounds), value in zip(simulator.parameters.items(), simulator.nominal.tolist(), strict=True)
+        if not bounds.low <= value <= bounds.high
+    ]
+
+
 def signal_units(simulator: Simulator) -> dict[str, str]:
     """Signal -> SI unit, for the joints of a model."""
     if not isinstance(simulator, MujocoSimulator):

@@ -17,12 +17,12 @@ from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
 from onlinebayes.cli.mapping import command_columns, signal_columns
-from onlinebayes.cli.model import build_simulator, closed_loops, known_addresses, signal_units
+from onlinebayes.cli.model import beside_bounds, build_simulator, closed_loops, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism import Scope, Selection
 from onlinebayes.criticism.split import split
-from onlinebayes.measurements import Measurement, Signal, TableReader
+from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -92,6 +92,8 @@ def load_problem(
             f"<equality> {', '.join(tied)} ties joints together, while a window's start is fitted joint by joint: fits "
             "of such machines may fail (see docs/limits.md)"
         )
+    for line in beside_bounds(simulator):
+        note(line)
     measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
@@ -184,7 +186,20 @@ def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note
         known=known_addresses(simulator),
         note=note,
     )
-    return reader.read(_located(top, table) for table in tables)
+    measurement = reader.read(_located(top, table) for table in tables)
+    for column in reader.mapped:
+        _check_latency(top, column, measurement)
+    return measurement
+
+
+def _check_latency(top: Section, column: SignalColumn, measurement: Measurement) -> None:
+    """A latency that is longer than every run leaves nothing of its signal."""
+    names, latency = [signal.name for signal in measurement.signals], column.latency
+    if latency and column.signal.name in names:
+        seen = measurement.data["measured"][..., names.index(column.signal.name)]
+        if not bool(seen.any()):
+            table = top.section("signals").section(column.signal.name)
+            raise table.error("latency", f"with {latency:g} s no row of any run is left", "give it in seconds")
 
 
 def _located(top: Section, table: str) -> Path:

@@ -65,6 +65,8 @@ class Section:
         try:
             yield
         except BadInput as error:
+            if str(error).startswith(f"{self.file}: "):
+                raise  # it names file and key already, and stands nearer to what is wrong
             raise self.error(key, str(error)) from error
 
     def text(self, key: str, default: str | None = None) -> str:

@@ -34,6 +34,12 @@ Kind = Literal["signal", "command"]
 MISPLACED = 0.1  # rad: what nobody calls an encoder's bias; a servo's horn has teeth a quarter of a radian apart
 HINGE = {math.pi / 180: "degrees for radians", 180 / math.pi: "radians for degrees"}
 SLIDE = {1e-3: "millimetres for metres", 1e3: "metres for millimetres"}
+SENSOR = {
+    math.pi / 180: "degrees for radians",
+    9.80665: "multiples of g for m/s2, or kilogrammes for newtons",
+    1e-3: "thousandths (such as millimetres) for the unit itself",
+    1e3: "the unit itself for thousandths",
+}
 COMMAND = {
     -1.0: "the reversed sign",
     1e-3: "thousandths (such as millivolts) for the unit itself",

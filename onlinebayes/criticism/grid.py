@@ -25,6 +25,12 @@ PAUSE = 10.0
 MOST_ROWS = 20_000_000
 """Of one run's grid: five hours at 1 kHz. A single wrong time would ask for more than there is memory."""
 
+CLOSE = 0.2
+"""Of the table's step: a jittering instant that near to a row of the grid lies on it."""
+
+MOST = 0.95
+"""Share of a signal's instants that must lie on rows of the grid before the grid is made for them."""
+
 
 @dataclass(frozen=True)
 class RunGrid:
@@ -80,8 +86,36 @@ def _median_step(time: Float[Tensor, "R T"], rows: Bool[Tensor, "R T"]) -> float
 
 
 def even_step(measurement: Measurement, timestep: float) -> float:
-    """Spacing h [s]: the median time between rows, as a whole number of integration steps (at least one)."""
-    return max(1, round(row_step(measurement) / timestep)) * timestep
+    """Spacing h [s]: the time between rows of the densest signal, as a whole number of integration steps (one or more).
+
+    Where another signal is measured between those rows, a part of it on whose rows nearly all signals lie: a value
+    that is moved to another row would be compared across a jump of the command.
+    """
+    return max(1, round(row_step(measurement) / _rows_apart(measurement) / timestep)) * timestep
+
+
+def _rows_apart(measurement: Measurement) -> int:
+    """Into how many parts the densest signal's step is cut, so that the rows of all signals are rows of the grid."""
+    data = measurement.data
+    table = _median_step(data["time"], data["mask"])
+    if table is None or (stride := round(row_step(measurement) / table)) < 2:
+        return 1
+    places = [place for run in data for place in _places(run["time"][run["mask"]], run["measured"][run["mask"]], table)]
+    shares = [step for step in range(stride, 0, -1) if stride % step == 0]
+    return stride // next((step for step in shares if all(_lies_on(place, step) for place in places)), stride)
+
+
+def _places(time: Float[Tensor, " T"], measured: Bool[Tensor, "T S"], step: float) -> list[Tensor]:
+    """When each signal was measured (N_s), in steps [1] after the first row of the one that is measured most."""
+    times = [time[rows] for rows in measured.unbind(-1) if bool(rows.any())]
+    first = max(times, key=len)[0] if times else 0.0
+    return [(at - first) / step for at in times]
+
+
+def _lies_on(place: Float[Tensor, " N"], step: int) -> bool:
+    """Whether nearly all of a signal's instants are whole multiples of ``step``."""
+    off = (place / step - (place / step).round()).abs() * step
+    return float((off < CLOSE).double().mean()) > MOST
 
 
 def run_grids(measurement: Measurement, step: float) -> tuple[RunGrid, ...]:

@@ -2,15 +2,16 @@
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
 of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity, and what
-:mod:`.conventions` has. Per actuator: the command's sign and unit; per pair: swapped. And once: signals that
-run ahead of the commands, where no orientation is among them, and a controller that carries the weight.
+:mod:`.conventions` has. Per sensor: its sign and unit. Per actuator: the command's sign and unit; per pair: swapped.
+And once: signals or sensors that run ahead of the commands, where no orientation is among them, and a controller that
+carries the weight.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, groupby
 
 from onlinebayes.criticism.charted import courses_of
 from onlinebayes.criticism.conventions import conventions
@@ -18,6 +19,7 @@ from onlinebayes.criticism.coordinates import velocity
 from onlinebayes.criticism.faults import (
     COMMAND,
     HINGE,
+    SENSOR,
     SLIDE,
     Compensated,
     Fault,
@@ -25,7 +27,7 @@ from onlinebayes.criticism.faults import (
     Rescaled,
     Swapped,
 )
-from onlinebayes.criticism.shifts import shifts
+from onlinebayes.criticism.shifts import is_sensor, shifts
 from onlinebayes.criticism.windows import joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
@@ -44,6 +46,7 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
     return (
         *_of_signals(simulator, measured),
         *conventions(simulator, measured),
+        *_of_sensors([signal.name for signal in measurement.signals]),
         *_of_commands(simulator),
         *(shifts(measurement) if simulator.commands and not courses_of(simulator)[0] else ()),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
@@ -71,6 +74,16 @@ def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
         both = [kind for kind in ("qpos", "qvel") if {f"{kind}.{a}", f"{kind}.{b}"} <= measured]
         if "qpos" in both:
             yield Swapped("signal", tuple(f"{kind}.{a}" for kind in both), tuple(f"{kind}.{b}" for kind in both))
+
+
+def _of_sensors(signals: list[str]) -> Iterator[Fault]:
+    """All numbers of a sensor together, then each alone where it has several."""
+    for names in groupby(filter(is_sensor, signals), lambda name: ".".join(name.split(".")[:2])):
+        every = tuple(names[1])
+        for columns in [every] if len(every) < 2 else [every, *((name,) for name in every)]:
+            yield Rescaled("signal", columns, -1.0, "the reversed sign")
+        for factor, instead in SENSOR.items():
+            yield Rescaled("signal", every, factor, instead)
 
 
 def _angular(simulator: Simulator, measured: set[str]) -> list[tuple[str, ...]]:

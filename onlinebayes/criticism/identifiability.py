@@ -11,6 +11,7 @@ cut at the bounds; a run's own value adds the spread between its windows (see ``
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import torch
 from jaxtyping import Float
@@ -21,9 +22,12 @@ from onlinebayes.criticism.fit import Fit
 from onlinebayes.criticism.own import own_covariance
 from onlinebayes.criticism.results import Estimate, FlatDirection
 from onlinebayes.criticism.scoped import ScopedSimulator
+from onlinebayes.parameters import Parameter
 
 FLAT = 3.0
 PART = 0.1
+AT_BOUND = 1e-3
+"""Share of what was allowed within which the mean lies at the end of it."""
 
 
 def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
@@ -73,8 +77,16 @@ def estimates(
             min(bound.high, mean + reach * sd),
             bound.unit,
             share <= PART,
+            _at_bound(mean, bound),
         )
     return found
+
+
+def _at_bound(mean: float, bounds: Parameter) -> Literal["low", "high"] | None:
+    near = AT_BOUND * (bounds.high - bounds.low)
+    if mean - bounds.low < near:
+        return "low"
+    return "high" if bounds.high - mean < near else None
 
 
 def _words(names: list[str]) -> str:

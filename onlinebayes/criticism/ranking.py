@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from onlinebayes.criticism.acceptance import Judged, contained
 from onlinebayes.criticism.identifiability import covariance_of, estimates
-from onlinebayes.criticism.results import Candidate, Estimate, Step
+from onlinebayes.criticism.results import NOT_NEEDED, STOPPED, Candidate, Estimate, Step
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.search import Found
 from onlinebayes.criticism.stage import PROMISING, REFIT_BELOW, Stage
@@ -44,6 +44,8 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str,
             continue
         if key in verdicts:
             row = _judged(last, verdicts[key], len(rows) + 1, equal, accepted=False, screened=screened)
+            if not row.refused_because and not row.indistinguishable_from:
+                row = replace(row, refused_because=(STOPPED if found.interrupted else NOT_NEEDED,))
         else:
             number = None if screened.p_value is None else len(rows) + 1
             refused = _not_refitted(screened)

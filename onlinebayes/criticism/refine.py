@@ -14,6 +14,7 @@ import torch
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.blocks import Blocks
+from onlinebayes.criticism.fit_notes import fit_notes
 from onlinebayes.criticism.held_starts import starts_note
 from onlinebayes.criticism.heldout import replay_runs
 from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
@@ -222,7 +223,7 @@ def _assemble(
         interrupted=found.interrupted,
         notes=(
             *task.notes,
-            *_notes(simulator, found),
+            *fit_notes(simulator, found, selection, final_model.parameters),
             *starts_note(final_model, held, heldout_error, selection.tolerance),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),
@@ -272,24 +273,6 @@ def _remainder(final: Grounds, after: dict[str, float], units: dict[str, str], s
         return Remainder("noise", after, "")
     worst = failures(final.fitted, final.windows, units, most=1)
     return Remainder("structured", after, worst[0].where if worst else "")
-
-
-def _notes(simulator: Simulator, found: Found) -> tuple[str, ...]:
-    notes, final = [], found.final
-    if not final.numerics.sufficient:
-        notes.append(
-            f"numerics: at the step of {final.rung.timestep:g} s the integration error is not small against the "
-            "misfit, so nothing is named; give the model a finer timestep or a better integrator"
-        )
-    elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
-        method = "Runge-Kutta's method" if final.rung.runge_kutta else "its own integrator"
-        notes.append(
-            f"numerics: at its step of {simulator.timestep:g} s the model's own integrator errs too much to be judged "
-            f"by these sensors; judged by {method} at {final.rung.timestep:g} s; the refined model keeps to that method"
-        )
-    if not final.fitted.converged:
-        notes.append("the last fit did not converge fully")
-    return tuple(notes)
 
 
 def _silent(line: str) -> None:

@@ -53,7 +53,9 @@ class Selection:
 class Estimate:
     """One fitted parameter: mean, sd and the 5 and 95 % points [``unit``], from the leave-one-block-out jackknife.
 
-    ``identifiable`` is False where the parameter lies along a direction that the data leave flat.
+    ``identifiable`` is False where the parameter lies along a direction that the data leave flat; ``at_bound`` is
+    ``"low"`` or ``"high"`` where the mean lies on that end of what was allowed: the data may ask for more, and the sd
+    says nothing of that.
     """
 
     mean: float
@@ -62,10 +64,17 @@ class Estimate:
     q95: float
     unit: str
     identifiable: bool = True
+    at_bound: Literal["low", "high"] | None = None
 
 
 MOVES_NOTHING = "nothing moves"
 """In place of the parameters that do the same: no measured signal moves with the effect."""
+
+STOPPED = "stopped before it was added"
+"""Why a candidate is not in the model though nothing speaks against it: the search ended in its round."""
+
+NOT_NEEDED = "not needed"
+"""The same where the search went on: another one explains more, or the data are at fault."""
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,14 @@
 """Columns of a log that lie a whole number of rows from where they belong.
 
     all signals ahead of the commands    cell(t) = q(t + k h),  k = 1, 2, 3, 5, 8     latency = -k h of every signal
+    sensors ahead of all other signals   cell(t) = s(t + h)                           latency = -h of the sensors
     one joint's signals late             cell(t) = q(t - k h),  k = 2, 3, ...         latency = k h of these
 
-with h the row step. Ahead run commands that were stamped when they had been carried out, and columns joined a few rows
-apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay is the log's where it
-is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time. A joint's are looked
-for before any effect is tried (:mod:`.late_columns`), and where delays were accepted.
+with h the row step. A sensor of force or acceleration that is read under the row's own command, not before it is sent,
+shows what the model gives a row later. Ahead run commands that were stamped when they had been carried out, and columns
+joined a few rows apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay is
+the log's where it is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time. A
+joint's are looked for before any effect is tried (:mod:`.late_columns`), and where delays were accepted.
 Delays that leave more than noise are not known to a twentieth: the nearest row is tried, and has to do better.
 Where all signals are late alike, or a motor's delay explains as much, nothing says whose it is: see :mod:`.log_notes`.
 """
@@ -44,9 +46,10 @@ class Shifted(Fault):
     def says(self) -> str:
         """``the signals run 0.03 s (3 rows) ahead of the commands``, ``qpos.elbow is logged 0.035 s (7 rows) late``."""
         size = f"{abs(self.seconds):g} s ({abs(self.rows)} row{'s' * (abs(self.rows) > 1)})"
-        if self.rows < 0:
+        if self.rows < 0 and not all(map(is_sensor, self.signals)):
             return f"the signals run {size} ahead of the commands"
-        return f"{' and '.join(self.signals)} {'is' if len(self.signals) == 1 else 'are'} logged {size} late"
+        is_or_are = "is" if len(self.signals) == 1 else "are"
+        return f"{' and '.join(self.signals)} {is_or_are} logged {size} {'late' if self.rows > 0 else 'early'}"
 
     @property
     def lines(self) -> str:
@@ -86,9 +89,11 @@ def without_latency(measurement: Measurement, latency: Mapping[str, float]) -> M
 
 
 def shifts(measurement: Measurement) -> Iterator[Shifted]:
-    """Every such shift of all signals together that leaves most of the shortest run."""
+    """Every such shift of all signals together that leaves most of the shortest run, and a row's of the sensors."""
     names = tuple(signal.name for signal in measurement.signals)
-    rows = int(measurement.lengths.min())
+    sensors, rows = tuple(filter(is_sensor, names)), int(measurement.lengths.min())
+    if 0 < len(sensors) < len(names) and rows > 4:
+        yield Shifted(sensors, -1, _row_step(measurement))
     for count in ROWS:
         if 4 * count < rows:
             yield Shifted(names, -count, _row_step(measurement))
@@ -123,6 +128,11 @@ def late(measurement: Measurement, delays: Mapping[str, float], loosely: bool = 
         rows = {round(delay / step) for delay in delays.values()}
         whole = all(abs(delay / step - round(delay / step)) <= WHOLE for delay in delays.values())
     return Shifted(signals, rows.pop(), step) if whole and len(rows) == 1 and min(rows) >= FEWEST_ROWS else None
+
+
+def is_sensor(signal: str) -> bool:
+    """Whether a signal is what a sensor of the model gives, which may jump with the command."""
+    return signal.startswith(("sensor.", "qfrc."))
 
 
 def _joint(signal: str) -> str:

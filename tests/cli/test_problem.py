@@ -23,6 +23,12 @@ def write(folder: Path, text: str) -> Path:
     return folder / "carriage.toml"
 
 
+def test_bounds_beside_the_models_own_value_are_said(folder):
+    notes = []
+    load_problem(write(folder, PROBLEM.replace("[1.0, 10.0]", "[5.0, 10.0]")), note=notes.append)
+    assert notes == ["body.carriage.mass: the model's own 3 lies outside the bounds 5 to 10"]
+
+
 def test_a_small_problem(folder):
     problem = load_problem(folder / "carriage.toml")
     assert isinstance(problem.simulator, MujocoSimulator)

@@ -99,3 +99,30 @@ def test_a_single_wrong_time_is_said_and_not_allocated() -> None:
     time = np.append(np.arange(100) * 0.01, 1e9)
     with pytest.raises(BadInput, match=r"run 'run' lasts 1e\+09 s"):
         run_grids(table(time, np.zeros(101), np.zeros(101)), 0.01)
+
+
+def test_the_grid_has_a_row_where_any_signal_was_measured() -> None:
+    row = np.arange(1000)
+    time = row * 0.01
+    for every, first, step in ((5, 3, 0.01), (4, 2, 0.02), (12, 6, 0.02), (8, 0, 0.04)):
+        dense = 4 if every == 8 else 2
+        measurement = Measurement.from_runs(
+            {
+                "run": {
+                    "time": time,
+                    "ctrl.motor": time,
+                    "qpos.rail": np.where(row % dense == 0, np.sin(3 * time), np.nan),
+                    "qvel.rail": np.where(row % every == first, np.cos(3 * time), np.nan),
+                }
+            }
+        )
+        assert even_step(measurement, 1e-3) == pytest.approx(step)
+
+
+def test_a_stray_row_and_a_clock_that_jitters_do_not_refine_the_grid() -> None:
+    row, draw = np.arange(2000), np.random.default_rng(0)
+    velocity = np.where((row % 4 == 0) | (row == 1001), 1.0, np.nan)
+    angle = np.where(row % 2 == 0, 1.0, np.nan)
+    for time in (row * 0.01, row * 0.01 + draw.uniform(-0.001, 0.001, 2000)):
+        run = {"time": time - time[0], "ctrl.motor": 0 * time, "qpos.rail": angle, "qvel.rail": velocity}
+        assert even_step(Measurement.from_runs({"run": run}), 1e-3) == pytest.approx(0.02)

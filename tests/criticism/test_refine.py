@@ -4,6 +4,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Selection, compare, diagnose, refine
+from onlinebayes.criticism.report import words
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Interrupt
@@ -161,6 +162,20 @@ def test_part_of_the_box_may_diverge() -> None:
     assert result.remainder.status == "noise"
 
 
+def test_a_value_on_its_bound_is_said_to_be_there() -> None:
+    narrow = ParameterSpace({**dict(FREE), "body.cart.mass": Parameter(3.0, 10.0, "kg")})
+    result = compare(model(narrow), measure(runs=8, seconds=2.0))
+    assert result.parameters["body.cart.mass"].at_bound == "low"
+    assert result.parameters["joint.rail.damping"].at_bound is None
+    assert [note for note in result.notes if note.startswith("body.cart.mass ends on its bound of 3 kg")]
+
+
+def test_windows_shorter_than_was_asked_for_are_said() -> None:
+    asked = Selection(horizon_s=60.0, fixed_horizon=True)
+    result = compare(model(), measure(runs=8, seconds=2.0), selection=asked)
+    assert [note for note in result.notes if note.startswith("windows last 2 s in place of 60 s")]
+
+
 def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     interrupt = Interrupt()
     lines: list[str] = []
@@ -194,6 +209,8 @@ def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
     assert fits == ["refitting 1 of 2: constant_load@rail"]
     assert result.accepted == ()
     assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
+    assert result.candidates[0].refused_because == ("stopped before it was added",)
+    assert words.headline(result).endswith("before it could say why; so far constant load at rail leads.")
 
 
 def test_a_second_ctrl_c_gives_up_the_fit_in_hand_and_keeps_what_is_known() -> None:

@@ -11,9 +11,11 @@ from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.inquiry import suspect
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.shifts import ROWS, Shifted, late, shifts
-from onlinebayes.measurements import Measurement
+from onlinebayes.criticism.wiring import Suspicion
+from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
+from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.wired import ARM, PENDULUM, STEP
 
 POSITION = "qpos.hinge"
@@ -45,6 +47,42 @@ def test_signals_ahead_are_found() -> None:
     assert found.certain
     assert found.fault.says == "the signals run 0.05 s (5 rows) ahead of the commands"
     assert found.fault.lines == f'[signals."{POSITION}"]\nlatency = -0.05'
+
+
+def with_torque(measured: Measurement, early: bool, factor: float = 1.0) -> Measurement:
+    """The pendulum's table with the motor's torque, read before or after its row's command was sent."""
+    draw = torch.Generator().manual_seed(2)
+    command = measured.data["command"]
+    torque = command if early else torch.roll(command, 1, 1)
+    noisy = factor * (torque + 0.01 * torch.randn(torque.shape, generator=draw, dtype=torque.dtype))
+    data = measured.data.clone()
+    data["signal"] = torch.cat([data["signal"], noisy], -1)
+    data["measured"] = torch.cat([data["measured"], data["measured"]], -1)
+    if not early:
+        data["measured"][:, 0, -1] = False
+    return replace(measured, data=data, signals=(*measured.signals, Signal("qfrc.hinge", "N m")))
+
+
+def found_with(table: Measurement) -> Suspicion | None:
+    simulator, selection = MujocoSimulator(PENDULUM.xml, PENDULUM.free, threads=1, sensors=("qfrc.hinge",)), Selection()
+    return suspect(ground(simulator, table, selection), simulator, table, selection, lambda _line: None)
+
+
+def test_a_sensor_that_is_read_under_the_next_command_is_found() -> None:
+    measured = PENDULUM.measure()
+    assert found_with(with_torque(measured, early=False)) is None
+    found = found_with(with_torque(measured, early=True))
+    assert found is not None
+    assert found.certain
+    assert found.fault.says == "qfrc.hinge is logged 0.01 s (1 row) early"
+    assert found.fault.lines == '[signals."qfrc.hinge"]\nlatency = -0.01'
+
+
+def test_a_sensor_of_the_wrong_sign_is_found() -> None:
+    found = found_with(with_torque(PENDULUM.measure(), early=False, factor=-1.0))
+    assert found is not None
+    assert found.certain
+    assert found.fault.lines == '[signals."qfrc.hinge"]\nsign = -1'
 
 
 def test_shifts_leave_most_of_a_run() -> None:

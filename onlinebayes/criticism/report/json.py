@@ -67,8 +67,8 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "n_blocks": candidate.n_blocks,
         "p_value": candidate.p_value,
         "homogeneous": candidate.homogeneous,
-        # An effect has no flat directions of its own: "identifiable" belongs to the parameters of the final model.
-        "parameters": _estimates(candidate.parameters, identifiable=False),
+        # "identifiable" and "at_bound" are said of the final model only.
+        "parameters": _estimates(candidate.parameters, of_the_model=False),
         "indistinguishable_from": candidate.indistinguishable_from,
         "nested_in": candidate.nested_in,
         "exclusion_limit": candidate.exclusion_limit,
@@ -84,8 +84,8 @@ def _change(change: ParameterChange) -> dict[str, Any]:
     return {**asdict(change), "values": _estimates(change.values)}
 
 
-def _estimates(estimates: Mapping[str, Estimate], *, identifiable: bool = True) -> dict[str, dict[str, Any]]:
-    left_out = () if identifiable else ("identifiable",)
+def _estimates(estimates: Mapping[str, Estimate], *, of_the_model: bool = True) -> dict[str, dict[str, Any]]:
+    left_out = () if of_the_model else ("identifiable", "at_bound")
     return {
         name: {key: value for key, value in asdict(estimate).items() if key not in left_out}
         for name, estimate in estimates.items()

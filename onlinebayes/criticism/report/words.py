@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 
 from onlinebayes.criticism import places, quantities
-from onlinebayes.criticism.results import MOVES_NOTHING, Candidate, Criticism, Estimate
+from onlinebayes.criticism.results import MOVES_NOTHING, STOPPED, Candidate, Criticism, Estimate
 from onlinebayes.criticism.scope import address_of
 from onlinebayes.simulators.effects import EFFECTS
 
@@ -103,7 +103,9 @@ def headline(result: Criticism) -> str:
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     helped = f"; {effects} helps, but not enough" if result.accepted else ""
     if result.interrupted:
-        return f"The model is wrong, and the search was stopped before it could say why{helped}."
+        leading = [candidate.effect for candidate in result.candidates if STOPPED in candidate.refused_because][:1]
+        so_far = f"; so far {together(leading)} leads" if leading else ""
+        return f"The model is wrong, and the search was stopped before it could say why{helped}{so_far}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
 
 
@@ -281,7 +283,7 @@ def outcome(candidate: Candidate) -> str:
     if candidate.score_gain is None:
         reason = candidate.refused_because[0] if candidate.refused_because else "not tried further"
         return reason.partition(" (")[0].partition(":")[0]
-    return "; ".join(candidate.refused_because) or "not needed"
+    return "; ".join(candidate.refused_because)
 
 
 def _differs(result: Criticism) -> str:

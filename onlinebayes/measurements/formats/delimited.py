@@ -81,7 +81,8 @@ def csv_rows(path: Path) -> Iterator[Iterator[list[str]]]:
             reader = csv.reader(_lines(file, path), strict=True)
             yield reader
     except UnicodeDecodeError:
-        raise BadInput("the file is not UTF-8", "save it as UTF-8", where=f"{path}, {_undecodable(path)}") from None
+        cure = "save it as UTF-8, or give it the ending of its own format (.parquet, .mcap, .rrd)"
+        raise BadInput("the file is not UTF-8", cure, where=f"{path}, {_undecodable(path)}") from None
     except csv.Error as error:
         line = f", line {reader.line_num}" if reader else ""
         raise BadInput(f"is no readable CSV: {error}", "check the quotes on that line", where=f"{path}{line}") from None

@@ -44,7 +44,9 @@ def test_values_are_the_results_own() -> None:
     assert set(found["steps"][0]) == {
         "added", "error_before", "error_after", "score_gain", "score_gain_se", "n_blocks",
     }  # fmt: skip
-    assert set(found["parameters"]["body.carriage.mass"]) == {"mean", "sd", "q05", "q95", "unit", "identifiable"}
+    assert set(found["parameters"]["body.carriage.mass"]) == {
+        "mean", "sd", "q05", "q95", "unit", "identifiable", "at_bound",
+    }  # fmt: skip
     assert found["failures"][0] == {
         "signal": SIGNAL, "where": "|qvel.carriage| < 0.02 m/s", "share_of_error": 0.6, "share_of_time": 0.1,
     }  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 from onlinebayes.criticism import quantities
 from onlinebayes.criticism.report import words
@@ -56,18 +55,10 @@ def _state(value: Estimate, bounds: Parameter | None) -> str:
         return "not determined alone"
     if bounds is None:
         return "yes"
-    if _hit(value, bounds):
+    if value.at_bound:
         return "at its bound"
     share = (value.q95 - value.q05) / (bounds.high - bounds.low)
     return f"yes, to {quantities.percent(share)} of what was allowed" if share < WIDE else "hardly: the bounds decide"
-
-
-def _hit(value: Estimate, bounds: Parameter) -> Literal["", "low", "high"]:
-    """The bound at which the mean lies, if any."""
-    near = 1e-3 * (bounds.high - bounds.low)
-    if value.mean - bounds.low < near:
-        return "low"
-    return "high" if bounds.high - value.mean < near else ""
 
 
 def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None) -> Html:
@@ -75,10 +66,9 @@ def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None)
     low, high, mean = (_place(x, bounds) for x in (value.q05, value.q95, value.mean))
     ends = f"{bounds.low:.4g} to {bounds.high:.4g} {quantities.scale_for(0.0, bounds.unit).unit}".strip()
     log = " (logarithmic)" if bounds.scale == "log" else ""
-    hit = _hit(value, bounds)
     label = text(f"{name}: {words.estimate(value)}, 90 % within {words.interval(value)}; allowed {ends}{log}")
     marks = f'<s style="left:{_place(base.mean, bounds):.1f}%"></s>' if base else ""
-    marks += f'<u class="{hit}"></u>' if hit else ""
+    marks += f'<u class="{value.at_bound}"></u>' if value.at_bound else ""
     return Html(
         f'<span class="strip" role="img" aria-label="{label}" title="{text(ends)}">'
         f'<i style="left:{low:.1f}%;width:{max(high - low, 1):.1f}%"></i><b style="left:{mean:.1f}%"></b>{marks}</span>'
