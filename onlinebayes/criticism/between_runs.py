@@ -24,7 +24,8 @@ from torch import Tensor
 from onlinebayes.criticism.acceptance import LEAST_FALL
 from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.contrasts import contrast_p_values
-from onlinebayes.criticism.fit import Fit, bounded_step, fit
+from onlinebayes.criticism.descent import bounded_step
+from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.homogeneity import agree, halves
 from onlinebayes.criticism.identifiability import covariance_of
 from onlinebayes.criticism.noise import tau

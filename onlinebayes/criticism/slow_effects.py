@@ -12,7 +12,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from onlinebayes.criticism.fit import SLACK, bounded_step, improve, unfitted
+from onlinebayes.criticism.descent import SLACK, bounded_step
+from onlinebayes.criticism.fit import improve, unfitted
 from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.inquiry import left_over
 from onlinebayes.criticism.numerics import Grounds, check

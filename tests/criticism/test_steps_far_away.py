@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.fit import backtracked, fit
+from onlinebayes.criticism.descent import backtracked
+from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.projection import project
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.sensitivities import linearise

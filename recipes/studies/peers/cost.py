@@ -20,7 +20,8 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-from onlinebayes.criticism.fit import TOLERANCE, fit
+from onlinebayes.criticism.descent import TOLERANCE
+from onlinebayes.criticism.fit import fit
 from recipes.studies.peers.sysid import Problem
 from recipes.studies.peers.sysid_parameters import Freed, setter
 from recipes.studies.peers.task import Task
