@@ -242,6 +242,11 @@ class Effect(ABC):
         return self.has_force and not self.fields
 
     @property
+    def remembers(self) -> bool:
+        """Whether it has a hidden state."""
+        return type(self).rest is not Effect.rest
+
+    @property
     def memory(self) -> float:
         """How long what has happened acts on through the hidden state [s]; 0 without one."""
         return 0.0
@@ -282,7 +287,8 @@ class Effect(ABC):
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
         """What is added to the generalised force of the target joint, or to the target actuator's own force [N, N m].
 
-        It is evaluated at the start of a step and held over it; None where the effect has none.
+        It is held over a timestep, evaluated at its start, or in its middle where MuJoCo goes by Runge and Kutta's
+        method and the effect has no hidden state; None where the effect has none.
         """
         return None
 

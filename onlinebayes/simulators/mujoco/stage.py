@@ -3,16 +3,22 @@
     qfrc_applied = sum of forces(q, v, f, u, hidden),   dof_frictionloss = the model's + sum of friction bounds
     dof_armature, dof_M0 = the model's + sum of changes of inertia
 
-The effects' equations are those that the torch backend uses. A force is held over the timestep, as an explicit method
-does; dry friction is the bound of MuJoCo's own friction constraint, so that the solver makes it stick. The engine calls
-nothing in Python: worlds with a force stage are stepped one timestep at a time.
+The effects' equations are those that the torch backend uses. Dry friction is the bound of MuJoCo's own friction
+constraint, so that the solver makes it stick. The engine calls nothing in Python: worlds with a force stage are stepped
+one timestep at a time, and a force is held over it. Methods of first order take it at the timestep's start. Under Runge
+and Kutta's that alone would make the step one of first order: there laws without memory are taken at its middle,
+
+    q_m = q + h/2 v,    v_m = v + h/2 a(q, v, forces at the start)
+
+which leaves an error of h^2 (the explicit midpoint rule; Hairer, Norsett and Wanner 1993, II.1).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import mujoco
 import mujoco.batch
 import numpy as np
 import torch
@@ -90,6 +96,7 @@ class ForceStage:
 
     Attributes:
         hidden: key -> hidden state of each staged effect that has one; replace it to start from another.
+        halves: whether :meth:`apply_halfway` is to follow :meth:`apply`.
     """
 
     def __init__(
@@ -108,6 +115,11 @@ class ForceStage:
         self._inertia = [_JointField(name, fields, worlds, weighed) for name in INERTIA]
         self._theta = torch.zeros(worlds, len(system.parameters), dtype=torch.float64)
         self._own: dict[str, dict[str, Tensor]] = {}
+        self._switched = torch.ones(worlds, 0, dtype=torch.bool)
+        self._begun: list[_Acting] = []
+        runge_kutta = system.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
+        self._memoryless = [k for k, place in enumerate(self._places) if not place.effect.remembers]
+        self.halves = runge_kutta and bool(self._memoryless)
         self.hidden: dict[str, TensorDict] = {}
 
     def write_theta(self, theta: np.ndarray, ids: np.ndarray | None) -> None:
@@ -123,36 +135,70 @@ class ForceStage:
             field.keep(rows)
 
     def apply(self, on: np.ndarray, alive: np.ndarray | None) -> None:
-        """Set the forces and bounds of the timestep to come, and move the hidden states to its end.
+        """Set the forces and bounds at the start of the timestep to come, and move the hidden states to its end.
 
         Args:
             on: which actuators are on (N, U).
             alive: the worlds that will be stepped (all without); the hidden states of the others stay.
         """
-        switched = torch.from_numpy(on)
+        self._switched, self._begun = torch.from_numpy(on), []
+        for place in self._places:
+            seen = self._see(place, self._q, self._v)
+            self._begun.append(self._acting(place, seen))
+            after = place.effect.advance(self._own[place.effect.key], seen)
+            if after is not None and seen.hidden is not None:
+                self.hidden[place.effect.key] = after if alive is None else _keep(seen.hidden, after, alive)
+        self._set(self._begun)
+
+    def apply_halfway(self, acceleration: Float[Tensor, "N nv"]) -> None:
+        """After :meth:`apply`: the forces and bounds of laws without memory anew, at the middle of the timestep.
+
+        Args:
+            acceleration: at the timestep's start, under the forces set there.
+        """
+        half = 0.5 * self._timestep
+        q, v = self._q.clone(), self._v + half * acceleration
+        for place in self._places:
+            q[:, place.q] = self._q[:, place.q] + half * self._v[:, place.v]
+        acting = list(self._begun)
+        for k in self._memoryless:
+            acting[k] = self._acting(self._places[k], self._see(self._places[k], q, v))
+        self._set(acting)
+
+    def _acting(self, place: Place, seen: Seen) -> _Acting:
+        effect, own = place.effect, self._own[place.effect.key]
+        force = effect.force(own, seen)
+        if force is not None and effect.target_kind == "actuator":
+            force = force * place.actuators[0].gear(self._fields)
+        return _Acting(force, effect.friction_bound(own, seen), effect.inertia(own, seen))
+
+    def _set(self, acting: Sequence[_Acting]) -> None:
+        """Write what all effects do together where the engine reads it."""
         push: dict[int, Tensor] = {}
         bounds: dict[int, Tensor] = {}
         weights: dict[int, Tensor] = {}
-        for place in self._places:
-            effect, own = place.effect, self._own[place.effect.key]
-            seen = self._see(place, switched)
-            force, after = effect.force(own, seen), effect.advance(own, seen)
-            if force is not None and effect.target_kind == "actuator":
-                force = force * place.actuators[0].gear(self._fields)
-            _add(push, place.v, force)
-            _add(bounds, place.v, effect.friction_bound(own, seen))
-            _add(weights, place.v, effect.inertia(own, seen))
-            if after is not None and seen.hidden is not None:
-                self.hidden[effect.key] = after if alive is None else _keep(seen.hidden, after, alive)
+        for place, one in zip(self._places, acting, strict=True):
+            _add(push, place.v, one.force)
+            _add(bounds, place.v, one.bound)
+            _add(weights, place.v, one.inertia)
         for dof, force in push.items():
             self._applied[:, dof] = force
         self._loss.raise_by(bounds)
         for field in self._inertia:
             field.raise_by(weights)
 
-    def _see(self, place: Place, on: Tensor) -> Seen:
+    def _see(self, place: Place, q: Float[Tensor, "N nq"], v: Float[Tensor, "N nv"]) -> Seen:
         hidden = self.hidden.get(place.effect.key)
-        return place.see(self._fields, self._q, self._v, self._ctrl, on, hidden, self._timestep)
+        return place.see(self._fields, q, v, self._ctrl, self._switched, hidden, self._timestep)
+
+
+@dataclass(frozen=True)
+class _Acting:
+    """What one effect does over a timestep: force, bound of dry friction, change of inertia, each (N,) or None."""
+
+    force: Tensor | None
+    bound: Tensor | None
+    inertia: Tensor | None
 
 
 class _JointField:

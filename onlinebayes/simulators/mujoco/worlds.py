@@ -140,7 +140,16 @@ class Worlds:
         alive = self._alive()
         if self.stage is not None:
             self.stage.apply(self._on, alive)
+            if self.stage.halves:
+                self.stage.apply_halfway(self._acceleration(alive))
         self._run(self.batch.step, alive)
+
+    def _acceleration(self, alive: np.ndarray | None) -> torch.Tensor:
+        """Of every world at its present state (N, nv), which stays as it is."""
+        before = self.batch.state.copy()
+        self._run(self.batch.forward, alive)
+        self.batch.state[...] = before
+        return torch.from_numpy(np.array(self.batch.bind("qacc")))
 
     def record(self, ctrl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """One timestep for each row of ctrl (N, K, nu), all recorded.
