@@ -14,6 +14,9 @@ from jaxtyping import Float
 from scipy.optimize import lsq_linear
 from torch import Tensor
 
+ALIKE = 1e-7
+"""Of the columns' squares: parameters whose columns differ by less than the root of that part are not told apart."""
+
 
 def bounded_least_squares(
     normal: Float[Tensor, "P P"],
@@ -34,9 +37,10 @@ def bounded_least_squares(
         return gradient
     scale = (high - low).clamp_min(1e-300)
     N = normal * scale[:, None] * scale
-    # A billionth of the largest entry keeps a flat direction at zero without moving the others.
+    # What two parameters do alike is known to the rounding of differences only: a fit that follows it wanders. A
+    # billionth of the largest entry keeps what moves nothing at zero. Neither moves the other directions.
     diagonal = N.diagonal()
-    N = N + torch.diag(damping * diagonal + 1e-9 * diagonal.max().clamp_min(1e-300) + 1e-300)
+    N = N + torch.diag((damping + ALIKE) * diagonal + 1e-9 * diagonal.max().clamp_min(1e-300) + 1e-300)
     g = gradient * scale
     root = torch.linalg.cholesky(N)
     free = torch.cholesky_solve(g[:, None], root)[:, 0]
