@@ -166,6 +166,7 @@ def test_a_file_that_is_there_stays(folder, capsys) -> None:
         (["qpos.hinge", "ctrl.motor"], ["angle", "torque_cmd"], {"qpos.hinge": "angle", "ctrl.motor": "torque_cmd"}),
         (["qpos.a", "qpos.b"], ["position"], {}),  # whose?
         (["qpos.hinge"], ["angle", "position"], {}),  # which?
+        (["ctrl.motor"], ["drive_V"], {"ctrl.motor": "drive_V"}),
         (["qpos.hinge"], ["temperature"], {}),
         (["ctrl.motor"], ["motor_speed"], {}),  # not what it was told
     ],
