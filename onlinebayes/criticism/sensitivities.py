@@ -5,23 +5,16 @@
 Forward differences, toward the inside of the bounds, with a step of at most a thousandth of a parameter's range: large
 against the solver's tolerance, small against what a parameter does. Where bounds are wide, a fit shortens the step to
 some standard deviations of the parameter. Parameters that one run alone has are moved in all runs at once.
-
-Where the replay takes many timesteps between two rows the derivatives are simulated at four times the step
-(:func:`rough`): a step of Gauss and Newton's needs them to some per cent, and the residual, which needs the step, is
-one replay of many.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.around import innermost
-from onlinebayes.criticism.ladder import adjustable
 from onlinebayes.criticism.replay import replay
 from onlinebayes.criticism.scoped import ScopedSimulator
 from onlinebayes.criticism.windows import Windows
@@ -29,8 +22,6 @@ from onlinebayes.simulators.base import Simulator
 
 RELATIVE_STEP = 1e-3
 START_STEP = 5.0  # of a start's sd
-ROUGHER = 4  # times the timestep, for derivatives
-APART = 0.01  # of the motion: by what the rougher replay may differ
 SHORTER = 4  # times that a step may be shortened where the model diverges
 
 
@@ -71,27 +62,6 @@ def linearise(
         largest: longest difference step of each parameter [SI]; a thousandth of its range when None.
         shown: the binned replay at (theta, starts), all of it finite, where it is known already [SI].
     """
-    rougher = rough(simulator, windows)
-    if rougher is not None:
-        if shown is None:
-            signals, valid = replay(simulator, windows, theta[None], starts[None])
-            shown = windows.bin(signals)[0] if bool(valid.all()) else None
-        if shown is not None:
-            found, base = _differences(rougher, windows, theta, starts, largest, None)
-            if found.valid and _alike(windows, base, shown):
-                return replace(found, residual=windows.bin(windows.value) - shown)
-    return _differences(simulator, windows, theta, starts, largest, shown)[0]
-
-
-def _differences(
-    simulator: Simulator,
-    windows: Windows,
-    theta: Float[Tensor, " P"],
-    starts: Float[Tensor, "W J2"],
-    largest: Float[Tensor, " P"] | None,
-    shown: Float[Tensor, "W n S"] | None,
-) -> tuple[Linearisation, Float[Tensor, "W n S"]]:
-    """:func:`linearise` by this simulator alone, and its binned replay at the point [SI]."""
     steps = parameter_steps(simulator, theta, largest)
     P, world = len(theta), together(simulator)
     Q = int(world.max()) + 1 if P else 0
@@ -116,35 +86,7 @@ def _differences(
     by_theta = moved[..., F:][..., world] / steps
     if isinstance(simulator, ScopedSimulator):
         by_theta = by_theta * simulator.touches(windows).T.to(by_theta)[:, None, None, :]
-    residual = windows.bin(windows.value) - binned[-1]
-    return Linearisation(theta, starts, residual, by_start, by_theta, bool(stable.all())), binned[-1]
-
-
-def rough(simulator: Simulator, windows: Windows) -> Simulator | None:
-    """The simulator at four times its step; None where less than four steps lie between two rows, or it cannot.
-
-    Nor but by the method of Runge and Kutta: derivatives of a method of first order err by more than some per cent.
-    """
-    within = round(windows.step / simulator.timestep)
-    return _rougher(simulator) if within >= ROUGHER and within % ROUGHER == 0 else None
-
-
-@lru_cache(maxsize=4)  # each linearisation of a fit asks for the same
-def _rougher(simulator: Simulator) -> Simulator | None:
-    can = adjustable(simulator) and type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
-    if not can or simulator.with_runge_kutta() is not simulator:
-        return None
-    return simulator.with_timestep(ROUGHER * simulator.timestep)
-
-
-def _alike(windows: Windows, rougher: Float[Tensor, "W n S"], shown: Float[Tensor, "W n S"]) -> bool:
-    """Whether two replays differ by little beside what each signal moves within the windows."""
-    seen = windows.seen.to(shown)
-    count = seen.sum((0, 1)).clamp_min(1)
-    mean = (shown * seen).sum(1, keepdim=True) / seen.sum(1, keepdim=True).clamp_min(1)
-    moved = ((shown - mean) * seen).square().sum((0, 1)) / count
-    apart = ((shown - rougher) * seen).square().sum((0, 1)) / count
-    return bool((apart <= APART**2 * moved + windows.noise.to(shown) ** 2).all())
+    return Linearisation(theta, starts, windows.bin(windows.value) - binned[-1], by_start, by_theta, bool(stable.all()))
 
 
 def linearise_starts(
@@ -196,12 +138,6 @@ def columns(
 ) -> tuple[Float[Tensor, "M W n S"], Float[Tensor, " M"]]:
     """How the binned replay differs between ``base`` and each row of ``moved``; 1 where all worlds stayed finite."""
     theta = torch.cat([base[None], moved])
-    rougher, every = rough(simulator, windows), starts.expand(len(theta), *starts.shape)
-    if rougher is not None:
-        signals, valid = replay(rougher, windows, theta, every)
-        binned = windows.bin(signals)
-        if _alike(windows, binned[0], windows.bin(replay(simulator, windows, theta[:1], every[:1])[0])[0]):
-            return binned[1:] - binned[0], valid[1:].all(-1).to(base)
-    signals, valid = replay(simulator, windows, theta, every)
+    signals, valid = replay(simulator, windows, theta, starts.expand(len(theta), *starts.shape))
     binned = windows.bin(signals)
     return binned[1:] - binned[0], valid[1:].all(-1).to(base)
