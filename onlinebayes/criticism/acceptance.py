@@ -2,7 +2,7 @@
 
 1. p of the maximum test below alpha, or that of the sign test: a gain in all B blocks, times the candidates that were
    tried, C 2^-B (Bonferroni). Screening is linear, and where contacts stick a straight line sees little of an effect.
-   What leaves only noise of a gross misfit needs no p (``stage.explains_all``).
+   What leaves noise, or a quarter, of a gross misfit needs no p (``stage.explains``).
 2. The cross-validated RMS at H falls by at least 5 %.
 3. score_gain >= 2 standard errors at H, or a gain in each of 7 blocks or more; cross-validated RMS at H_s falls, too.
 4. The leave-one-block-out jackknife interval (95 %, Student's t with B - 1 degrees) excludes the neutral value.

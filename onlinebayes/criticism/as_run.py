@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from onlinebayes.criticism.fit import Fit, improve, unfitted
 from onlinebayes.criticism.ladder import Rung
-from onlinebayes.criticism.projection import signal_rms
+from onlinebayes.criticism.projection import misfit
 from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -33,7 +33,7 @@ def as_run(
         horizon: H [s].
         finer, windows, rung: the same model fitted on the rung that its numerics asked for.
     """
-    if not (rung.runge_kutta or rung.timestep < simulator.timestep) or _left(finer) <= NOISE:
+    if not (rung.runge_kutta or rung.timestep < simulator.timestep) or misfit(finer.projected) <= NOISE:
         return None
     try:
         own = make_windows(simulator, measurement, horizon, MEMORY * horizon, windows.noise)
@@ -41,12 +41,7 @@ def as_run(
         begun = unfitted(simulator, own, finer.theta, starts=starts)
     except BadInput:  # its own step does not divide the rows, or diverges
         return None
-    if _left(begun) >= _left(finer):
+    if misfit(begun.projected) >= misfit(finer.projected):
         return None
     fitted = improve(begun, own)
-    return (own, fitted) if _left(fitted) <= max(NOISE, FAR_BETTER * _left(finer)) else None
-
-
-def _left(fitted: Fit) -> float:
-    """Of the worst signal, starts projected out [floors]."""
-    return float(signal_rms(fitted.projected).max())
+    return (own, fitted) if misfit(fitted.projected) <= max(NOISE, FAR_BETTER * misfit(finer.projected)) else None

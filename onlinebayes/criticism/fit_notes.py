@@ -1,13 +1,17 @@
-"""What has to be said of a fit beside its numbers: step, length of the windows, convergence, values on their bounds."""
+"""What has to be said of a fit beside its numbers.
+
+The step, the length of the windows, convergence, values on their bounds, and laws that are another two together.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from onlinebayes.criticism import quantities
 from onlinebayes.criticism.results import Estimate, Selection
 from onlinebayes.criticism.search import Found
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import EFFECTS, Effect
 
 CUT = 0.9
 """Share of the horizon that was asked for below which windows are said to be shorter."""
@@ -24,7 +28,12 @@ def fit_notes(
         selection: how effects were judged; its horizon was asked for.
         parameters: of the final model.
     """
-    return (*_of_the_step(simulator, found), *_of_the_windows(found, selection), *_of_bounds(found, parameters))
+    return (
+        *_of_the_step(simulator, found),
+        *_of_the_windows(found, selection),
+        *_of_bounds(found, parameters),
+        *of_sums([judged.effect for _, judged in found.accepted]),
+    )
 
 
 def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
@@ -65,3 +74,15 @@ def _of_bounds(found: Found, parameters: Mapping[str, Estimate]) -> Iterator[str
                 f"{name} ends on its bound of {quantities.exact(end, value.unit)}: the data may ask for more than was "
                 "allowed, and the interval says nothing of that"
             )
+
+
+def of_sums(accepted: Sequence[Effect]) -> Iterator[str]:
+    """Of an accepted law that is others together, and of accepted ones that are another law: the same force."""
+    keys = {effect.key for effect in accepted}
+    for element in dict.fromkeys(effect.element for effect in accepted):
+        for kind in EFFECTS.values():
+            whole, parts = f"{kind.name}@{element}", [f"{name}@{element}" for name in kind.sum_of]
+            if parts and whole in keys:
+                yield f"{whole} is by its equation {' and '.join(parts)} together: no record parts the two accounts"
+            elif parts and keys.issuperset(parts):
+                yield f"{' and '.join(parts)} are by their equation {whole}: no record parts the two accounts"

@@ -24,12 +24,14 @@ from onlinebayes.criticism.between_runs import HALF_LEVEL, may_change
 from onlinebayes.criticism.candidates import can_have, propose
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.numerics import Grounds
-from onlinebayes.criticism.projection import signal_rms
+from onlinebayes.criticism.projection import misfit
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import CrossValidated, cross_validate, parted, score_gain
 from onlinebayes.criticism.stage import (
+    BEYOND,
     EVERY_P,
     GROSS_MISFIT,
+    LEAST_PROMISE,
     REFIT_BELOW,
     Added,
     Stage,
@@ -43,8 +45,6 @@ from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, Para
 
 MOST_REFITS = 2  # of a group
 LEAST_FALL = 0.3  # of a gross error, for a trial
-PROMISING = 0.1  # share by which one of them must promise to lower a gross error
-BEYOND = 100.0  # floors: what is left of a real machine's motion when the effects that it has were found
 
 Group = tuple[str, tuple[Effect, ...]]
 
@@ -56,18 +56,30 @@ class Last:
     Args:
         stage, judged: the round that found it, and its judgement.
         believed: whether it leaves noise; if not, it stands on trial until all that is accepted after it does.
+        lead: what it was found beside, which was not admissible alone.
     """
 
     stage: Stage
     judged: Judged
     believed: bool
+    lead: Added | None = None
+
+    @property
+    def added(self) -> list[Added]:
+        """What enters, in order."""
+        return [*([] if self.lead is None else [self.lead]), (self.stage, self.judged)]
 
 
-def last_candidates(current: Grounds, found: int = 0) -> tuple[Group, ...]:
-    """What is left to try beyond all where ``found`` effects were, in groups, each with what is being looked for."""
-    if found and float(signal_rms(current.fitted.projected).max()) > BEYOND:
+def last_candidates(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Group, ...]:
+    """What is left to try beyond all and ``found``, in groups, each with what is being looked for."""
+    if found and misfit(current.fitted.projected) > BEYOND:
         return ()
-    return tuple((what, effects) for what, effects in (*_effects(current), *_in_time(current)) if effects)
+    present = {effect.key for effect in found}
+    groups = (
+        (what, tuple(effect for effect in effects if effect.key not in present))
+        for what, effects in (*_effects(current), *_in_time(current))
+    )
+    return tuple((what, effects) for what, effects in groups if effects)
 
 
 def _effects(current: Grounds) -> Iterator[Group]:
@@ -106,7 +118,7 @@ def last_found(
         say: takes one line of progress.
         interrupt: looked at between the fits; what was found until then is returned.
     """
-    gross = float(signal_rms(current.fitted.projected).max()) > GROSS_MISFIT
+    gross = misfit(current.fitted.projected) > GROSS_MISFIT
     level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
     stricter = replace(selection, alpha=level)
     found: list[Last] = []
@@ -117,7 +129,7 @@ def last_found(
             break  # an effect that explains all goes before a number for every instant
         say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
-        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= PROMISING]
+        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
         stage = judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt)
         admissible = [judged for judged in stage.judged if judged.admissible]
@@ -126,6 +138,29 @@ def last_found(
         if quiet or lowering:
             found.append(Last(stage, choose(quiet or lowering, current.windows.bin_step), bool(quiet)))
     return max(found, key=lambda last: (last.believed, last.judged.gain.gain), default=None)
+
+
+def found_beside(
+    stage: Stage,
+    current: Grounds,
+    groups: Sequence[Group],
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
+) -> Last | None:
+    """What leaves noise beside the significant candidate that gains most, of a round in which none was admissible.
+
+    A late motor and cogging hide each other: neither lowers a gross misfit by much. Whether the candidate is needed
+    beside what was found is asked at the end, as of every effect (see :mod:`.needless`). Arguments as
+    :func:`last_found`.
+    """
+    leads = [judged for judged in stage.judged if judged.p_value < selection.alpha]
+    if not leads or misfit(current.fitted.projected) <= GROSS_MISFIT:
+        return None
+    lead = max(leads, key=lambda judged: judged.gain.gain)
+    say(f"looking beside {lead.effect.key}")
+    found = last_found(replace(current, fitted=lead.fitted), groups, selection, say, interrupt)
+    return None if found is None or not found.believed else replace(found, lead=(stage, lead))
 
 
 def instead(

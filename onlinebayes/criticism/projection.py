@@ -165,3 +165,8 @@ def signal_rms(projected: Projected) -> Float[Tensor, " S"]:
     rows, seen = projected.measured_rows(projected.residual), projected.seen()
     total = rows.square().sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)
     return total.sqrt() / projected.weight
+
+
+def misfit(projected: Projected) -> float:
+    """Start-projected RMS of the signal that is missed most [noise units of a bin]."""
+    return float(signal_rms(projected).max())

@@ -16,7 +16,7 @@ from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.changes import Changed, changed
 from onlinebayes.criticism.family import family
 from onlinebayes.criticism.grid import row_step, run_grids
-from onlinebayes.criticism.last import Group, Last, instead, last_candidates, last_found
+from onlinebayes.criticism.last import Group, Last, found_beside, instead, last_candidates, last_found
 from onlinebayes.criticism.needless import without_needless
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
@@ -32,6 +32,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
 MOST_EFFECTS = 6
+MOST_LAST = 2  # of what is tried last: two laws may hide each other
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ def search(
     standing = Standing(simulator, base)
     stages: list[Stage] = []
     seen: set[frozenset[str]] = set()
-    groups: tuple[Group, ...] = ()  # of what is tried last
+    last: list[tuple[Group, ...]] = []  # of what is tried last, each time
     before_trial: Standing | None = None  # comes back unless noise is all that is left
     with asked.fit_in_hand:
         while standing.grounds.numerics.sufficient and not asked.stopped:
@@ -153,11 +154,11 @@ def search(
                 standing = with_change(standing, added)
                 standing = without_idle(standing, standing.accepted, measurement, selection) or standing
                 continue
-            if not (added or asked.stopped or groups or standing.at_floor(selection.tolerance)) and asked.everything:
-                groups = last_candidates(standing.grounds, len(standing.accepted))
-                if (latest := _latest(asked, standing, groups)) is not None:
-                    added = [(latest.stage, latest.judged)]
-                    before_trial = None if latest.believed else standing
+            if not (added or asked.stopped or standing.at_floor(selection.tolerance)) and asked.everything:
+                last.append(last_candidates(standing.grounds, standing.effects) if len(last) < MOST_LAST else ())
+                if (latest := _latest(asked, standing, stages[-1], last[-1])) is not None:
+                    added = latest.added
+                    before_trial = before_trial or (None if latest.believed else standing)
             if not added:
                 break
             standing = _extended(asked, standing, added)
@@ -170,7 +171,8 @@ def search(
         standing = before_trial
     if not asked.stopped:
         standing = _simplest(asked, base, without_needless(standing, measurement, selection))
-    tried = (*effects, *(effect for _, group in groups for effect in group))
+    late = {effect.key: effect for groups in last for _, group in groups for effect in group}
+    tried = (*effects, *late.values())
     accepted, changes = standing.accepted, standing.changes
     return Found(base, standing.grounds, tried, tuple(stages), accepted, asked.stopped, changes=changes)
 
@@ -209,9 +211,12 @@ def _chosen(asked: _Asked, standing: Standing, stage: Stage, effects: Sequence[E
     return change if not added and change is not None and change.halved else added
 
 
-def _latest(asked: _Asked, standing: Standing, groups: Sequence[Group]) -> Last | None:
+def _latest(asked: _Asked, standing: Standing, stage: Stage, groups: Sequence[Group]) -> Last | None:
     """What is found among those that are tried last; nothing on trial where there is no time to go on from it."""
-    latest = last_found(standing.grounds, groups, asked.selection, asked.say, asked.interrupt)
+    grounds, selection, say, interrupt = standing.grounds, asked.selection, asked.say, asked.interrupt
+    latest = last_found(grounds, groups, selection, say, interrupt)
+    if latest is None and not asked.stopped:
+        latest = found_beside(stage, grounds, groups, selection, say, interrupt)
     return None if latest is None or (asked.stopped and not latest.believed) else latest
 
 

@@ -90,13 +90,17 @@ def linearise(
 
 
 def linearise_starts(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], starts: Float[Tensor, "W J2"]
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"],
+    finer: float = 1.0,
 ) -> Linearisation:
-    """The same with the starts moved alone; the derivatives by theta are left zero."""
-    moved = moved_one_by_one(windows, starts)
+    """The same with the starts moved alone, by so many times less; the derivatives by theta are left zero."""
+    moved = moved_one_by_one(windows, starts, finer)
     signals, valid = replay(simulator, windows, theta.expand(len(moved), -1), moved)
     binned = windows.bin(signals)
-    by_start = (binned[1:] - binned[0]).movedim(0, -1) / start_steps(windows)[:, None, None, :]
+    by_start = (binned[1:] - binned[0]).movedim(0, -1) * finer / start_steps(windows)[:, None, None, :]
     by_theta = by_start.new_zeros(*by_start.shape[:-1], len(theta))
     return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(valid.all()))
 
@@ -106,9 +110,9 @@ def start_steps(windows: Windows) -> Float[Tensor, "W J2"]:
     return (START_STEP * windows.start_sd).clamp_min(1e-9)
 
 
-def moved_one_by_one(windows: Windows, starts: Float[Tensor, "W J2"]) -> Float[Tensor, "J21 W J2"]:
-    """The starts as they are, then with each coordinate moved by its step [SI]."""
-    return torch.cat([starts[None], starts + torch.diag_embed(start_steps(windows)).movedim(1, 0)])
+def moved_one_by_one(windows: Windows, starts: Float[Tensor, "W J2"], finer: float = 1.0) -> Float[Tensor, "J21 W J2"]:
+    """The starts as they are, then with each coordinate moved by its step, or by so many times less [SI]."""
+    return torch.cat([starts[None], starts + torch.diag_embed(start_steps(windows) / finer).movedim(1, 0)])
 
 
 def together(simulator: Simulator) -> Int[Tensor, " P"]:

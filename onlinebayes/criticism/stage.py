@@ -17,7 +17,7 @@ from onlinebayes.criticism.asleep import woken
 from onlinebayes.criticism.blocks import FEWEST, Blocks, independent_parts, make_blocks
 from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.longer import longer
-from onlinebayes.criticism.projection import project, signal_rms
+from onlinebayes.criticism.projection import misfit, project
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.scoped import effect_entries
 from onlinebayes.criticism.score import CrossValidated
@@ -31,9 +31,12 @@ FEWEST_REFITS, MOST_REFITS = 2, 5
 GROSS = 4.0
 """Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
 GROSS_MISFIT = 3.0  # floors
+BEYOND = 100.0  # floors: what is left of a real machine's motion when the effects that it has were found
 EVERY_P = math.inf
 PROMISING = 0.4 * LEAST_FALL
 """To first order; what lowers the error by less will not lower it by what acceptance asks for."""
+LEAST_PROMISE = 0.1  # of a gross misfit, for a refit whatever p
+LEFT = 0.25  # of a gross misfit, by what needs no p
 
 
 @dataclass(frozen=True)
@@ -81,7 +84,14 @@ def run_stage(
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
     refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
-    return judged_stage(found, refits, numerics, selection, say, interrupt)
+    stage = judged_stage(found, refits, numerics, selection, say, interrupt)
+    if any(judged.admissible for judged in stage.judged):
+        return stage
+    more = [s for s in unlikely(found) if s not in refits]
+    if not more:
+        return stage
+    rest = judged_stage(found, more, numerics, selection, say, interrupt)
+    return replace(stage, judged=(*stage.judged, *rest.judged))
 
 
 def _leading(found: Survey, alpha: float) -> list[Screened]:
@@ -92,6 +102,14 @@ def _leading(found: Survey, alpha: float) -> list[Screened]:
     leading = [s for s in found.screened if s.p_value is not None]
     seen = {s.effect.key for s in leading if (s.p_value or 0.0) < alpha}
     return [s for s in leading if not seen & contained(s.effect)]
+
+
+def unlikely(found: Survey) -> list[Screened]:
+    """Those that promise most of a gross misfit, whatever their p: screening is linear, and sees little of a limit."""
+    if not GROSS_MISFIT < misfit(found.current.projected) <= BEYOND:
+        return []
+    promising = [s for s in _leading(found, 0.0) if s.promise >= LEAST_PROMISE]
+    return sorted(promising, key=lambda s: -s.promise)[:FEWEST_REFITS]
 
 
 def worth(found: Survey, alpha: float, below: float) -> list[Screened]:
@@ -122,24 +140,25 @@ def judged_stage(
         except BadInput:  # it diverges from where screening would start it
             continue
         p = candidate.p_value or 0.0
-        level = EVERY_P if explains_all(found.current, fitted, found.windows, selection) else selection.alpha
+        level = EVERY_P if explains(found.current, fitted, found.windows, selection) else selection.alpha
         one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, level, tried)
         judged.append(if_slow(one, found.windows, selection) if found.slow else one)
     return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
 
 
-def explains_all(current: Fit, fitted: Fit, windows: Windows, selection: Selection) -> bool:
-    """Whether a candidate leaves no more than noise of a gross misfit, which nothing does by chance.
+def explains(current: Fit, fitted: Fit, windows: Windows, selection: Selection) -> bool:
+    """Whether a candidate leaves noise, or a quarter, of a gross misfit, which nothing does by chance.
 
-    Screening's p says nothing more then: it is linear, and sees little of a spring whose centre is free.
+    Screening's p says nothing more then: it is linear, and sees little of a limit, or of a spring whose centre is free.
     """
-    gross = float(signal_rms(current.projected).max()) > GROSS_MISFIT
-    return gross and leaves_noise(fitted, windows, selection.tolerance)
+    gross = misfit(current.projected)
+    most = max(selection.tolerance, LEFT * gross)
+    return gross > GROSS_MISFIT and misfit(project(windows, fitted.lin)) <= most
 
 
 def leaves_noise(fitted: Fit, windows: Windows, tolerance: float) -> bool:
     """Whether no signal errs by more than ``tolerance`` floors."""
-    return float(signal_rms(project(windows, fitted.lin)).max()) <= tolerance
+    return misfit(project(windows, fitted.lin)) <= tolerance
 
 
 def if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:

@@ -18,7 +18,7 @@ from onlinebayes.criticism.acceptance import contained, interval
 from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.changes import Changed
 from onlinebayes.criticism.numerics import Grounds, settle
-from onlinebayes.criticism.projection import signal_rms
+from onlinebayes.criticism.projection import misfit
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.stage import Added, blocks_for
 from onlinebayes.measurements import Measurement
@@ -54,7 +54,7 @@ class Standing:
 
     def at_floor(self, tolerance: float) -> bool:
         """Whether the residual is the sensors' noise, so that only a significant candidate is worth a refit."""
-        return float(signal_rms(self.grounds.fitted.projected).max()) <= tolerance
+        return misfit(self.grounds.fitted.projected) <= tolerance
 
 
 def with_effects(

@@ -8,8 +8,9 @@ what is accepted. Given theta the windows are independent, so that each may take
 it, where it was, as smoothed.
 
 A step that overshoots in one window is refused in all of them, and a fit can end with a few starts far from their best.
-At its end those that stand out take Gauss-Newton steps of their own, from where they are and as smoothed, and keep the
-best place that they came through.
+At its end those that stand out take Gauss-Newton steps of their own, from where they are and as smoothed: each as large
+a part of its step as serves it best, with ever finer differences. (Where a carriage rests on top of a cog a tenth of a
+millimetre a second decides where it goes: differences of some standard deviations see nothing of so narrow a valley.)
 """
 
 from __future__ import annotations
@@ -27,7 +28,9 @@ from onlinebayes.simulators.base import Simulator
 WORSE = 2.0  # times its misfit before the step
 NOTICED = 0.01  # of the whole misfit
 CONSPICUOUS = 2.0  # times the median misfit
-OWN_STEPS = 3
+OWN_STEPS = 6
+FINER, FINEST = 10.0, 3  # differences, from one such step to the next, and how often
+PARTS = (1.0, 0.3, 0.1, 0.03, 0.0)
 
 
 def strays(before: Projected, after: Projected) -> Bool[Tensor, " W"]:
@@ -56,7 +59,7 @@ def best_starts(
 def settled_starts(
     simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
 ) -> tuple[Float[Tensor, "W J2"], float, float]:
-    """The starts, those of conspicuous windows moved to the best place that steps of their own come through.
+    """The starts, those of conspicuous windows moved to the better of the places where steps of their own end.
 
     Returns:
         The starts, and the misfit of all windows before and after.
@@ -68,13 +71,15 @@ def settled_starts(
     if not len(worst):
         return lin.starts, before, before
     part, twice = windows.select(worst), windows.select(worst.repeat(2))
-    places = [torch.cat([lin.starts[worst], part.start])]
-    for _ in range(OWN_STEPS):
-        here = linearise_starts(simulator, twice, theta, places[-1])
+    weight = row_weight[worst].repeat(2, 1)
+    part_of_step = theta.new_tensor(PARTS)[:, None, None]
+    starts = torch.cat([lin.starts[worst], part.start])
+    for k in range(OWN_STEPS):
+        here = linearise_starts(simulator, twice, theta, starts, FINER ** min(k, FINEST))
         shift = start_shift(twice, here, project(twice, here, projected.weight), torch.zeros_like(theta))
-        places.append(places[-1] + shift)
-    tried = torch.stack(places).unflatten(1, (2, len(worst))).flatten(0, 1)
-    found, error = best_starts(simulator, part, row_weight[worst], theta, tried)
+        starts, error = best_starts(simulator, twice, weight, theta, starts + part_of_step * shift)
+    error, chain = error.view(2, -1).min(0)
+    found = starts.view(2, len(worst), -1)[chain, torch.arange(len(worst), device=chain.device)]
     return lin.starts.index_copy(0, worst, found), before, float(misfit.index_copy(0, worst, error).sum())
 
 

@@ -31,7 +31,7 @@ from onlinebayes.criticism.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.horizon import steady
 from onlinebayes.criticism.numerics import Grounds, settle
 from onlinebayes.criticism.outages import outage, sudden
-from onlinebayes.criticism.projection import signal_rms
+from onlinebayes.criticism.projection import misfit, signal_rms
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.stage import blocks_for
@@ -132,7 +132,7 @@ def look(
         selection: how effects are judged.
         say: takes one line of progress.
     """
-    rms = float(signal_rms(base.fitted.projected).max())
+    rms = misfit(base.fitted.projected)
     if rms <= max(GROSS, selection.tolerance):
         return None
     say("checking signs, units and columns")

@@ -10,11 +10,11 @@ from onlinebayes.criticism.fit import Fit, fit
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.projection import project, row_weights, start_shift
 from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.strays import best_starts, settled_starts, strays
+from onlinebayes.criticism.strays import best_starts, misfits, settled_starts, strays
 from onlinebayes.criticism.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects import DryFriction
+from onlinebayes.simulators.effects import Cogging, DryFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import TRUTH, measure, model
 
@@ -70,6 +70,23 @@ def test_windows_that_stand_out_settle_and_the_others_stay() -> None:
     again, before, after = settled_starts(simulator, windows, lin, project(windows, lin))
     assert torch.equal(again, settled)
     assert after == before
+
+
+@pytest.mark.parametrize("poles", [60.0, 90.0])
+def test_a_start_on_top_of_a_cog_is_found(poles: float) -> None:
+    """From rest on top of a cog a tenth of a millimetre a second decides to which side the slide goes."""
+    cogging = Cogging("rail", Parameter(0.0, 9.0, "N"), Parameter(1.0, 100.0, "rad/m"), Parameter(-3.2, 6.3, "rad"))
+    simulator = model().with_timestep(0.01 / 8).with_effect(cogging)
+    data = measure({cogging: (4.0, poles, 0.0)}, runs=6, finer=8)
+    windows = make_windows(simulator, data, 1.0, 0.1)
+    theta = torch.tensor([*TRUTH, 4.0, poles, 0.0], dtype=torch.float64)
+    starts = windows.start
+    for _ in range(3):
+        lin = linearise(simulator, windows, theta, starts)
+        starts, _, _ = settled_starts(simulator, windows, lin, project(windows, lin))
+    lin = linearise(simulator, windows, theta, starts)
+    left = misfits(windows, lin, row_weights(windows, torch.ones(1).double()))
+    assert float(left.max()) < 3 * float(left.median())
 
 
 def swings(runs: int = 8, seconds: float = 6.0) -> Measurement:

@@ -45,6 +45,7 @@ class AsymmetricFriction(Effect):
     target_kind = "joint"
     fields = (*FIELDS, "actuator_biasprm")
     contains = ("dry_friction",)
+    sum_of = ("dry_friction", "constant_load")
     absorbs = ("frictionloss_positive", "frictionloss_negative")
 
     def __post_init__(self) -> None:

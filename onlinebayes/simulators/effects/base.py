@@ -177,6 +177,7 @@ class Effect(ABC):
         excludes: addresses of the model's parameters beside which it cannot stand while they are free.
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
+        sum_of: names of effects at the same target that are, together, this one exactly.
         absorbs: its parameters to which the magnitude of such a simpler effect adds.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
@@ -194,6 +195,7 @@ class Effect(ABC):
     excludes: ClassVar[tuple[str, ...]] = ()
     needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
+    sum_of: ClassVar[tuple[str, ...]] = ()
     absorbs: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 
