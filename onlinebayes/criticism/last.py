@@ -11,7 +11,7 @@ that promise most are refitted, for each sign flip of a residual that holds a wa
 
 Where another effect is missing beside it, one may leave more than noise: it is taken on trial if it takes away 30 % of
 the error (two laws that hide each other take little each: of a late motor's cogging 40 % were seen). Where effects were
-found and a hundred floors are left, none of these will leave noise, and they are not tried.
+found and a thousand floors are left, none of these will leave noise, and they are not tried.
 """
 
 from __future__ import annotations
@@ -155,7 +155,7 @@ def found_beside(
     :func:`last_found`.
     """
     leads = [judged for judged in stage.judged if judged.p_value < selection.alpha]
-    if not leads or misfit(current.fitted.projected) <= GROSS_MISFIT:
+    if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_MISFIT:
         return None
     lead = max(leads, key=lambda judged: judged.gain.gain)
     say(f"looking beside {lead.effect.key}")

@@ -31,7 +31,7 @@ FEWEST_REFITS, MOST_REFITS = 2, 5
 GROSS = 4.0
 """Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
 GROSS_MISFIT = 3.0  # floors
-BEYOND = 100.0  # floors: what is left of a real machine's motion when the effects that it has were found
+BEYOND = 1000.0  # floors: what is left of a real machine's motion when the effects that it has were found
 EVERY_P = math.inf
 PROMISING = 0.4 * LEAST_FALL
 """To first order; what lowers the error by less will not lower it by what acceptance asks for."""
