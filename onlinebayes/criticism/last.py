@@ -102,36 +102,51 @@ def _in_time(current: Grounds) -> Iterator[Group]:
             yield f"for changes of {name} in time", propose(simulator, windows, [f"{k.name}@{name}" for k in kinds])
 
 
-def last_found(
+def tried_last(
     current: Grounds,
     groups: Sequence[Group],
     selection: Selection,
     say: Callable[[str], None],
     interrupt: Interrupt | None = None,
-) -> Last | None:
-    """The best of those that leave noise, or of those that take 30 % of a gross misfit; None without any.
+) -> list[Stage]:
+    """Each group's round, until one explains all that a number for every instant could.
 
     Args:
         current: the model as it stands.
         groups: of :func:`last_candidates`.
         selection: how effects are judged.
         say: takes one line of progress.
-        interrupt: looked at between the fits; what was found until then is returned.
+        interrupt: looked at between the fits; what was tried until then is returned.
     """
     gross = misfit(current.fitted.projected) > GROSS_MISFIT
     level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
     stricter = replace(selection, alpha=level)
-    found: list[Last] = []
+    tried: list[Stage] = []
     for what, effects in groups:
         if interrupt is not None and interrupt.requested:
             break
-        if effects[0].target_kind == "parameter" and any(last.believed for last in found):
+        found = last_found(current, tried, selection)
+        if effects[0].target_kind == "parameter" and found is not None and found.believed:
             break  # an effect that explains all goes before a number for every instant
         say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
         promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
-        stage = judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt)
+        tried.append(judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt))
+    return tried
+
+
+def last_found(current: Grounds, tried: Sequence[Stage], selection: Selection) -> Last | None:
+    """The best of those that leave noise, or of those that take 30 % of a gross misfit; None without any.
+
+    Args:
+        current: the model as it stands.
+        tried: of :func:`tried_last`.
+        selection: how effects are judged.
+    """
+    gross = misfit(current.fitted.projected) > GROSS_MISFIT
+    found: list[Last] = []
+    for stage in tried:
         admissible = [judged for judged in stage.judged if judged.admissible]
         quiet = [judged for judged in admissible if leaves_noise(judged.fitted, current.windows, selection.tolerance)]
         lowering = [judged for judged in admissible if gross and judged.falls[0] >= LEAST_FALL]
@@ -141,26 +156,34 @@ def last_found(
 
 
 def found_beside(
-    stage: Stage,
+    tried: Sequence[Stage],
     current: Grounds,
     groups: Sequence[Group],
     selection: Selection,
     say: Callable[[str], None],
     interrupt: Interrupt | None = None,
 ) -> Last | None:
-    """What leaves noise beside the significant candidate that gains most, of a round in which none was admissible.
+    """What leaves noise beside the significant candidate that gains most, of rounds in which none was admissible.
 
     A late motor and cogging hide each other: neither lowers a gross misfit by much. Whether the candidate is needed
-    beside what was found is asked at the end, as of every effect (see :mod:`.needless`). Arguments as
-    :func:`last_found`.
+    beside what was found is asked at the end, as of every effect (see :mod:`.needless`).
+
+    Args:
+        tried: the rounds.
+        current, groups, selection, say, interrupt: as of :func:`tried_last`.
     """
-    leads = [judged for judged in stage.judged if judged.p_value < selection.alpha]
+    leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < selection.alpha]
     if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_MISFIT:
         return None
-    lead = max(leads, key=lambda judged: judged.gain.gain)
-    say(f"looking beside {lead.effect.key}")
-    found = last_found(replace(current, fitted=lead.fitted), groups, selection, say, interrupt)
-    return None if found is None or not found.believed else replace(found, lead=(stage, lead))
+    lead = max(leads, key=lambda added: added[1].gain.gain)
+    say(f"looking beside {lead[1].effect.key}")
+    beside = replace(current, fitted=lead[1].fitted)
+    others = [
+        (what, tuple(effect for effect in effects if effect.key != lead[1].effect.key)) for what, effects in groups
+    ]
+    others = [(what, effects) for what, effects in others if effects]
+    found = last_found(beside, tried_last(beside, others, selection, say, interrupt), selection)
+    return None if found is None or not found.believed else replace(found, lead=lead)
 
 
 def instead(

@@ -16,7 +16,7 @@ from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.changes import Changed, changed
 from onlinebayes.criticism.family import family
 from onlinebayes.criticism.grid import row_step, run_grids
-from onlinebayes.criticism.last import Group, Last, found_beside, instead, last_candidates, last_found
+from onlinebayes.criticism.last import Group, Last, found_beside, instead, last_candidates, last_found, tried_last
 from onlinebayes.criticism.needless import without_needless
 from onlinebayes.criticism.noise import floors
 from onlinebayes.criticism.numerics import Grounds, settle
@@ -214,9 +214,10 @@ def _chosen(asked: _Asked, standing: Standing, stage: Stage, effects: Sequence[E
 def _latest(asked: _Asked, standing: Standing, stage: Stage, groups: Sequence[Group]) -> Last | None:
     """What is found among those that are tried last; nothing on trial where there is no time to go on from it."""
     grounds, selection, say, interrupt = standing.grounds, asked.selection, asked.say, asked.interrupt
-    latest = last_found(grounds, groups, selection, say, interrupt)
+    tried = tried_last(grounds, groups, selection, say, interrupt)
+    latest = last_found(grounds, tried, selection)
     if latest is None and not asked.stopped:
-        latest = found_beside(stage, grounds, groups, selection, say, interrupt)
+        latest = found_beside([stage, *tried], grounds, groups, selection, say, interrupt)
     return None if latest is None or (asked.stopped and not latest.believed) else latest
 
 

@@ -1,14 +1,16 @@
 """What is tried last is found without being asked for; what is another law is not taken for it."""
 
+import math
+
 import pytest
 
 from onlinebayes.criticism import Selection, refine
-from onlinebayes.criticism.last import Last, last_candidates, last_found
+from onlinebayes.criticism.last import Last, last_candidates, last_found, tried_last
 from onlinebayes.criticism.search import ground
 from onlinebayes.criticism.stage import refit
 from onlinebayes.criticism.windows import make_windows
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.effects import Cogging, DryFriction
+from onlinebayes.simulators.effects import ActuatorDelay, Cogging, DryFriction
 from tests.criticism.rigs import measure, model
 from tests.criticism.test_timed import DAMPING, measured, table
 
@@ -23,7 +25,7 @@ def found(data) -> Last | None:
         *("for cogging", "for wind"),
         *(f"for changes of {name} in time" for name in ("body.cart.mass", DAMPING)),
     ]
-    return last_found(base, groups, Selection(), lambda line: None)
+    return last_found(base, tried_last(base, groups, Selection(), lambda line: None), Selection())
 
 
 def test_a_drift_is_found() -> None:
@@ -57,6 +59,25 @@ def test_cogging_is_found_among_all() -> None:
     assert len(result.candidates) >= result.candidates_tried  # those that were tried last are listed, too
     assert result.parameters["cogging@rail.amplitude"].mean == pytest.approx(1.0, rel=0.02)
     assert result.parameters["cogging@rail.poles"].mean == pytest.approx(25.0, rel=0.01)
+
+
+@pytest.mark.long
+def test_cogging_behind_a_late_motor_is_found() -> None:
+    delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
+    result = refine(model(), measure({COGGING: (1.0, 60.0, 0.7), delay: (0.012,)}, runs=9, finer=16))
+    assert set(result.accepted) == {"actuator_delay@motor", "cogging@rail"}
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(60.0, rel=0.01)
+
+
+@pytest.mark.long
+def test_a_step_and_cogging_are_found() -> None:
+    """Both are tried last, and neither is admissible alone."""
+    data = measured(table(lambda t: 1.4 if t < 16.0 else 2.8, pull=lambda q: math.sin(60.0 * q + 0.7)))
+    result = refine(model(), data)
+    assert set(result.accepted) == {f"parameter_step@{DAMPING}", "cogging@rail"}
+    assert result.verdict == "missing_effect"
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(60.0, rel=0.01)
+    assert result.parameters[f"parameter_step@{DAMPING}.size"].mean == pytest.approx(1.4, rel=0.05)
 
 
 @pytest.mark.long

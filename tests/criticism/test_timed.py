@@ -31,7 +31,12 @@ DAMPING = "joint.rail.damping"
 FEW = ("parameter_drift", "parameter_step", "dry_friction", "quadratic_drag", "actuator_gain")
 
 
-def table(damping: Callable[[float], float], rows: int = ROWS, pause: float = 1.0) -> dict[str, dict]:
+def table(
+    damping: Callable[[float], float],
+    rows: int = ROWS,
+    pause: float = 1.0,
+    pull: Callable[[float], float] = lambda q: 0.0,
+) -> dict[str, dict]:
     """Runs of the slide, each from rest, on one clock; integrated by Runge and Kutta's method in numpy."""
     mass, draw = TRUTH[0], np.random.default_rng(0)
     runs = {}
@@ -39,7 +44,7 @@ def table(damping: Callable[[float], float], rows: int = ROWS, pause: float = 1.
         t, y, path = r * (rows * STEP + pause), np.zeros(2), [0.0]
 
         def rate(t: float, y: np.ndarray, u: float) -> np.ndarray:
-            return np.array([y[1], (u - damping(t) * y[1]) / mass])
+            return np.array([y[1], (u - damping(t) * y[1] + pull(y[0])) / mass])
 
         time = t + STEP * np.arange(rows)
         for t, force in zip(time[:-1], u[:-1], strict=True):
