@@ -8,7 +8,8 @@ import torch
 from onlinebayes.criticism.acceptance import Judged, judge
 from onlinebayes.criticism.blocks import make_blocks
 from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.projection import signal_rms
+from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.projection import misfit, project
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.score import cross_validate
 from onlinebayes.criticism.search import ground
@@ -16,10 +17,11 @@ from onlinebayes.criticism.stage import GROSS_MISFIT, judged_stage, leaves_noise
 from onlinebayes.criticism.survey import survey
 from onlinebayes.criticism.windows import make_windows
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.effects import ActuatorDelay
+from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
 from tests.criticism.rigs import measure, model
 
 DELAY = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
+FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
 
 
 def judged(p_value: float, tried: int, delay: float = 0.006) -> Judged:
@@ -48,13 +50,26 @@ def test_a_refusal_says_how_many_blocks_lose() -> None:
 
 @pytest.mark.parametrize(("delay", "refused"), [(0.03, False), (0.001, True)])
 def test_what_leaves_noise_of_a_gross_misfit_needs_no_p(delay: float, refused: bool) -> None:
-    """Screening that saw nothing, among so many candidates that the sign test says nothing either."""
-    base = ground(model(), measure({DELAY: (delay,)}, runs=8), Selection())
-    gross = float(signal_rms(base.fitted.projected).max()) > GROSS_MISFIT
-    assert gross != refused
-    found = survey(base.fitted, base.windows, [DELAY], None)
-    unseen = [replace(found.screened[0], p_value=0.99)]
-    stage = judged_stage(replace(found, screened=found.screened * 1000), unseen, base.numerics, Selection(), print)
-    (one,) = stage.judged
+    base, one = unseen({DELAY: (delay,)})
+    assert (misfit(base.fitted.projected) > GROSS_MISFIT) != refused
     assert leaves_noise(one.fitted, base.windows, 1.2)
     assert one.failed == (("may be chance: p = 0.99 is not below 0.03",) if refused else ())
+
+
+@pytest.mark.parametrize(("friction", "refused"), [(0.05, False), (1.0, True)])
+def test_nor_does_what_leaves_a_quarter_of_it(friction: float, refused: bool) -> None:
+    base, one = unseen({DELAY: (0.03,), FRICTION: (friction,)})
+    left = misfit(project(base.windows, one.fitted.lin))
+    assert left > 1.2
+    assert (left > misfit(base.fitted.projected) / 4) == refused
+    assert ("may be chance: p = 0.99 is not below 0.03" in one.failed) == refused
+
+
+def unseen(effects: dict[Effect, tuple[float, ...]]) -> tuple[Grounds, Judged]:
+    """The delay judged where screening saw nothing of it, with so many others that the sign test says nothing either."""
+    base = ground(model(), measure(effects, runs=8), Selection())
+    found = survey(base.fitted, base.windows, [DELAY], None)
+    blind = [replace(found.screened[0], p_value=0.99)]
+    stage = judged_stage(replace(found, screened=found.screened * 1000), blind, base.numerics, Selection(), print)
+    (one,) = stage.judged
+    return base, one
