@@ -66,7 +66,7 @@ def test_nor_does_what_leaves_a_quarter_of_it(friction: float, refused: bool) ->
 
 
 def unseen(effects: dict[Effect, tuple[float, ...]]) -> tuple[Grounds, Judged]:
-    """The delay judged where screening saw nothing of it, with so many others that the sign test says nothing either."""
+    """The delay judged where screening saw nothing of it, with so many others that the sign test sees nothing."""
     base = ground(model(), measure(effects, runs=8), Selection())
     found = survey(base.fitted, base.windows, [DELAY], None)
     blind = [replace(found.screened[0], p_value=0.99)]
