@@ -10,14 +10,16 @@ from __future__ import annotations
 import contextlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from onlinebayes.cli.freeing import free_parameters
-from onlinebayes.cli.matching import Match, match
+from onlinebayes.cli.matching import Match, match, match_time
 from onlinebayes.cli.model import measured_sensors, signal_units
 from onlinebayes.criticism.report.toml import to_toml
-from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.measurements.formats import Source, open_source
 from onlinebayes.measurements.units import to_si
 from onlinebayes.parameters import ParameterSpace
@@ -26,6 +28,8 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
 
 LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
+LONGEST_STEP = {"s": 1.0, "ms": 1e3, "us": 1e6}
+"""Units of a clock, each with the step of a log of one row a second."""
 HEAD = """\
 A first problem file, made by onlinebayes init: read every line, above all the bounds.
 Then: onlinebayes compare {name} --out out   (how wrong is the model?)
@@ -87,19 +91,21 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     sources = [open_source(log) for log in logs]
     shared = [name for name in sources[0].names if all(name in other.names for other in sources)]
     wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
-    matches = match(wanted, [name for name in shared if name not in ("run", "time")])
+    clock = _clock(sources, shared)
+    column = "" if clock is None else clock.column
+    matches = match(wanted, [name for name in shared if name not in ("run", column)])
     have = {found.name for found in matches}
     seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
-    missing = tuple(([] if "time" in shared else ["time"]) + needed)
+    missing = tuple(([] if clock else ["time"]) + needed)
     own = (
         *measured_sensors(simulator.model, shared),
         *(f"enable.{name}" for name in simulator.commands),
         *_wrenches(simulator, shared),
     )
-    taken = {"run", "time", *own, *(found.column for found in matches)}
+    taken = {"run", column, *own, *(found.column for found in matches)}
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
-    measurement = None if missing else _measurement(simulator, logs, matches, unused)
+    measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing else None
     content = {
         "schema": 1,
         "model": _relative(model, target),
@@ -112,9 +118,23 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         content["ignore"] = ignored
     parameters = free_parameters(simulator, measurement)
     content["parameters"] = {name: [bounds.low, bounds.high] for name, bounds in parameters.items()}
+    if clock and not clock.exact:
+        content["time"] = {"column": clock.column, "unit": clock.unit}
     content |= _mapped(matches)
     text = to_toml(content, head=HEAD.format(name=target.name), comments=_comments(content, simulator, parameters))
-    return Draft(text + _lacking(missing) + _more(simulator, content.get("signals", {})), matches, missing, unused)
+    found = matches if clock is None or clock.exact else (clock, *matches)
+    return Draft(text + _lacking(missing) + _more(simulator, content.get("signals", {})), found, missing, unused)
+
+
+def _clock(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:
+    """The clock's column; where its name has no unit, the one in which a log has between 1 and 1000 rows a second."""
+    clock = match_time(shared)
+    if clock is None or clock.exact or clock.unit:
+        return clock
+    ticks = sources[0].columns([clock.column])[clock.column]
+    step = float(np.median(np.abs(np.diff(ticks)))) if len(ticks) > 1 else 1.0
+    unit = next((unit for unit, longest in LONGEST_STEP.items() if step <= longest), "ns")
+    return replace(clock, unit=unit)
 
 
 def _wrenches(simulator: MujocoSimulator, columns: Sequence[str]) -> list[str]:
@@ -128,7 +148,7 @@ def _wrenches(simulator: MujocoSimulator, columns: Sequence[str]) -> list[str]:
 
 
 def _measurement(
-    simulator: MujocoSimulator, logs: Sequence[Path], matches: Sequence[Match], unused: Sequence[str]
+    simulator: MujocoSimulator, logs: Sequence[Path], clock: Match, matches: Sequence[Match], unused: Sequence[str]
 ) -> Measurement:
     """The logs as the problem file will read them."""
     units = signal_units(simulator)
@@ -144,8 +164,9 @@ def _measurement(
         for found in matches
         if found.name.startswith("ctrl.")
     ]
-    reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands, mapped, commanded, unused)
-    return reader.read(logs)
+    time = TimeColumn(clock.column, to_si(clock.unit or "s"))
+    signals = [Signal(name) for name in simulator.signals]
+    return TableReader(signals, simulator.commands, mapped, commanded, time, unused).read(logs)
 
 
 def _runs(sources: Sequence[Source]) -> list[str]:
@@ -182,6 +203,8 @@ def _comments(
     free = MujocoSimulator(simulator.spec, parameters, threads=1)
     for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):
         comments["parameters", name] = f"{bounds.unit or 'no unit'}; the model has {value:g}"
+    comments["time", "column"] = "proposed by its name: check it"
+    comments["time", "unit"] = "check it"
     for kind in ("signals", "commands"):
         for name in content.get(kind, {}):  # type: ignore[attr-defined]
             comments[kind, name, "column"] = "proposed by its name: check it"
@@ -195,7 +218,7 @@ def _lacking(missing: Sequence[str]) -> str:
 
 def _cure(name: str) -> str:
     if name == "time":
-        return "the tables need a column 'time' in seconds"
+        return 'name it here: [time] column = "...", unit = "ms"'
     kind, _, target = name.partition(".")
     table = f"[commands.{target}]" if kind == "ctrl" else f'[signals."{name}"]'
     return f'name it here: {table} column = "..."'

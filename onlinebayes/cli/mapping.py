@@ -1,4 +1,4 @@
-"""``[signals."NAME"]`` and ``[commands.ACTUATOR]`` of a problem file -> which column becomes what, in which unit.
+"""``[time]``, ``[signals."NAME"]`` and ``[commands.ACTUATOR]`` of a problem file -> which column becomes what.
 
 value(t) = sign scale cell(t + latency) + offset,   the unit's factor in the scale;   a command's cell may have a factor
 """
@@ -8,10 +8,21 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from onlinebayes.cli.section import Section
-from onlinebayes.measurements import CommandColumn, Signal, SignalColumn
+from onlinebayes.measurements import CommandColumn, Signal, SignalColumn, TimeColumn
 from onlinebayes.measurements.units import to_si
 
 COLUMN = ("column", "unit", "sign", "scale", "offset")
+
+
+def time_column(section: Section) -> TimeColumn:
+    """The clock's column, ``[time]``; ``time`` in seconds where nothing is said.
+
+    Raises:
+        BadInput: a unit that is none of time.
+    """
+    with section.at("unit"):
+        scale = to_si(section.text("unit", "s"), "s")
+    return TimeColumn(section.text("column", "time"), scale)
 
 
 def signal_columns(section: Section, names: Sequence[str], units: Mapping[str, str]) -> list[SignalColumn]:

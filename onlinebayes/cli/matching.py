@@ -3,7 +3,7 @@
 A column is cut into words (``LeftKneePos_deg`` -> left, knee, pos, deg). It is proposed for ``qpos.left_knee`` when it
 holds every word of the joint's name and a word for position, or no word for another kind; where the model has a single
 joint (or actuator) its name may be missing. What fits best is taken, each column once, nothing by chance: a column that
-fits two names equally well is left out.
+fits two names equally well is left out. The clock's column is found by its name alone.
 """
 
 from __future__ import annotations
@@ -39,6 +39,13 @@ KINDS = {
 }
 UNITS = {word: word for word in ("mm", "cm", "um", "deg", "rev", "mrad", "rpm")} | {"degrees": "deg", "degree": "deg"}
 OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}, "ctrl": set()}
+CLOCK = {"time", "t", "timestamp", "stamp", "clock", "elapsed", "since", "start"}
+SECONDS = {
+    **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
+    **dict.fromkeys(("ms", "msec", "millis", "millisecond", "milliseconds"), "ms"),
+    **dict.fromkeys(("us", "usec", "micros", "microsecond", "microseconds"), "us"),
+    **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
+}
 PER_SECOND = {"mm", "cm", "deg", "rev", "mrad"}
 
 
@@ -47,7 +54,7 @@ class Match:
     """One of the model's names and the column proposed for it.
 
     Args:
-        name: ``qpos.hinge``, ``ctrl.motor``.
+        name: ``qpos.hinge``, ``ctrl.motor``, ``time``.
         column: of the log.
         unit: what the column's name says of its unit, as the problem file writes it; empty for SI.
     """
@@ -80,6 +87,20 @@ def match(names: Sequence[str], columns: Sequence[str]) -> tuple[Match, ...]:
         if best[0] > 0 and not rivals and not claims:
             found.append(Match(name, best[1], _unit(name.partition(".")[0], best[1])))
     return tuple(found)
+
+
+def match_time(columns: Sequence[str]) -> Match | None:
+    """The column that holds the clock, as ``time``; None where none is clear.
+
+    A clock's name has words for time and for its unit, and no others: ``time``, ``t``, ``Timestamp [ms]``, ``millis``.
+    """
+    if "time" in columns:
+        return Match("time", "time")
+    clocks = [column for column in columns if (said := set(words(column))) and said <= CLOCK | SECONDS.keys()]
+    if len(clocks) != 1:
+        return None
+    units = [SECONDS[word] for word in words(clocks[0]) if word in SECONDS]
+    return Match("time", clocks[0], units[-1] if units else "")
 
 
 def words(column: str) -> list[str]:

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
-from onlinebayes.cli.mapping import command_columns, signal_columns
+from onlinebayes.cli.mapping import command_columns, signal_columns, time_column
 from onlinebayes.cli.model import beside_bounds, build_simulator, closed_loops, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
@@ -35,7 +35,7 @@ DATA = "$ONLINEBAYES_DATA"
 
 TOP = (
     *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "parameters"),
-    *("signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
+    *("time", "signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
 
@@ -182,6 +182,7 @@ def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note
         commands=simulator.commands,
         mapped=signal_columns(top.section("signals"), simulator.signals, units),
         commanded=command_columns(top.section("commands"), simulator.commands),
+        clock=time_column(top.section("time", ("column", "unit"))),
         ignore=top.texts("ignore", ()),
         known=known_addresses(simulator),
         note=note,

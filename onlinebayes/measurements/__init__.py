@@ -1,7 +1,7 @@
 """Measured trajectories: what was commanded and what the sensors read, from tables or arrays."""
 
-from onlinebayes.measurements.mapping import CommandColumn, SignalColumn
+from onlinebayes.measurements.mapping import CommandColumn, SignalColumn, TimeColumn
 from onlinebayes.measurements.measurement import Measurement, Signal, concatenate
 from onlinebayes.measurements.tables import TableReader
 
-__all__ = ["CommandColumn", "Measurement", "Signal", "SignalColumn", "TableReader", "concatenate"]
+__all__ = ["CommandColumn", "Measurement", "Signal", "SignalColumn", "TableReader", "TimeColumn", "concatenate"]

@@ -14,6 +14,23 @@ from onlinebayes.measurements.measurement import Signal
 
 
 @dataclass(frozen=True)
+class TimeColumn:
+    """The column that holds the clock.
+
+    Args:
+        column: the table's column.
+        scale: seconds in one of its units [s].
+    """
+
+    column: str = "time"
+    scale: float = 1.0
+
+
+SECONDS = TimeColumn()
+"""The contract's clock: ``time`` [s]."""
+
+
+@dataclass(frozen=True)
 class SignalColumn:
     """A signal and the column that it comes from.
 

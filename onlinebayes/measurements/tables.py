@@ -32,7 +32,7 @@ from onlinebayes.measurements.checks import check_columns
 from onlinebayes.measurements.formats import Columns, Source, open_source
 from onlinebayes.measurements.inputs import begun, blank_while_off, first_commanded, held
 from onlinebayes.measurements.latency import advanced
-from onlinebayes.measurements.mapping import CommandColumn, SignalColumn
+from onlinebayes.measurements.mapping import SECONDS, CommandColumn, SignalColumn, TimeColumn
 from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.measurements.quaternions import normalised, quaternions
 from onlinebayes.runs import BadInput
@@ -50,6 +50,7 @@ class TableReader:
         commands: the model's actuators, in its order, e.g. ``Simulator.commands``.
         mapped: signals that come from another column, or in another unit.
         commanded: commands that do.
+        clock: the column that holds the time.
         ignore: columns (globs) to leave out though they look like the model's.
         known: addresses such as ``"sensor.force"`` that the model has but that are not compared.
         note: told once a table what was left out.
@@ -59,6 +60,7 @@ class TableReader:
     commands: Sequence[str]
     mapped: Sequence[SignalColumn] = ()
     commanded: Sequence[CommandColumn] = ()
+    clock: TimeColumn = SECONDS
     ignore: Sequence[str] = ()
     known: Sequence[str] = ()
     note: Callable[[str], None] = field(default=lambda _line: None)
@@ -87,15 +89,16 @@ class TableReader:
     def _runs_of(self, path: Path, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
         source = open_source(path)
         names = set(source.names)
-        if "time" not in names:
-            cure = _nearest("time", source.names) or _list(source.names)
-            raise BadInput("no column 'time'", cure, where=f"{path}, row 1")
+        if (clock := self.clock.column) not in names:
+            near = _nearest(clock, source.names) or f"the table has {_list(source.names)}"
+            cure = f'{near}; name its column in the problem file: [time] column = "..."'
+            raise BadInput(f"no column '{clock}'", cure, where=f"{path}, row 1")
         self._check_beside(source)
         inputs = {name: one for name, one in self._inputs().items() if one.source in names}
         inputs = {name: one for name, one in inputs.items() if not self._ignored(one.source)}
         found = [w for w in wanted if w.source in names and not self._ignored(w.source)]
         sources = {name for one in inputs.values() for name in one.sources}
-        taken = {"run", "time", *sources, *(w.source for w in found)}
+        taken = {"run", clock, *sources, *(w.source for w in found)}
         self._classify([name for name in source.names if name not in taken], path)
         if not found:
             raise BadInput(
@@ -123,7 +126,7 @@ class TableReader:
         source: Source,
     ) -> dict[str, np.ndarray]:
         numbers, where = read.rows[rows], str(source.path)
-        values = {"time": read["time"][rows]}
+        values = {"time": read[self.clock.column][rows] * self.clock.scale}
         for name, one in inputs.items():
             cells = (held(name, read[column][rows], where, numbers) for column in one.sources)
             values[name] = one.value(*(begun(column) for column in cells) if one.measured else cells)

@@ -8,6 +8,10 @@ import math
 from onlinebayes.runs import BadInput
 
 SI = {
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "ns": ("s", 1e-9),
     "m": ("m", 1.0),
     "cm": ("m", 1e-2),
     "mm": ("m", 1e-3),

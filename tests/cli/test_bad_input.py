@@ -125,6 +125,9 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         more('[runs.first]\n"dry_frict@carriage.frictionloss" = 1'),
         "effect 'dry_frict' is unknown",
     ),
+    "clock": (more('[time]\ncolumn = "tick"'), "row 1: no column 'tick'"),
+    "clock key": (more("[time]\nlatency = 1"), "time.latency: unknown key; known: column, unit"),
+    "clock unit": (more('[time]\nunit = "mm"'), "time.unit: unit 'mm' cannot become s; use one of s, ms, us, ns"),
     "latency of hours": (
         more('[signals."qpos.carriage"]\nlatency = 9000'),
         r'signals."qpos.carriage".latency: with 9000 s no row',

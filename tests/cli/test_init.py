@@ -89,6 +89,33 @@ def test_near_names_are_proposed_with_their_unit(folder, capsys) -> None:
     assert float((loaded - own).abs().max()) < 1e-9
 
 
+@pytest.mark.parametrize(
+    ("column", "unit", "ticks"),
+    [("t_ms", "ms", 1e3), ("timestamp", "ns", 1e9), ("Elapsed", "ms", 1e3), ("Time [s]", "s", 1.0)],
+)
+def test_a_clock_of_another_name_is_proposed_with_its_unit(
+    folder, capsys, column: str, unit: str, ticks: float
+) -> None:
+    """From the column's name, or where that has none from its step: 10 ms here."""
+    head, *rows = [row.split(",") for row in table().splitlines()]
+    text = [",".join([run, repr(float(t) * ticks), *rest]) for run, t, *rest in rows]
+    (folder / "lab.csv").write_text("\n".join([",".join([head[0], column, *head[2:]]), *text]) + "\n")
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert f"time <- {column} [{unit}]" in said
+    assert tomllib.loads((folder / "first.toml").read_text())["time"] == {"column": column, "unit": unit}
+    loaded = load_problem(folder / "first.toml").measurement.data["time"]
+    own = load_problem(folder / "carriage.toml").measurement.data["time"]
+    assert float((loaded - own).abs().max()) < 1e-9
+
+
+def test_two_clocks_are_a_question(folder, capsys) -> None:
+    text = table().replace("run,time", "run,t").splitlines()
+    (folder / "lab.csv").write_text("\n".join([f"{text[0]},stamp", *(f"{row},0" for row in text[1:])]) + "\n")
+    _, said = make(folder, capsys, log="lab.csv")
+    assert 'missing:   time: no column was found; name it here: [time] column = "..."' in said
+
+
 def test_a_mapped_command_tells_parameters_apart_as_its_own_name_does(folder, capsys) -> None:
     (folder / "lab.csv").write_text(table().replace("ctrl.motor", "motor_effort"))
     status, said = make(folder, capsys, log="lab.csv")
