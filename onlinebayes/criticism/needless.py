@@ -17,7 +17,7 @@ from onlinebayes.criticism.candidates import grown
 from onlinebayes.criticism.fit import fit
 from onlinebayes.criticism.numerics import settle
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.score import cross_validate, score_gain
+from onlinebayes.criticism.score import CrossValidated, cross_validate, score_gain
 from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.standing import Standing, carried
 from onlinebayes.measurements import Measurement
@@ -40,6 +40,11 @@ def without_needless(standing: Standing, measurement: Measurement, selection: Se
     return standing
 
 
+def needed(present: CrossValidated, absent: CrossValidated, bin_step: float) -> bool:
+    """Whether a model predicts better than one that has less: rules 2 and 3 of :mod:`.acceptance`."""
+    return score_gain(present, absent, bin_step).clear or present.rms_long < (1 - LEAST_FALL) * absent.rms_long
+
+
 def _without_one(standing: Standing, measurement: Measurement, selection: Selection) -> Standing | None:
     """The model without the effect that it needs least; None where it needs them all."""
     current, windows = standing.grounds, standing.grounds.windows
@@ -55,10 +60,9 @@ def _without_one(standing: Standing, measurement: Measurement, selection: Select
         except BadInput:  # without it the model diverges
             continue
         absent = cross_validate(fitted, windows, blocks)
-        gain = score_gain(present, absent, windows.bin_step)
-        needed = gain.clear or present.rms_long < (1 - LEAST_FALL) * absent.rms_long
-        if not needed and gain.gain < least:
-            least, leaner = gain.gain, (model, fitted, kept)
+        gain = score_gain(present, absent, windows.bin_step).gain
+        if not needed(present, absent, windows.bin_step) and gain < least:
+            least, leaner = gain, (model, fitted, kept)
     if leaner is None:
         return None
     model, fitted, kept = leaner

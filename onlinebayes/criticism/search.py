@@ -15,6 +15,7 @@ from onlinebayes.criticism.bounds import Widened, excluded
 from onlinebayes.criticism.candidates import propose
 from onlinebayes.criticism.changes import Changed, changed
 from onlinebayes.criticism.family import family
+from onlinebayes.criticism.fewer import with_fewer
 from onlinebayes.criticism.grid import row_step, run_grids
 from onlinebayes.criticism.last import Group, Last, found_beside, instead, last_candidates, last_found, tried_last
 from onlinebayes.criticism.needless import without_needless
@@ -232,9 +233,11 @@ def _extended(asked: _Asked, standing: Standing, added: Sequence[Added]) -> Stan
 
 
 def _simplest(asked: _Asked, base: Grounds, standing: Standing) -> Standing:
-    """The model with one effect in place of several, where one explains all that they do (see :mod:`.last`)."""
-    quiet = not standing.changes and standing.at_floor(asked.selection.tolerance)
-    if not quiet or not asked.everything or asked.stopped:
+    """The model with fewer effects, or one in place of several, where they explain as much."""
+    if asked.stopped or not standing.at_floor(asked.selection.tolerance):
+        return standing
+    standing = with_fewer(standing, asked.measurement, asked.selection, asked.say)
+    if standing.changes or not asked.everything:
         return standing
     one = instead(base, standing.grounds, standing.accepted, asked.selection, asked.say)
     return standing if one is None else with_effects(standing, [one], asked.measurement, asked.selection, alone=True)
