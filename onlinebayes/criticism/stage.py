@@ -85,13 +85,16 @@ def run_stage(
     leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
     refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
     stage = judged_stage(found, refits, numerics, selection, say, interrupt)
-    if any(judged.admissible for judged in stage.judged):
-        return stage
     more = [s for s in unlikely(found) if s not in refits]
-    if not more:
+    if not more or _any_admissible(stage):
         return stage
     rest = judged_stage(found, more, numerics, selection, say, interrupt)
-    return replace(stage, judged=(*stage.judged, *rest.judged))
+    # What is neither likely nor explains anything leads no pairs: each lead costs a screening of all and refits.
+    return replace(stage, judged=(*stage.judged, *rest.judged)) if _any_admissible(rest) else stage
+
+
+def _any_admissible(stage: Stage) -> bool:
+    return any(judged.admissible for judged in stage.judged)
 
 
 def _leading(found: Survey, alpha: float) -> list[Screened]:
