@@ -14,6 +14,7 @@ import torch
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.blocks import Blocks
+from onlinebayes.criticism.carried_over import worse_runs_note
 from onlinebayes.criticism.fit_notes import fit_notes
 from onlinebayes.criticism.held_starts import starts_note
 from onlinebayes.criticism.heldout import replay_runs
@@ -224,6 +225,7 @@ def _assemble(
         notes=(
             *task.notes,
             *fit_notes(simulator, found, selection, final_model.parameters),
+            *(worse_runs_note(detail.windows, units) if found.accepted else ()),
             *starts_note(final_model, held, heldout_error, selection.tolerance),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),
