@@ -43,5 +43,5 @@ def worse_runs_note(windows: Iterable[WindowError], units: dict[str, str]) -> tu
     more = f" and {len(order) - MOST_RUNS} more" if len(order) > MOST_RUNS else ""
     return (
         f"the refined model errs more than the base model in {len(rising)} of {len(errors)} held-out comparisons: "
-        f"{', '.join(told)}{more}; what was accepted does not carry over to them",
+        f"{', '.join(told)}{more}; what was accepted does not hold there",
     )
