@@ -58,9 +58,7 @@ def _with_one_less(
     for kept, (stage, rival) in _accounts(standing):
         say(f"looking whether {rival.effect.key} explains more than one of the effects")
         fitted = _fitted(standing, kept, rival)
-        if fitted is None or len(fitted.theta) > len(current.fitted.theta):
-            continue
-        if not leaves_noise(fitted, windows, selection.tolerance):
+        if fitted is None or not leaves_noise(fitted, windows, selection.tolerance):
             continue
         if needed(present, cross_validate(fitted, windows, blocks), windows.bin_step):
             continue
@@ -94,9 +92,11 @@ def _equals(standing: Standing, stage: Stage, judged: Judged) -> list[Judged]:
 
 
 def _fitted(standing: Standing, kept: Sequence[Added], rival: Judged) -> Fit | None:
-    """The model with what is kept and the rival; None where it diverges."""
+    """The model with what is kept and the rival; None where it has more parameters, or diverges."""
     current = standing.grounds
     model = current.rung.of(grown(standing.simulator, [*(judged.effect for _, judged in kept), rival.effect]))
+    if len(model.parameters) > len(current.fitted.theta):
+        return None
     theta = carried(current.fitted.simulator, current.fitted.theta, model)
     own = dict(zip(rival.fitted.simulator.parameters, rival.fitted.theta.unbind(), strict=True))
     for name in effect_entries(model, rival.effect):
