@@ -99,7 +99,7 @@ def _fitted(standing: Standing, kept: Sequence[Added], rival: Judged) -> Fit | N
         return None
     theta = carried(current.fitted.simulator, current.fitted.theta, model)
     own = dict(zip(rival.fitted.simulator.parameters, rival.fitted.theta.unbind(), strict=True))
-    for name in effect_entries(model, rival.effect):
+    for name in effect_entries(model, rival.effect).keys() & own.keys():
         theta[model.parameters.index(name)] = own[name]
     hopeless = HOPELESS * current.fitted.projected.objective
     try:
