@@ -24,14 +24,18 @@ from onlinebayes.criticism.score import cross_validate, parted
 from onlinebayes.criticism.stage import Added, Stage, blocks_for, leaves_noise
 from onlinebayes.criticism.standing import Standing, carried
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Interrupt
 
 MOST_EQUALS = 2  # of an effect, by gain
 HOPELESS = 2.0  # times the squared error of the model as it stands, which leaves noise
 
 
 def with_fewer(
-    standing: Standing, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+    standing: Standing,
+    measurement: Measurement,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
 ) -> Standing:
     """The model with fewer effects that explains as much; itself where there is none.
 
@@ -40,9 +44,10 @@ def with_fewer(
         measurement: the fit runs.
         selection: how effects are judged.
         say: takes one line of progress.
+        interrupt: looked at between the fits; the model as it is then stands.
     """
     while len(standing.accepted) > 1:
-        leaner = _with_one_less(standing, measurement, selection, say)
+        leaner = _with_one_less(standing, measurement, selection, say, interrupt)
         if leaner is None:
             break
         standing = leaner
@@ -50,12 +55,18 @@ def with_fewer(
 
 
 def _with_one_less(
-    standing: Standing, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+    standing: Standing,
+    measurement: Measurement,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None,
 ) -> Standing | None:
     current, windows = standing.grounds, standing.grounds.windows
     blocks = blocks_for(current.fitted, windows, selection.folds)
     present = cross_validate(current.fitted, windows, blocks)
     for kept, (stage, rival) in _accounts(standing):
+        if interrupt is not None and interrupt.requested:
+            break
         say(f"looking whether {rival.effect.key} explains more than one of the effects")
         fitted = _fitted(standing, kept, rival)
         if fitted is None or not leaves_noise(fitted, windows, selection.tolerance):

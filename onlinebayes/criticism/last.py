@@ -74,12 +74,13 @@ def last_candidates(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Gro
     """What is left to try beyond all and ``found``, in groups, each with what is being looked for."""
     if found and misfit(current.fitted.projected) > BEYOND:
         return ()
-    present = {effect.key for effect in found}
-    groups = (
-        (what, tuple(effect for effect in effects if effect.key not in present))
-        for what, effects in (*_effects(current), *_in_time(current))
-    )
-    return tuple((what, effects) for what, effects in groups if effects)
+    return _without((*_effects(current), *_in_time(current)), {effect.key for effect in found})
+
+
+def _without(groups: Sequence[Group], keys: set[str]) -> tuple[Group, ...]:
+    """The groups without these effects."""
+    left = ((what, tuple(effect for effect in effects if effect.key not in keys)) for what, effects in groups)
+    return tuple((what, effects) for what, effects in left if effects)
 
 
 def _effects(current: Grounds) -> Iterator[Group]:
@@ -178,10 +179,7 @@ def found_beside(
     lead = max(leads, key=lambda added: added[1].gain.gain)
     say(f"looking beside {lead[1].effect.key}")
     beside = replace(current, fitted=lead[1].fitted)
-    others = [
-        (what, tuple(effect for effect in effects if effect.key != lead[1].effect.key)) for what, effects in groups
-    ]
-    others = [(what, effects) for what, effects in others if effects]
+    others = _without(groups, {lead[1].effect.key})
     found = last_found(beside, tried_last(beside, others, selection, say, interrupt), selection)
     return None if found is None or not found.believed else replace(found, lead=lead)
 

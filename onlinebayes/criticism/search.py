@@ -236,7 +236,7 @@ def _simplest(asked: _Asked, base: Grounds, standing: Standing) -> Standing:
     """The model with fewer effects, or one in place of several, where they explain as much."""
     if asked.stopped or not standing.at_floor(asked.selection.tolerance):
         return standing
-    standing = with_fewer(standing, asked.measurement, asked.selection, asked.say)
+    standing = with_fewer(standing, asked.measurement, asked.selection, asked.say, asked.interrupt)
     if standing.changes or not asked.everything:
         return standing
     one = instead(base, standing.grounds, standing.accepted, asked.selection, asked.say)
