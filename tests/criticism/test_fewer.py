@@ -19,6 +19,7 @@ from onlinebayes.criticism.stage import Stage, blocks_for, refit
 from onlinebayes.criticism.standing import Standing, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import ConstantLoad, Effect, JointStiffness, QuadraticDrag
 from onlinebayes.simulators.effects.base import Scales, Seen
 from tests.criticism.cases import refined
@@ -84,6 +85,9 @@ def test_one_law_that_is_two_takes_their_place(rival: Effect, left: list[str]) -
     for effect in (LOAD, DRAG):
         standing = added(standing, effect, rival, measurement)
     assert [effect.key for effect in standing.effects] == [LOAD.key, DRAG.key]
+    stopped = Interrupt()
+    stopped.requested = True
+    assert with_fewer(standing, measurement, Selection(), print, stopped) is standing
     said: list[str] = []
     leaner = with_fewer(standing, measurement, Selection(), said.append)
     assert [effect.key for effect in leaner.effects] == left
