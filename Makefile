@@ -6,6 +6,8 @@ BIN := .venv/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt
 OUT ?= out
 WORKERS ?= 2
+# A file's tests together, in the order of names: by their number the longest ones would come last, one process alone.
+SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 
 .PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs cartpole pendulum emps measured cost versus-peers effect-pages clean
@@ -28,7 +30,7 @@ demo-seeds: setup  ## the demo on five seeds -> docs/results/demo-seeds.json
 	$(BIN)/python -m recipes.studies.demo_seeds
 
 test: setup lint ## lint, types, arrows, fast tests (under 8 minutes; WORKERS=2 processes)
-	$(BIN)/python -m pytest -n $(WORKERS) --dist loadscope
+	$(BIN)/python -m pytest $(SPREAD)
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -36,9 +38,9 @@ lint: setup
 	$(BIN)/lint-imports --no-cache
 
 check: setup     ## a sample of the slow evidence (under 20 minutes)
-	$(BIN)/python -m pytest -m slow --durations 10 --timeout 1200 -n $(WORKERS) --dist loadscope
+	$(BIN)/python -m pytest -m slow --durations 10 --timeout 1200 $(SPREAD)
 check-all: setup ## all of the slow evidence that is a test (half an hour)
-	$(BIN)/python -m pytest -m "slow or long" --durations 20 --timeout 1200 -n $(WORKERS) --dist loadscope
+	$(BIN)/python -m pytest -m "slow or long" --durations 20 --timeout 1200 $(SPREAD)
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed

@@ -22,7 +22,6 @@ from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 from onlinebayes.simulators.mujoco.wrenches import with_wrenches
 
-TYING = tuple(map(int, (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD, mujoco.mjtEq.mjEQ_JOINT)))
 NEVER_NEGATIVE = {
     "mass": "mass",
     "inertia": "moment of inertia",
@@ -119,15 +118,6 @@ def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> Non
         have = ", ".join(simulator.parameters.names) or "none"
         cure = "name exactly these under [parameters]"
         raise top.error("model", f"'{top.text('model')}' has the parameters {have}", cure)
-
-
-def closed_loops(simulator: Simulator) -> list[str]:
-    """The equality constraints between joints or bodies that are active in a MuJoCo model, by name or number."""
-    if not isinstance(simulator, MujocoSimulator):
-        return []
-    model = simulator.model
-    active = [i for i in range(model.neq) if model.eq_active0[i] and model.eq_type[i] in TYING]
-    return [model.equality(i).name or str(i) for i in active]
 
 
 def beside_bounds(simulator: Simulator) -> list[str]:

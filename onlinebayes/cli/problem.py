@@ -17,10 +17,11 @@ from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
 from onlinebayes.cli.mapping import command_columns, signal_columns, time_column
-from onlinebayes.cli.model import beside_bounds, build_simulator, closed_loops, known_addresses, signal_units
+from onlinebayes.cli.model import beside_bounds, build_simulator, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism import Scope, Selection
+from onlinebayes.criticism.closed_loops import completed
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.formats import open_source
@@ -87,14 +88,12 @@ def load_problem(
     parameters = declared(top, effects)
     import_modules(effects)
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
-    if tied := closed_loops(simulator):
-        note(
-            f"<equality> {', '.join(tied)} ties joints together, while a window's start is fitted joint by joint: fits "
-            "of such machines may fail (see docs/limits.md)"
-        )
     for line in beside_bounds(simulator):
         note(line)
     measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
+    measurement, tied = completed(simulator, measurement)
+    for line in tied:
+        note(line)
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
     _check_clock(measurement, selection, path)

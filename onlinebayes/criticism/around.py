@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Self
 
-from jaxtyping import Bool
+from jaxtyping import Bool, Float
+from tensordict import TensorDictBase
 from torch import Tensor
 
 from onlinebayes.simulators.base import Simulator
@@ -62,6 +63,19 @@ class Around(Simulator):
     def failed(self) -> Bool[Tensor, " N"]:
         """Worlds that diverged since their last reset."""
         return self.physics.failed
+
+    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+        """See :meth:`Simulator.assembled`."""
+        return self.physics.assembled(state)
+
+    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """See :meth:`Simulator.tied_positions`."""
+        return self.physics.tied_positions(path, known)
+
+    def with_rigid_ties(self) -> Self:
+        """See :meth:`Simulator.with_rigid_ties`."""
+        other = self.physics.with_rigid_ties()
+        return self if other is self.physics else self.around(other)
 
     def with_effect(self, effect: Effect) -> Self:
         """See :meth:`Simulator.with_effect`."""

@@ -5,7 +5,7 @@ What a turn is relative to stands in :mod:`.chart`, how the measured orientation
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Literal, Self
 
 import torch
@@ -106,6 +106,16 @@ class ChartedSimulator(Around):
     ) -> TensorDict:
         """See :meth:`Simulator.rollout`."""
         return self._leave(self.physics.rollout(theta, self._enter(state), inputs, times))
+
+    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+        """See :meth:`Simulator.assembled`."""
+        there = self.physics.assembled(self._enter(state)).clone(recurse=False)
+        there["qpos"] = turns(self.turning, there["qpos"], *self._still(there["qpos"]))
+        return there
+
+    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """None: they are worked out of slides and hinges only."""
+        return Simulator.tied_positions(self, path, known)
 
     def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
         """See :meth:`Simulator.recall`; force stages see scalar joints alone, so that any reference does for turns."""

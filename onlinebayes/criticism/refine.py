@@ -14,7 +14,8 @@ import torch
 from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.as_given import as_given
 from onlinebayes.criticism.blocks import Blocks
-from onlinebayes.criticism.carried_over import worse_runs_note
+from onlinebayes.criticism.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
+from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.fit_notes import fit_notes
 from onlinebayes.criticism.held_starts import starts_note
 from onlinebayes.criticism.heldout import replay_runs
@@ -32,6 +33,7 @@ from onlinebayes.criticism.ranking import rank, steps
 from onlinebayes.criticism.results import (
     Criticism,
     FittedModel,
+    HeldOutError,
     Remainder,
     ReplayedRun,
     Selection,
@@ -225,7 +227,7 @@ def _assemble(
         notes=(
             *task.notes,
             *fit_notes(simulator, found, selection, final_model.parameters),
-            *(worse_runs_note(detail.windows, units) if found.accepted else ()),
+            *(_carried_over(found, step, held_runs, selection, heldout_error, detail, units) if found.accepted else ()),
             *starts_note(final_model, held, heldout_error, selection.tolerance),
             *log_notes(candidates, final_model.parameters, simulator.commands, signals),
         ),
@@ -235,6 +237,22 @@ def _assemble(
         wiring=None if fault is None else wiring_of(fault),
         changes=parameter_changes(found, final_model.parameters),
     )
+
+
+def _carried_over(
+    found: Found,
+    step: float,
+    held_runs: Measurement,
+    selection: Selection,
+    error: HeldOutError,
+    detail: Detail,
+    units: dict[str, str],
+) -> tuple[str, ...]:
+    """Notes on what was accepted and does not hold in the held-out runs."""
+    on_the_way = errors_on_the_way(found.accepted, step, held_runs, selection.horizon_s)
+    last = found.accepted[-1][1].effect.key
+    in_vain = in_vain_note(error.before, on_the_way, last, error.after, units)
+    return (*worse_runs_note(detail.windows, units), *in_vain)
 
 
 def residual_tau(grounds: Grounds) -> float:

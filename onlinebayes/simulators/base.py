@@ -20,7 +20,7 @@ Inputs are a TensorDict: ``"command"`` (N, U) in the order of :attr:`Simulator.c
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Literal, Self
 
 import torch
@@ -164,6 +164,28 @@ class Simulator(ABC):
             TensorDict of batch size (M, T): the keys of a state after each row, and ``"valid"`` (M, T), False from the
             row on in which a world diverged (its state is held there).
         """
+
+    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+        """The nearest states that the system's constraints between joints allow; all states by default."""
+        return state
+
+    def with_rigid_ties(self) -> Self:
+        """A new simulator whose constraints between joints are rigid where nobody said how soft they are; or itself."""
+        return self
+
+    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """Positions along a path of the joints that were measured, the others as constraints tie them to these.
+
+        Args:
+            path: of all joints; what is not known is overwritten [m, rad].
+            known: places of those that were measured.
+
+        Returns:
+            The path, nan where nothing ties a joint; by default all that is not known.
+        """
+        found = torch.full_like(path, torch.nan)
+        found[:, list(known)] = path[:, list(known)]
+        return found
 
     def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
         """Hidden states of effects that follow from a known motion alone, no physics simulated.

@@ -256,15 +256,6 @@ def test_an_error_is_one_line(folder, capsys):
     assert "no column 'ctrl.motor'" in line
 
 
-def test_joints_that_a_constraint_ties_are_named(folder):
-    model = folder / "carriage.xml"
-    tied = '<equality><joint name="stuck" joint1="carriage" polycoef="0 0 0 0 0"/></equality></mujoco>'
-    model.write_text(model.read_text().replace("</mujoco>", tied))
-    notes: list[str] = []
-    load_problem(folder / "carriage.toml", note=notes.append)
-    assert any(note.startswith("<equality> stuck ties joints together") for note in notes)
-
-
 def pushed(folder, column: str = "xfrc.carriage.0") -> None:
     """The drive's force measured at the carriage (2 N a command) in place of the command, and no drive."""
     model = folder / "carriage.xml"

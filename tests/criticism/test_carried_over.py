@@ -1,6 +1,6 @@
 """A held-out run in which the refined model errs more is named; runs that were fitted are not."""
 
-from onlinebayes.criticism.carried_over import worse_runs_note
+from onlinebayes.criticism.carried_over import in_vain_note, worse_runs_note
 from onlinebayes.criticism.detail import WindowError
 
 UNITS = {"qpos.servo": "rad"}
@@ -27,3 +27,18 @@ def test_nothing_is_said_where_every_held_out_run_is_better() -> None:
 def test_a_model_that_diverges_is_worse() -> None:
     (note,) = worse_runs_note([window("slow", 0.2, float("inf"))], UNITS)
     assert "“slow” 200 mrad" in note
+
+
+def test_the_effect_with_which_the_error_rises_is_named() -> None:
+    """Together the two lower the error: that the second one spoils what the first gave must not be hidden."""
+    before, friction, both = {"qpos.servo": 0.226}, {"qpos.servo": 0.079}, {"qpos.servo": 0.168}
+    (note,) = in_vain_note(before, [("load_dependent_friction@servo", friction)], "saturation@motor", both, UNITS)
+    assert "with saturation@motor the held-out error rises (qpos.servo: 79 mrad → 168 mrad)" in note
+    assert in_vain_note(before, [("load_dependent_friction@servo", both)], "saturation@motor", friction, UNITS) == ()
+
+
+def test_a_single_effect_that_makes_it_worse_is_named_and_a_model_that_diverges_too() -> None:
+    (note,) = in_vain_note({"qpos.servo": 0.1}, [], "wind@arm.x", {"qpos.servo": float("inf")}, UNITS)
+    assert "with wind@arm.x" in note
+    assert in_vain_note({"qpos.servo": 0.1}, [], "wind@arm.x", {"qpos.servo": 0.105}, UNITS) == ()  # as good as alike
+    assert in_vain_note({"qpos.servo": float("nan")}, [], "wind@arm.x", {"qpos.servo": float("nan")}, UNITS) == ()

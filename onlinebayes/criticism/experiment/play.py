@@ -41,7 +41,8 @@ def play(hypothesis: Hypothesis, inputs: Inputs) -> TensorDict:
     """The trajectories under every input, batch size (N, K): row 0 is the posture, at rest; ``"valid"`` beside it."""
     N, K, _ = inputs.command.shape
     theta = hypothesis.theta.expand(N, -1)
-    state = TensorDict({"qpos": inputs.start, "qvel": torch.zeros_like(inputs.start)}, batch_size=(N,))
+    start = TensorDict({"qpos": inputs.start, "qvel": torch.zeros_like(inputs.start)}, batch_size=(N,))
+    state = hypothesis.simulator.assembled(start)
     times = torch.arange(1, K, dtype=theta.dtype, device=theta.device) * inputs.step
     commands = TensorDict({"command": inputs.command[:, :-1]}, batch_size=(N, K - 1))
     path = hypothesis.simulator.rollout(theta, state, commands, times)

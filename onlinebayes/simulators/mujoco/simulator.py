@@ -22,6 +22,7 @@ from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
+from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
 from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
 from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
@@ -84,6 +85,7 @@ class MujocoSimulator(Simulator):
         if worlds < 1:
             raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
         self._worlds = Worlds(self._system, worlds, threads)
+        self._closure = Closure(self.model) if tied(self.model) else None
         self._theta = self.nominal.expand(worlds, -1).clone()
         self._hidden = self._system.rest(worlds)
         self._worlds.write_theta(self._theta.numpy())
@@ -219,6 +221,24 @@ class MujocoSimulator(Simulator):
         """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without force stages all runs in the engine."""
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
 
+    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+        """The nearest states on the active equality constraints; see :mod:`.closure`."""
+        if self._closure is None:
+            return state
+        qpos, qvel = self._closure.nearest(state.get("qpos").numpy(), state.get("qvel").numpy())
+        closed = state.clone(recurse=False)
+        closed["qpos"], closed["qvel"] = torch.from_numpy(qpos), torch.from_numpy(qvel)
+        return closed
+
+    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """See :meth:`Simulator.tied_positions`; of models of slides and hinges."""
+        if self._closure is None or self.model.nq != len(self.joint_kinds):
+            return super().tied_positions(path, known)
+        full, determined = self._closure.follow(path.numpy(), known)
+        for j in {*range(path.shape[1])} - {*known}:
+            full[~determined, j] = np.nan
+        return torch.from_numpy(full)
+
     def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
         """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
         return recall(self._system, _finite(theta), motion, step)
@@ -262,6 +282,16 @@ class MujocoSimulator(Simulator):
             return self
         spec = self._system.source.copy()
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        return self._integrated(spec, self.dt)
+
+    def with_rigid_ties(self) -> Self:
+        """See :meth:`Simulator.with_rigid_ties`, and :func:`.closure.soft`."""
+        spec = self._system.source.copy()
+        ties = soft(spec)
+        if not ties:
+            return self
+        for tie in ties:
+            tie.solref, tie.solimp = RIGID
         return self._integrated(spec, self.dt)
 
     def with_gravity_compensation(self) -> Simulator | None:
