@@ -17,7 +17,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, expand, names, resolve
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names, resolve, written_out
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 from onlinebayes.simulators.mujoco.wrenches import with_wrenches
@@ -63,7 +63,7 @@ def build_simulator(
     with top.at("measurements"):
         spec = with_wrenches(edited(made, edit, actuators), columns)
     compiled = compile_spec(spec.copy())
-    parameters = parameters.expanded(lambda name: expand(compiled, name), top.section("parameters"))
+    parameters = parameters.expanded(lambda name: written_out(compiled, name), top.section("parameters"))
     sensors = measured_sensors(compiled, columns)
     space = _with_units(top, compiled, parameters)
     with top.at("parameters"):

@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.fields import FIELDS, PLAIN, UNITS, Column
 
 _OBJECTS = {
@@ -67,6 +68,8 @@ class Address:
 
 def model_array(model: mujoco.MjModel, array: str) -> np.ndarray:
     """The array of a compiled model by the name that ``mujoco.batch`` gives it (``opt.gravity``, ``body_mass``)."""
+    if array == pseudo_inertia.ARRAY:
+        return pseudo_inertia.own(model)
     if array.startswith("opt."):
         return np.atleast_1d(np.asarray(getattr(model.opt, array[4:])))
     return getattr(model, array)
@@ -141,6 +144,14 @@ def expand(model: mujoco.MjModel, name: str) -> tuple[str, ...]:
     raise BadInput(f"the model has no {kind} that matches '{pattern}'", cure)
 
 
+def written_out(model: mujoco.MjModel, name: str) -> tuple[str, ...]:
+    """:func:`expand`, and ``body.x.inertial`` without an index as all ten of them."""
+    found = expand(model, name)
+    if not name.endswith(".inertial") or not name.startswith("body."):
+        return found
+    return tuple(f"{one}[{k}]" for one in found for k in range(pseudo_inertia.SIZE))
+
+
 def _tied(name: str, parts: Sequence[Address]) -> Address:
     """One value for several addresses; the model's own is read from the first."""
     if units := sorted({part.unit for part in parts if part.unit != parts[0].unit}):
@@ -185,11 +196,6 @@ def _parse(model: mujoco.MjModel, name: str) -> tuple[str, str, str, int | None]
 
 
 def _unknown_field(kind: str, element: str, field: str, name: str, known: Sequence[str]) -> BadInput:
-    if (kind, field) == ("body", "inertial"):
-        return BadInput(
-            f"address '{name}': the pseudo-inertia is not implemented yet",
-            f"free body.{element}.mass, body.{element}.inertia[i] or body.{element}.ipos[i]",
-        )
     if (kind, field) == ("option", "timestep"):
         return BadInput(f"address '{name}' cannot be a parameter", "all worlds share one timestep: set it in the model")
     near = difflib.get_close_matches(field, known, n=1, cutoff=0.4)

@@ -81,7 +81,7 @@ def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, values: np.nd
         if rows is None or np.array_equal(values[rows], base[rows]):
             continue
         element = getattr(spec, place.kind)(name)
-        if place.kind == "body" and place.attribute in ("mass", "inertia", "ipos"):
+        if place.kind == "body" and place.attribute in ("mass", "inertia", "ipos", "iquat"):
             own_inertial(spec, element, model)
         _assign(element, place, _in_file_units(spec, model, place, name, np.atleast_1d(values[rows])))
 

@@ -7,6 +7,7 @@ An address ``joint.hinge.damping`` names an attribute as MJCF does; MuJoCo compi
 |--------------------------|------------------------------------|---------------------------------------------------|
 | ``body.x.mass``          | ``body_mass``                      | the inertia stays (as in ``mujoco.sysid``)        |
 | ``body.x.inertia[i]``    | ``body_inertia``                   | diagonal in the body's inertial frame             |
+| ``body.x.inertial[i]``   | mass, centre, axes, moments        | any value is a body: see :mod:`.pseudo_inertia`   |
 | ``joint.x.damping[i]``   | ``dof_damping``, ``dof_dampingpoly`` | -(d0 v + d1 v abs(v) + d2 v^3), all dofs        |
 | ``joint.x.stiffness[i]`` | ``jnt_stiffness``, ``..poly``      | -(k0 x + k1 x abs(x) + k2 x^3), x = q - springref |
 | ``joint.x.springref``    | ``qpos_spring``                    | [m, rad], whatever angle unit the file uses       |
@@ -39,6 +40,7 @@ FIELDS: dict[str, dict[str, tuple[Column, ...]]] = {
         "mass": (Column("body_mass"),),
         "inertia": _columns("body_inertia", 3),
         "ipos": _columns("body_ipos", 3),
+        "inertial": _columns("body_inertial", 10),
         "pos": _columns("body_pos", 3),
         "gravcomp": (Column("body_gravcomp"),),
     },
@@ -133,6 +135,7 @@ SPEC: dict[str, SpecAttribute] = {
     "body_mass": SpecAttribute("body", "mass"),
     "body_inertia": SpecAttribute("body", "inertia"),
     "body_ipos": SpecAttribute("body", "ipos"),
+    "body_iquat": SpecAttribute("body", "iquat"),
     "body_pos": SpecAttribute("body", "pos"),
     "body_gravcomp": SpecAttribute("body", "gravcomp"),
     "dof_damping": SpecAttribute("joint", "damping"),

@@ -20,18 +20,23 @@ from onlinebayes.simulators.mujoco.model import compile_spec
 
 ALIGNED = int(mujoco.mjtSameFrame.mjSAMEFRAME_BODY)
 AT_CENTRE = int(mujoco.mjtSameFrame.mjSAMEFRAME_INERTIA)
+NOT_SAME = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
 ELSEWHERE = 0.1  # [m]; any place that the compiler does not take for the body's own
 
 
-def with_movable_centres(spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Iterable[int]) -> mujoco.MjModel:
+def with_movable_centres(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Iterable[int], turned: Iterable[int] = ()
+) -> mujoco.MjModel:
     """The compiled model without the shortcuts that keep ``body_ipos`` of these bodies from mattering.
 
     Args:
         spec: what the model was compiled from; not changed.
         model: the compiled model.
         bodies: ids of named bodies.
+        turned: of those whose ``body_iquat`` is to matter, too.
     """
-    bodies = sorted(set(bodies))
+    turned = sorted(set(turned))
+    bodies = sorted({*bodies, *turned})
     if aligned := [i for i in bodies if model.body_sameframe[i] == ALIGNED]:
         away = spec.copy()
         for i in aligned:
@@ -45,7 +50,9 @@ def with_movable_centres(spec: mujoco.MjSpec, model: mujoco.MjModel, bodies: Ite
     for element in ("geom", "site"):
         frames = getattr(model, f"{element}_sameframe")
         mine = np.isin(getattr(model, f"{element}_bodyid"), bodies)
-        frames[mine & (frames == AT_CENTRE)] = int(mujoco.mjtSameFrame.mjSAMEFRAME_NONE)
+        frames[mine & (frames == AT_CENTRE)] = NOT_SAME
+        frames[np.isin(getattr(model, f"{element}_bodyid"), turned)] = NOT_SAME
+    model.body_sameframe[turned] = NOT_SAME
     return model
 
 

@@ -29,6 +29,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect, sticking
 from onlinebayes.simulators.effects.contact import touching
+from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
     HINGE,
@@ -125,7 +126,9 @@ class MujocoSystem:
         self.model = compile_spec(self.spec) if self.effects or sensors else base
         self.sensors, self.sensor_places = tuple(sensors), sensor_places(self.model, sensors)
         self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
-        self.model = with_movable_centres(self.spec, self.model, self._moved_centres())
+        cells = [(address.name, cell.array, cell.index) for address in self.addresses for cell in address.cells]
+        inertials = pseudo_inertia.bodies(self.model, cells)
+        self.model = with_movable_centres(self.spec, self.model, self._moved_centres(), inertials)
         self.commands = _commands(self.model, names(base, "actuator"))
         self.signals = (*_signals(self.model), *self.sensors)
         self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
@@ -133,15 +136,18 @@ class MujocoSystem:
         self.joint_actuators = _joint_actuators(self.model, self.commands)
         for effect in self.staged:
             _check_staged(self.model, self.joint_actuators, effect)
+        arrays = {c.array for a in self.addresses for c in a.cells}
+        self._factors = {i: pseudo_inertia.factor(self.model, i) for i in inertials}
         self.fields = tuple(
             sorted(
-                {c.array for a in self.addresses for c in a.cells}
+                (arrays - {pseudo_inertia.ARRAY})
+                | (set(pseudo_inertia.FIELDS) if self._factors else set())
                 | {f for e in self.effects for f in e.fields}
                 | {f for e in self.staged if e.rubs for f in sticking.FIELDS}
                 | {"dof_armature" for e in self.staged if e.weighs}
             )
         )
-        self._base = {name: model_array(self.model, name).copy() for name in self.fields}
+        self._base = {name: model_array(self.model, name).copy() for name in {*self.fields, *arrays}}
         self._scatter = _scatter(self.addresses, self._base)
         self.needs_const = any(is_const_input(f) for f in self.fields)
         self._places = {command.name: command.ctrl for command in self.commands}
@@ -172,6 +178,8 @@ class MujocoSystem:
         fields = {name: np.repeat(base[None], len(theta), axis=0) for name, base in self._base.items()}
         for name, (columns, sources, signs) in self._scatter.items():
             fields[name].reshape(len(theta), self._base[name].size)[:, columns] = signs * theta[:, sources]
+        if self._factors:
+            pseudo_inertia.write(fields, self._factors)
         for effect in self.effects:
             if effect.fields:
                 effect.write(self.model, fields, self.own(effect, theta))
