@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from datetime import datetime, timedelta
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -154,6 +156,58 @@ def test_damaged_lerobot_parquet(tmp_path, edits):
         (tmp_path / "good").write_bytes(logs_file.read_bytes())
     logs_file.write_bytes(edited((tmp_path / "good").read_bytes(), edits))
     read(folder, logs.LEROBOT)
+
+
+PARQUET_CELLS = st.sampled_from(
+    [
+        None,
+        0.5,
+        float("nan"),
+        float("inf"),
+        2**62,
+        True,
+        "1",
+        "x",
+        b"1",
+        [1.0],
+        {"a": 1},
+        Decimal("0.1"),
+        datetime(2026, 1, 2),
+        timedelta(seconds=1),
+    ]
+)
+
+
+@FUZZ
+@given(st.lists(st.tuples(PARQUET_CELLS, PARQUET_CELLS), min_size=5, max_size=5), st.booleans())
+def test_any_parquet_columns(tmp_path, ends, dictionary):
+    """Columns of every type that Arrow infers, two kinds of cells in turn where it allows them side by side."""
+    import pyarrow
+    import pyarrow.parquet
+
+    names = ("run", "time", "ctrl.motor", "qpos.hinge", "qvel.hinge")
+    columns = {}
+    for name, (first, second) in zip(names, ends, strict=True):
+        try:
+            columns[name] = pyarrow.array([first, second] * 3)
+        except (pyarrow.ArrowException, OverflowError, TypeError, ValueError):
+            columns[name] = pyarrow.array([first] * 6)
+    pyarrow.parquet.write_table(pyarrow.table(columns), tmp_path / "log.parquet", use_dictionary=dictionary)
+    read(tmp_path / "log.parquet", OWN)
+
+
+@pytest.fixture(scope="module")
+def rrd(tmp_path_factory) -> bytes:
+    path = tmp_path_factory.mktemp("rrd") / "log.rrd"
+    logs.write_rrd(path)
+    return path.read_bytes()
+
+
+@FUZZ
+@given(EDITS)
+def test_damaged_rrd(tmp_path, rrd, edits):
+    (tmp_path / "log.rrd").write_bytes(edited(rrd, edits))
+    read(tmp_path / "log.rrd", logs.RRD)
 
 
 PROBLEM = b'schema = 1\nmodel = "a.xml"\nmeasurements = ["a.csv"]\n[parameters]\n"body.a.mass" = [1.0, 2.0]\n'
