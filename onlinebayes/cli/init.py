@@ -18,6 +18,7 @@ import numpy as np
 from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, match, match_time
 from onlinebayes.cli.model import measured_sensors, signal_units
+from onlinebayes.criticism.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.measurements.formats import Source, open_source
@@ -44,12 +45,14 @@ class Draft:
         text: of the file.
         matches: columns that were found.
         missing: names of the model without a column; nothing when the file is complete.
+        follows: positions without a column that constraints tie to those that have one.
         unused: columns of the logs that nothing takes.
     """
 
     text: str
     matches: tuple[Match, ...]
     missing: tuple[str, ...]
+    follows: tuple[str, ...]
     unused: tuple[str, ...]
 
 
@@ -77,6 +80,8 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         print(f"matched:   {found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}{said}")
     for name in drafted.missing:
         print(f"missing:   {name}: no column was found; {_cure(name)}")
+    if drafted.follows:
+        print(f"follows:   {', '.join(drafted.follows)}, from the others by the model's <equality>")
     if drafted.unused:
         print(f"unused:    {', '.join(drafted.unused)}")
     print(f"wrote:     {target}")
@@ -97,7 +102,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     have = {found.name for found in matches}
     seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
-    missing = tuple(([] if clock else ["time"]) + needed)
+    follows = follow(simulator, have) & {*needed}
+    missing = tuple(([] if clock else ["time"]) + [name for name in needed if name not in follows])
     own = (
         *measured_sensors(simulator.model, shared),
         *(f"enable.{name}" for name in simulator.commands),
@@ -116,14 +122,15 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         content["holdout"] = runs[-(len(runs) // 3 or 1) :]
     if ignored := [name for name in unused if name.startswith(LIKE_THE_MODEL)]:
         content["ignore"] = ignored
-    parameters = free_parameters(simulator, measurement)
+    parameters = free_parameters(simulator, measurement and completed(simulator, measurement)[0])
     content["parameters"] = {name: [bounds.low, bounds.high] for name, bounds in parameters.items()}
     if clock and not clock.exact:
         content["time"] = {"column": clock.column, "unit": clock.unit}
     content |= _mapped(matches)
     text = to_toml(content, head=HEAD.format(name=target.name), comments=_comments(content, simulator, parameters))
     found = matches if clock is None or clock.exact else (clock, *matches)
-    return Draft(text + _lacking(missing) + _more(simulator, content.get("signals", {})), found, missing, unused)
+    text += _lacking(missing) + _more(simulator, content.get("signals", {}))
+    return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused)
 
 
 def _clock(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:

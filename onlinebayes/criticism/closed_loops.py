@@ -8,6 +8,7 @@ in them shows in the encoder, too, and which of their readings an instrument wou
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import torch
@@ -15,6 +16,16 @@ from tensordict import TensorDict
 
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.simulators.base import Simulator
+
+
+def follow(simulator: Simulator, have: Collection[str]) -> set[str]:
+    """The positions that constraints tie to those among ``have``, ``qpos.<joint>``, in the model's own pose."""
+    names = [name for name in simulator.signals if name.startswith("qpos.")]
+    known = [j for j, name in enumerate(names) if name in have]
+    if not known:
+        return set()
+    pose = simulator.tied_positions(simulator.state["qpos"][:1], known)[0]
+    return {names[j] for j in pose.isfinite().nonzero()[:, 0].tolist() if j not in known}
 
 
 def completed(simulator: Simulator, measurement: Measurement) -> tuple[Measurement, tuple[str, ...]]:

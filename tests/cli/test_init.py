@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import tomllib
 
 import pytest
@@ -14,6 +15,7 @@ from onlinebayes.cli.problem import load_problem
 from onlinebayes.parameters import ParameterSpace
 from tests.cli.conftest import MODEL, table
 from tests.criticism import tumbling
+from tests.simulators.linkages import GRIPPER
 
 
 def make(folder, capsys, *more: str, log: str = "carriage.csv", out: str = "first.toml") -> tuple[int, str]:
@@ -208,3 +210,23 @@ def test_units_in_names() -> None:
         Match("qpos.hip", "hip_pos_deg", "deg"),
         Match("qvel.hip", "hip_vel_deg", "deg/s"),
     )
+
+
+def test_a_finger_that_is_geared_to_the_other_is_not_missed(folder, capsys) -> None:
+    """Nor are its damping and mass freed, of which nothing tells the other finger's."""
+    (folder / "gripper.xml").write_text(GRIPPER)
+    rows = [f"a,{0.01 * k},{math.sin(0.1 * k):.4f},{0.02 * math.sin(0.1 * k - 1):.6f}" for k in range(600)]
+    (folder / "grasp.csv").write_text("\n".join(["run,time,ctrl.motor,qpos.left", *rows]))
+    out = str(folder / "first.toml")
+    assert main(["init", str(folder / "gripper.xml"), str(folder / "grasp.csv"), "--out", out]) == 0
+    said = capsys.readouterr().out
+    assert "follows:   qpos.right, from the others by the model's <equality>" in said
+    assert "missing" not in said
+    notes: list[str] = []
+    problem = load_problem(out, note=notes.append)
+    assert any("worked out" in note and note.endswith("qpos.right") for note in notes)
+    assert [signal.name for signal in problem.measurement.signals if "qpos" in signal.name] == [
+        "qpos.left",
+        "qpos.right",
+    ]
+    assert not any("right" in name for name in problem.simulator.parameters)
