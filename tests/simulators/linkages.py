@@ -27,8 +27,14 @@ SLIDER_CRANK = f"""<mujoco>
 
 GRIPPER = """<mujoco>
   <worldbody>
-    <body pos="0 0.5 0"><joint name="left" type="slide" axis="0 1 0" damping="2"/><geom size="0.01" mass="0.1"/></body>
-    <body pos="0 -0.5 0"><joint name="right" type="slide" axis="0 -1 0" damping="2"/><geom size="0.01" mass="0.1"/></body>
+    <body name="left" pos="0 0.5 0">
+      <joint name="left" type="slide" axis="0 1 0" damping="2"/>
+      <geom size="0.01" mass="0.1"/>
+    </body>
+    <body name="right" pos="0 -0.5 0">
+      <joint name="right" type="slide" axis="0 -1 0" damping="2"/>
+      <geom size="0.01" mass="0.1"/>
+    </body>
   </worldbody>
   <equality><joint joint1="right" joint2="left" polycoef="0.01 2 0 0 0"/></equality>
   <actuator><motor name="motor" joint="left"/></actuator>
