@@ -19,7 +19,6 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.simulators import test_air_effects, test_backlash, test_contact_effects
 
-pytestmark = pytest.mark.slow
 STEP = 0.01
 
 
@@ -52,6 +51,7 @@ def _judged(
     return refine(simulator, measured, candidates=candidates, selection=Selection(horizon_s=horizon))
 
 
+@pytest.mark.slow
 def test_air_drag_of_a_thrown_ball() -> None:
     drag, mass, noise, runs = 0.05, test_air_effects.MASS, 1e-4, []
     for r in range(12):
@@ -73,6 +73,7 @@ def test_air_drag_of_a_thrown_ball() -> None:
     assert result.remainder.status == "noise"
 
 
+@pytest.mark.slow
 def test_wind_on_a_pendulum() -> None:
     length, drag, wind, mass, noise, runs = 0.6, 0.02, 4.0, test_air_effects.MASS, 1e-4, []
     inertia = mass * length**2 + 1e-5
@@ -94,6 +95,7 @@ def test_wind_on_a_pendulum() -> None:
     assert result.remainder.status == "noise"
 
 
+@pytest.mark.slow
 def test_a_slippery_foot() -> None:
     mu, mass, noise, runs = 0.3, 2.0, 1e-4, []
     for r in range(9):
@@ -117,6 +119,7 @@ def test_a_slippery_foot() -> None:
     assert result.parameters["contact_friction@runner.friction"].mean == pytest.approx(mu, rel=0.03)
 
 
+@pytest.mark.long
 def test_a_soft_floor() -> None:
     # In contact the acceleration is (1 - d) times the free one and d times that of the spring.
     T, ratio, d, mass, noise, runs = 0.08, 0.3, 0.9, 2.0, 1e-6, []
@@ -140,6 +143,7 @@ def test_a_soft_floor() -> None:
     assert time * damping == pytest.approx(T * ratio, rel=0.02)
 
 
+@pytest.mark.slow
 def test_play_in_a_servos_gear_is_refitted_from_where_screening_sees_it() -> None:
     gap, noise, runs = 0.08, 1e-3, []
     for r in range(4):
