@@ -47,12 +47,8 @@ def bodies(model: mujoco.MjModel, cells: Iterable[tuple[str, str, tuple[int | sl
         BadInput: a mass, a centre or a moment of such a body is free as well.
     """
     rows = np.arange(model.nbody)
-    places = [
-        (name, array, int(i))
-        for name, array, index in cells
-        for i in np.atleast_1d(rows[index[0]])
-        if array == ARRAY or array in FIELDS
-    ]
+    mine = [cell for cell in cells if cell[1] == ARRAY or cell[1] in FIELDS]
+    places = [(name, array, int(i)) for name, array, index in mine for i in np.atleast_1d(rows[index[0]])]
     found = {body: name for name, array, body in places if array == ARRAY}
     for name, array, body in places:
         if array != ARRAY and body in found:
