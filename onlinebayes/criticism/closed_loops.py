@@ -8,14 +8,25 @@ in them shows in the encoder, too, and which of their readings an instrument wou
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 from dataclasses import replace
 
 import torch
 from tensordict import TensorDict
 
+from onlinebayes.criticism.grid import row_step, run_grids
+from onlinebayes.criticism.noise import floors
+from onlinebayes.criticism.numerics import settle
+from onlinebayes.criticism.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+
+RIGID = (
+    "the model's <equality> constraints are taken as rigid: MuJoCo's own are soft where no solref and solimp are "
+    "given; the refined model keeps them so"
+)
 
 
 def follow(simulator: Simulator, have: Collection[str]) -> set[str]:
@@ -69,3 +80,29 @@ def completed(simulator: Simulator, measurement: Measurement) -> tuple[Measureme
     told = ", ".join(signal.name for signal in signals)
     note = f"not measured, and worked out from what was by the model's <equality>: {told}"
     return replace(measurement, data=more, signals=(*measurement.signals, *signals)), (note,)
+
+
+def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) -> tuple[Simulator, tuple[str, ...]]:
+    """The simulator with rigid constraints or with its own soft ones, whichever fits the log better, and a note.
+
+    A machine is rigid where nobody said how soft it is. A log that MuJoCo wrote is as soft as MuJoCo.
+
+    Args:
+        simulator: the base model.
+        fit_runs: the runs that it is fitted to.
+        horizon: H [s].
+    """
+    rigid = simulator.with_rigid_ties()
+    if rigid is simulator:
+        return simulator, ()
+    own, stiff = (_left(one, fit_runs, horizon) for one in (simulator, rigid))
+    return (simulator, ()) if own < stiff else (rigid, (RIGID,))
+
+
+def _left(simulator: Simulator, fit_runs: Measurement, horizon: float) -> float:
+    """What the model leaves when it is fitted [floors]; infinite where it diverges."""
+    noise = floors(fit_runs.signals, run_grids(fit_runs, row_step(fit_runs))).to(fit_runs.data["signal"])
+    try:
+        return misfit(settle(simulator, fit_runs, horizon, noise).fitted.projected)
+    except BadInput:
+        return math.inf

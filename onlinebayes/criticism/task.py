@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.charted import charted
 from onlinebayes.criticism.clock import in_step, restepped
-from onlinebayes.criticism.closed_loops import completed
+from onlinebayes.criticism.closed_loops import completed, tied_as_logged
 from onlinebayes.criticism.horizon import shortened, steady
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scope import Scope
@@ -17,11 +17,6 @@ from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_w
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
-
-RIGID_TIES = (
-    "the model's <equality> constraints are taken as rigid: MuJoCo's own are soft where no solref and solimp are "
-    "given; the refined model keeps them so"
-)
 
 
 @dataclass(frozen=True)
@@ -64,11 +59,10 @@ def prepared(
     """The task that a user's arguments ask; see :func:`onlinebayes.criticism.refine.compare`."""
     asked = selection or Selection()
     measurement, tied = completed(simulator, measurement)
-    rigid = simulator.with_rigid_ties()
-    given, measurement = charted(rigid, measurement)
+    given, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
     stepped = in_step(given, fit_runs)
     used = steady(stepped, fit_runs, asked)
-    ties = (*tied, RIGID_TIES) if rigid is not simulator else tied
-    notes = (*ties, *restepped(given, stepped), *shortened(asked, used))
+    stepped, softness = tied_as_logged(stepped, fit_runs, used.horizon_s)
+    notes = (*tied, *softness, *restepped(given, stepped), *shortened(asked, used))
     return Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)

@@ -1,7 +1,9 @@
 """A slider-crank with one encoder, logged by an equation of motion of its own: right as it is, and with friction."""
 
+import numpy as np
 import pytest
 import torch
+from tensordict import TensorDict
 
 from onlinebayes.criticism import Selection, compare
 from onlinebayes.criticism.candidates import propose
@@ -50,6 +52,26 @@ def test_a_right_model_of_it_is_adequate(simulator: MujocoSimulator, without_sha
     assert any("taken as rigid" in note for note in found.notes)
 
 
+@pytest.mark.long
+def test_a_log_that_mujoco_wrote_is_as_soft_as_mujoco(simulator: MujocoSimulator, without_shape_checks: None) -> None:
+    driven = driven_slider_crank(0.0, runs=4, seconds=4.0)
+    command = torch.tensor(np.stack([log["ctrl.motor"] for log in driven.values()]))[..., None]
+    rest = TensorDict({"qpos": torch.zeros(4, 3), "qvel": torch.zeros(4, 3)}, batch_size=(4,)).double()
+    times = torch.tensor(driven["r0"]["time"]) + 0.005
+    inputs = TensorDict({"command": command}, batch_size=command.shape[:2])
+    path = simulator.rollout(simulator.nominal.expand(4, 1), rest, inputs, times)["qpos"]
+    path = torch.cat([rest["qpos"][:, None], path[:, :-1]], 1) + 1e-4 * torch.randn(4, len(times), 3).double()
+    joints = ("qpos.crank", "qpos.rod", "qpos.slider")
+    log = {
+        run: {**columns, **dict(zip(joints, q.T.numpy(), strict=True))}
+        for (run, columns), q in zip(driven.items(), path, strict=True)
+    }
+    found = compare(simulator, Measurement.from_runs(log), holdout=["r3"])
+    assert found.verdict == "adequate"
+    assert not any("taken as rigid" in note for note in found.notes)
+
+
+@pytest.mark.slow
 def test_friction_at_the_slider_is_recovered_though_screening_begins_astray(
     simulator: MujocoSimulator, without_shape_checks: None
 ) -> None:

@@ -20,7 +20,7 @@ def tangent(angle: np.ndarray) -> np.ndarray:
 
 
 def test_a_state_beside_the_loop_goes_to_the_nearest_one_on_it() -> None:
-    simulator = MujocoSimulator(SLIDER_CRANK)
+    simulator = MujocoSimulator(SLIDER_CRANK).with_rigid_ties()
     beside = slider_crank(TURNS) + 1e-4 * np.random.default_rng(0).normal(size=(400, 3))
     qpos = simulator.assembled(state(beside, np.zeros((400, 3))))["qpos"].numpy()
     np.testing.assert_allclose(qpos, slider_crank(qpos[:, 0]), atol=1e-9)
@@ -29,7 +29,7 @@ def test_a_state_beside_the_loop_goes_to_the_nearest_one_on_it() -> None:
 
 
 def test_velocities_are_those_of_the_loop() -> None:
-    simulator = MujocoSimulator(SLIDER_CRANK)
+    simulator = MujocoSimulator(SLIDER_CRANK).with_rigid_ties()
     speed = np.linspace(-3, 3, 400)[:, None]
     exact = speed * tangent(TURNS)
     on = simulator.assembled(state(slider_crank(TURNS), exact))["qvel"].numpy()
@@ -57,6 +57,11 @@ def test_from_a_dead_point_the_slider_does_not_tell_which_way_the_crank_turns() 
     path[:, 2] = torch.tensor(slider_crank(np.linspace(0.0, 0.5, 60))[:, 2])
     found = MujocoSimulator(SLIDER_CRANK).tied_positions(path, [2])
     assert bool(found[:, :2].isnan().all())
+
+
+def test_soft_constraints_leave_states_where_they_are() -> None:
+    given = state(np.ones((1, 3)), np.ones((1, 3)))
+    assert MujocoSimulator(SLIDER_CRANK).assembled(given) is given
 
 
 def test_without_constraints_states_stay_what_they_are() -> None:

@@ -222,8 +222,8 @@ class MujocoSimulator(Simulator):
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
 
     def assembled(self, state: TensorDictBase) -> TensorDictBase:
-        """The nearest states on the active equality constraints; see :mod:`.closure`."""
-        if self._closure is None:
+        """The nearest states on the active equality constraints, unless these are soft; see :mod:`.closure`."""
+        if self._closure is None or soft(self._system.source):
             return state
         qpos, qvel = self._closure.nearest(state.get("qpos").numpy(), state.get("qvel").numpy())
         closed = state.clone(recurse=False)
