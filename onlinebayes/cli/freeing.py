@@ -18,11 +18,11 @@ from __future__ import annotations
 import mujoco
 import torch
 
-from onlinebayes.criticism.charted import charted
-from onlinebayes.criticism.projection import project
-from onlinebayes.criticism.scales import target_scales
-from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.windows import make_windows
+from onlinebayes.criticism.candidates.scales import target_scales
+from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.fitting.projection import project
+from onlinebayes.criticism.fitting.sensitivities import linearise
+from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput

@@ -18,7 +18,7 @@ import numpy as np
 from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, match, match_time
 from onlinebayes.cli.model import measured_sensors, signal_units
-from onlinebayes.criticism.closed_loops import completed, follow
+from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.measurements.formats import Source, open_source

@@ -17,17 +17,17 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from onlinebayes.criticism.as_given import as_given
-from onlinebayes.criticism.faults import Fault, misplaced
-from onlinebayes.criticism.late_columns import is_the_logs, late_column
-from onlinebayes.criticism.late_starts import delays
-from onlinebayes.criticism.localise import in_a_sentence
-from onlinebayes.criticism.numerics import Grounds
+from onlinebayes.criticism.fitting.numerics import Grounds
+from onlinebayes.criticism.judging.localise import in_a_sentence
+from onlinebayes.criticism.judging.verdict import rms_over_floor
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.search import Found, ground, search
-from onlinebayes.criticism.shifts import late
-from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.wiring import HALF, Leads, Suspicion, explained, look, outages
+from onlinebayes.criticism.searching.search import Found, ground, search
+from onlinebayes.criticism.wiring.as_given import as_given
+from onlinebayes.criticism.wiring.faults import Fault, misplaced
+from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
+from onlinebayes.criticism.wiring.late_starts import delays
+from onlinebayes.criticism.wiring.shifts import late
+from onlinebayes.criticism.wiring.wiring import HALF, Leads, Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.base import Simulator
@@ -63,8 +63,8 @@ def inquire(
 ) -> tuple[Found, Suspicion | None]:
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
-    Arguments as :func:`onlinebayes.criticism.search.search`. With a fault nothing is accepted and no bound widened: the
-    final model is the base model.
+    Arguments as :func:`onlinebayes.criticism.searching.search.search`. With a fault nothing is accepted and no
+    bound widened: the final model is the base model.
     """
     if first := as_given(simulator, measurement, selection):
         say(first)

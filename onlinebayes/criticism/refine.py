@@ -11,25 +11,24 @@ from typing import Literal
 
 import torch
 
-from onlinebayes.criticism.answers import parameter_changes, widened_bounds, wiring_of
-from onlinebayes.criticism.as_given import as_given
-from onlinebayes.criticism.blocks import Blocks
-from onlinebayes.criticism.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
+from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.detail import Detail
-from onlinebayes.criticism.fit_notes import fit_notes
-from onlinebayes.criticism.held_starts import starts_note
-from onlinebayes.criticism.heldout import replay_runs
-from onlinebayes.criticism.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
+from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
+from onlinebayes.criticism.findings.fit_notes import fit_notes
+from onlinebayes.criticism.findings.log_notes import log_notes
+from onlinebayes.criticism.findings.opening import opened
+from onlinebayes.criticism.findings.ranking import rank, steps
+from onlinebayes.criticism.fitting.blocks import Blocks
+from onlinebayes.criticism.fitting.heldout import replay_runs
+from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.fitting.numerics import Grounds
+from onlinebayes.criticism.fitting.projection import project
 from onlinebayes.criticism.inquiry import inquire, left_over, suspect
-from onlinebayes.criticism.ladder import Rung
-from onlinebayes.criticism.late_starts import windows_to_replay
-from onlinebayes.criticism.localise import failures
-from onlinebayes.criticism.log_notes import log_notes
-from onlinebayes.criticism.noise import tau
-from onlinebayes.criticism.numerics import Grounds
-from onlinebayes.criticism.opening import opened
-from onlinebayes.criticism.projection import project
-from onlinebayes.criticism.ranking import rank, steps
+from onlinebayes.criticism.judging.held_starts import starts_note
+from onlinebayes.criticism.judging.localise import failures
+from onlinebayes.criticism.judging.verdict import decide, what_to_record
+from onlinebayes.criticism.replaying.ladder import Rung
 from onlinebayes.criticism.results import (
     Criticism,
     FittedModel,
@@ -39,14 +38,15 @@ from onlinebayes.criticism.results import (
     Selection,
 )
 from onlinebayes.criticism.scope import Scope
-from onlinebayes.criticism.search import MOST_EFFECTS, Found, enough, ground
+from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough, ground
+from onlinebayes.criticism.searching.stage import blocks_for
+from onlinebayes.criticism.searching.ties import alternatives
 from onlinebayes.criticism.slow_effects import adds_to
-from onlinebayes.criticism.stage import blocks_for
 from onlinebayes.criticism.task import Task, prepared
-from onlinebayes.criticism.ties import alternatives
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.verdict import decide, what_to_record
-from onlinebayes.criticism.wiring import Suspicion
+from onlinebayes.criticism.wiring.as_given import as_given
+from onlinebayes.criticism.wiring.late_starts import windows_to_replay
+from onlinebayes.criticism.wiring.wiring import Suspicion
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, one_torch_thread
 from onlinebayes.simulators.base import Simulator

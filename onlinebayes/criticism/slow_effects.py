@@ -12,16 +12,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from onlinebayes.criticism.descent import SLACK, bounded_step
-from onlinebayes.criticism.fit import improve, unfitted
-from onlinebayes.criticism.horizon import steady
+from onlinebayes.criticism.data.windows import MEMORY, make_windows
+from onlinebayes.criticism.fitting.descent import SLACK, bounded_step
+from onlinebayes.criticism.fitting.fit import improve, unfitted
+from onlinebayes.criticism.fitting.horizon import steady
+from onlinebayes.criticism.fitting.numerics import Grounds, check
 from onlinebayes.criticism.inquiry import left_over
-from onlinebayes.criticism.numerics import Grounds, check
+from onlinebayes.criticism.judging.verdict import halved
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.search import Found
-from onlinebayes.criticism.stage import leaves_noise
-from onlinebayes.criticism.verdict import halved
-from onlinebayes.criticism.windows import MEMORY, make_windows
+from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.stage import leaves_noise
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

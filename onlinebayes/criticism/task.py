@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from onlinebayes.criticism.charted import charted
-from onlinebayes.criticism.clock import in_step, restepped
-from onlinebayes.criticism.closed_loops import completed, tied_as_logged
-from onlinebayes.criticism.horizon import shortened, steady
+from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
+from onlinebayes.criticism.fitting.horizon import shortened, steady
+from onlinebayes.criticism.replaying.charted import charted
+from onlinebayes.criticism.replaying.clock import in_step, restepped
+from onlinebayes.criticism.replaying.scoped import scoped
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scope import Scope
-from onlinebayes.criticism.scoped import scoped
-from onlinebayes.criticism.search import Found
+from onlinebayes.criticism.searching.search import Found
 from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_when_slow
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement

@@ -18,11 +18,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.candidates import Trial, grown_theta, trials
-from onlinebayes.criticism.projection import Projected, noise_rows, project
-from onlinebayes.criticism.screening import CONFOUNDED
-from onlinebayes.criticism.sensitivities import columns, linearise
-from onlinebayes.criticism.windows import Windows
+from onlinebayes.criticism.candidates.candidates import Trial, grown_theta, trials
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project
+from onlinebayes.criticism.fitting.sensitivities import columns, linearise
+from onlinebayes.criticism.judging.screening import CONFOUNDED
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
 

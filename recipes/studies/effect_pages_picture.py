@@ -17,11 +17,11 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.fit import Fit, fit
-from onlinebayes.criticism.projection import signal_rms
-from onlinebayes.criticism.replay import replay
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.projection import signal_rms
+from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.report.svg import Array, Curve, Panel, chart
-from onlinebayes.criticism.windows import Windows
 from onlinebayes.simulators.base import Simulator
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
 

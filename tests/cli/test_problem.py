@@ -10,7 +10,7 @@ import torch
 
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.faults import Offset, Rescaled
+from onlinebayes.criticism.wiring.faults import Offset, Rescaled
 from onlinebayes.measurements import Signal
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput

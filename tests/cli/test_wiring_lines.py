@@ -9,7 +9,7 @@ import pytest
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.cli.work import criticise
 from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.faults import AsItStands, Fault, Rescaled
+from onlinebayes.criticism.wiring.faults import AsItStands, Fault, Rescaled
 from onlinebayes.measurements import Measurement
 from tests.criticism.wired import NOISE, PENDULUM
 

@@ -8,11 +8,11 @@ import math
 import pytest
 import torch
 
-from onlinebayes.criticism.heldout import horizon_errors, window_errors
-from onlinebayes.criticism.profiles import profiles
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.findings.profiles import profiles
+from onlinebayes.criticism.fitting.heldout import horizon_errors, window_errors
 from onlinebayes.criticism.results import ReplayedRun
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.windows import Windows
 
 SIGNALS = ("qpos.a",)
 

@@ -8,8 +8,8 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.bench import PARTS, Bench, replay_rms, replay_rms_of_parts
-from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism.wiring.bench import PARTS, Bench, replay_rms, replay_rms_of_parts
 from tests.criticism.cases import refined
 from tests.criticism.wired import ARM
 

@@ -7,15 +7,15 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Scope, compare, refine
-from onlinebayes.criticism.blocks import leave_one_out, make_blocks
-from onlinebayes.criticism.charted import ChartedSimulator
-from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.heldout import replay_runs
-from onlinebayes.criticism.own import held_out_model, lent
-from onlinebayes.criticism.replay import replay
-from onlinebayes.criticism.scoped import ScopedSimulator, effect_entries, scoped
-from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.windows import make_windows
+from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.fitting.blocks import leave_one_out, make_blocks
+from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.criticism.fitting.heldout import replay_runs
+from onlinebayes.criticism.fitting.own import held_out_model, lent
+from onlinebayes.criticism.fitting.sensitivities import linearise
+from onlinebayes.criticism.replaying.charted import ChartedSimulator
+from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.criticism.replaying.scoped import ScopedSimulator, effect_entries, scoped
 from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput

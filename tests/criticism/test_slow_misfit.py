@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, numerics, refine
-from onlinebayes.criticism.faults import Offset
+from onlinebayes.criticism.wiring.faults import Offset
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator

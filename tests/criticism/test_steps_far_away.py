@@ -5,14 +5,14 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.descent import backtracked
-from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.projection import project
+from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.fitting.descent import backtracked
+from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.criticism.fitting.projection import project
+from onlinebayes.criticism.fitting.sensitivities import linearise
+from onlinebayes.criticism.fitting.strays import window_errors
+from onlinebayes.criticism.judging.verdict import rms_over_floor
 from onlinebayes.criticism.results import Numerics
-from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.strays import window_errors
-from onlinebayes.criticism.verdict import rms_over_floor
-from onlinebayes.criticism.windows import make_windows
 from tests.criticism.rigs import TRUTH, measure, model
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.faults import SwitchedOff
-from onlinebayes.criticism.outages import Outage
+from onlinebayes.criticism.wiring.faults import SwitchedOff
+from onlinebayes.criticism.wiring.outages import Outage
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Effect

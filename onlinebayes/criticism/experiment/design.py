@@ -18,7 +18,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.blocks import APART, FEWEST
+from onlinebayes.criticism.data.grid import row_step
+from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.experiment.inputs import Inputs, family
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload, find_limits
 from onlinebayes.criticism.experiment.plan import Plan, Remedy, Rivalry, Tried
@@ -26,9 +27,8 @@ from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
 from onlinebayes.criticism.experiment.remedies import PARTED, loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
-from onlinebayes.criticism.grid import row_step
+from onlinebayes.criticism.fitting.blocks import APART, FEWEST
 from onlinebayes.criticism.results import Criticism
-from onlinebayes.criticism.windows import joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, one_torch_thread
 from onlinebayes.simulators.base import Simulator

@@ -19,8 +19,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
+from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.limits import Limits
-from onlinebayes.criticism.windows import Windows
 
 POSTURES = 3
 ANOTHER = 0.2  # of the travel, by which postures differ that are worth a start of their own

@@ -18,8 +18,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.scales import target_scales
-from onlinebayes.criticism.windows import Windows, joint_names
+from onlinebayes.criticism.candidates.scales import target_scales
+from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -13,13 +13,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits, Payload
 from onlinebayes.criticism.experiment.plan import Remedy
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
 from onlinebayes.criticism.experiment.rivals import Pair
 from onlinebayes.criticism.experiment.separation import separations
-from onlinebayes.criticism.windows import Windows
 from onlinebayes.measurements import Signal
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator

@@ -20,17 +20,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.acceptance import contained
-from onlinebayes.criticism.candidates import grown, propose, trials
-from onlinebayes.criticism.clock import in_step
+from onlinebayes.criticism.candidates.candidates import grown, propose, trials
+from onlinebayes.criticism.data.noise import tau
+from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.fit import Fit, fit
-from onlinebayes.criticism.noise import tau
-from onlinebayes.criticism.numerics import Grounds, settle
-from onlinebayes.criticism.projection import Projected, project, signal_rms
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.numerics import Grounds, settle
+from onlinebayes.criticism.fitting.projection import Projected, project, signal_rms
+from onlinebayes.criticism.judging.acceptance import contained
+from onlinebayes.criticism.replaying.clock import in_step
 from onlinebayes.criticism.results import Candidate, Criticism
-from onlinebayes.criticism.standing import carried
-from onlinebayes.criticism.windows import Windows
+from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -21,15 +21,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.bounded import bounded_least_squares
-from onlinebayes.criticism.descent import difference_steps
+from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.play import predicted
 from onlinebayes.criticism.experiment.rivals import Explanation, Pair, rows_of
-from onlinebayes.criticism.fit import fit
-from onlinebayes.criticism.projection import project
-from onlinebayes.criticism.sensitivities import linearise
-from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
+from onlinebayes.criticism.fitting.descent import difference_steps
+from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.criticism.fitting.projection import project
+from onlinebayes.criticism.fitting.sensitivities import linearise
+from onlinebayes.criticism.replaying.bounded import bounded_least_squares
 from onlinebayes.measurements import Signal
 from onlinebayes.runs import BadInput
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.forces import EffectForce
+from onlinebayes.criticism.replaying.forces import EffectForce
 from onlinebayes.criticism.report import geometry, words
 from onlinebayes.criticism.report.colours import EFFECTS
 

@@ -8,7 +8,7 @@ import mujoco
 import numpy as np
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.forces import effect_forces
+from onlinebayes.criticism.replaying.forces import effect_forces
 from onlinebayes.criticism.report import arrows, geometry, replays, words
 from onlinebayes.criticism.results import Criticism
 

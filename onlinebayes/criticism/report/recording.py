@@ -23,8 +23,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.around import innermost
-from onlinebayes.criticism.forces import EffectForce, effect_forces
+from onlinebayes.criticism.replaying.around import innermost
+from onlinebayes.criticism.replaying.forces import EffectForce, effect_forces
 from onlinebayes.criticism.report import arrows, documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS, EFFECTS
 from onlinebayes.criticism.report.geometry import Colour

@@ -13,12 +13,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from onlinebayes.criticism.around import innermost
+from onlinebayes.criticism.replaying.around import innermost
+from onlinebayes.criticism.replaying.scoped import physical
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.criticism.scope import address_of
-from onlinebayes.criticism.scoped import physical
 from onlinebayes.runs import write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.export import to_xml

@@ -18,16 +18,16 @@ from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism.candidates import grown, propose
-from onlinebayes.criticism.clock import in_step
-from onlinebayes.criticism.fit import Fit, fit
-from onlinebayes.criticism.heldout import replay_error, replay_runs, start_floor, start_spread
-from onlinebayes.criticism.horizon import steady
-from onlinebayes.criticism.late_starts import windows_to_replay
-from onlinebayes.criticism.longer import longer
-from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.candidates.candidates import grown, propose
+from onlinebayes.criticism.candidates.longer import longer
+from onlinebayes.criticism.data.windows import MEMORY, make_windows
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
+from onlinebayes.criticism.fitting.horizon import steady
+from onlinebayes.criticism.replaying.clock import in_step
+from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.split import split
-from onlinebayes.criticism.windows import MEMORY, make_windows
+from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, ThermalDerating

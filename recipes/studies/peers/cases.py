@@ -13,7 +13,7 @@ from typing import final
 from envs.driven_pendulum import KINDS
 from envs.rigs import case as rig_case
 from onlinebayes.cli.problem import load_problem
-from onlinebayes.criticism.clock import in_step
+from onlinebayes.criticism.replaying.clock import in_step
 from onlinebayes.criticism.split import split
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator

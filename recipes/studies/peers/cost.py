@@ -20,8 +20,8 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-from onlinebayes.criticism.descent import TOLERANCE
-from onlinebayes.criticism.fit import fit
+from onlinebayes.criticism.fitting.descent import TOLERANCE
+from onlinebayes.criticism.fitting.fit import fit
 from recipes.studies.peers.sysid import Problem
 from recipes.studies.peers.sysid_parameters import Freed, setter
 from recipes.studies.peers.task import Task

@@ -21,9 +21,9 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.signal import convolve, savgol_coeffs, savgol_filter
 
-from onlinebayes.criticism.grid import RunGrid, run_grids
-from onlinebayes.criticism.motion import seen_by
-from onlinebayes.criticism.windows import Windows, joint_names
+from onlinebayes.criticism.data.grid import RunGrid, run_grids
+from onlinebayes.criticism.data.motion import seen_by
+from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.peers.task import Task
 

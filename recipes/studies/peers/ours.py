@@ -10,8 +10,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism import Criticism, refine
-from onlinebayes.criticism.replay import rollout, shown
-from onlinebayes.criticism.windows import Windows
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.replaying.replay import rollout, shown
 from onlinebayes.simulators.base import Simulator
 from recipes.studies.peers.task import Claim, Fitted, Task
 

@@ -23,8 +23,8 @@ from typing import final
 
 import mujoco
 
-from onlinebayes.criticism.scales import target_scales
-from onlinebayes.criticism.windows import joint_names
+from onlinebayes.criticism.candidates.scales import target_scales
+from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.runs import BadInput
 from recipes.studies.peers.task import Claim, Task
 

@@ -19,12 +19,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.grid import row_step, run_grids
-from onlinebayes.criticism.horizon import steady
-from onlinebayes.criticism.noise import floors
-from onlinebayes.criticism.search import ground
+from onlinebayes.criticism.data.grid import row_step, run_grids
+from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
+from onlinebayes.criticism.fitting.horizon import steady
+from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.split import split
-from onlinebayes.criticism.windows import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.mujoco import MujocoSimulator
 

@@ -7,8 +7,8 @@ import dataclasses
 import torch
 
 from onlinebayes.criticism.detail import Detail
-from onlinebayes.criticism.heldout import window_errors
-from onlinebayes.criticism.profiles import profiles
+from onlinebayes.criticism.findings.profiles import profiles
+from onlinebayes.criticism.fitting.heldout import window_errors
 from onlinebayes.criticism.results import Candidate, Criticism, Estimate, Failure, FittedModel, HeldOutError, Remainder
 from onlinebayes.parameters import Parameter, ParameterSpace
 from tests.criticism.report.synthetic import Unmoved, criticism

@@ -15,8 +15,8 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.criticism.detail import Detail, HorizonError
-from onlinebayes.criticism.heldout import window_errors
-from onlinebayes.criticism.profiles import profiles
+from onlinebayes.criticism.findings.profiles import profiles
+from onlinebayes.criticism.fitting.heldout import window_errors
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,

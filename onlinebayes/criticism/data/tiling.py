@@ -1,0 +1,106 @@
+"""Where the windows lie in the runs, how many rows and bins they have, and where they start.
+
+window w: rows g_w .. g_w + K of run r_w, K rows in bins of at most H / 100, one after the other without overlap
+
+No window bridges a gap of the log: each stretch between gaps is tiled by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from onlinebayes.criticism.data.grid import RunGrid, row_step, run_grids
+from onlinebayes.criticism.data.motion import seen_by
+from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.smoother import half_window
+from onlinebayes.criticism.data.starts import window_starts
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
+
+BINS = 100
+
+
+@dataclass(frozen=True)
+class Tiling:
+    """W windows of K rows.
+
+    Args:
+        places: run and grid row at which each window starts.
+        rows, bin_rows: K, and the rows averaged into one bin, which divide it.
+        start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
+        free: which joints move in the window.
+        noise: floor of each signal [SI].
+    """
+
+    places: tuple[tuple[int, int], ...]
+    rows: int
+    bin_rows: int
+    start: Float[Tensor, "W J2"]
+    start_sd: Float[Tensor, "W J2"]
+    free: Bool[Tensor, "W J"]
+    noise: Float[Tensor, " S"]
+
+
+def tile(
+    measurement: Measurement,
+    grids: tuple[RunGrid, ...],
+    joints: tuple[str, ...],
+    horizon: float,
+    noise: Float[Tensor, " S"] | None = None,
+    inset: bool = False,
+) -> Tiling:
+    """Tile every run and smooth the windows' starts on the sensor's own rows.
+
+    Args:
+        measurement: the runs.
+        grids: the same on the even clock of the replay.
+        joints: the simulator's, each with a position or a velocity among the signals.
+        horizon: H [s]; shortened to the longest stretch without a gap.
+        noise: floor of each signal [SI], or None to take it from these runs.
+        inset: begin where the smoother sees the start from both sides.
+
+    Raises:
+        BadInput: every run is too short for a single window.
+    """
+    sensor, step = run_grids(measurement, row_step(measurement)), grids[0].step
+    names = [signal.name for signal in measurement.signals]
+    if noise is None:
+        noise = floors(measurement.signals, sensor).to(measurement.data["signal"])
+    longest = max((last - first for grid in grids for first, last in grid.pieces), default=0)
+    rows = min(max(4, round(horizon / step)), max(longest, 1))
+    bin_rows = max(1, rows // BINS)
+    rows -= rows % bin_rows
+    lead = _lead(sensor, names, joints, rows * step, step) if inset else 0
+    places = [
+        (r, first + lead + g)
+        for r, grid in enumerate(grids)
+        for first, last in grid.pieces
+        for g in _starts(last - first - lead, rows)
+    ]
+    # Where commands go on and sensors do not, windows would have nothing to compare.
+    places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
+    if not places:
+        raise BadInput(
+            f"the longest run has {longest} steps of {step:g} s, too few to compare anything",
+            "record longer runs; a run lasts from its first row to its last",
+        )
+    cuts = [(r, g * step, (g + rows) * step) for r, g in places]
+    return Tiling(tuple(places), rows, bin_rows, *window_starts(sensor, cuts, names, joints, noise), noise)
+
+
+def _lead(grids: tuple[RunGrid, ...], names: list[str], joints: tuple[str, ...], horizon: float, step: float) -> int:
+    """Rows before the first window of a run: the smoother's half-window, where the shortest run can spare it."""
+    half = max((half_window(grids, seen_by(joint, names).column) for joint in joints), default=0)
+    rows = round(half * grids[0].step / step)
+    spare = min(grid.rows for grid in grids) * grids[0].step - 0.5 * horizon
+    return rows if rows * step <= min(0.2 * horizon, spare) else 0
+
+
+def _starts(available: int, rows: int) -> list[int]:
+    """Starting rows of the windows of one stretch; a last one that is at least half full counts."""
+    full = list(range(0, available - rows + 1, rows))
+    rest = available - len(full) * rows
+    return full + ([len(full) * rows] if rest >= max(2, rows / 2) else [])

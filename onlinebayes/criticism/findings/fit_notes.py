@@ -1,0 +1,88 @@
+"""What has to be said of a fit beside its numbers.
+
+The step, the length of the windows, convergence, values on their bounds, and laws that are another two together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from onlinebayes.criticism import quantities
+from onlinebayes.criticism.results import Estimate, Selection
+from onlinebayes.criticism.searching.search import Found
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import EFFECTS, Effect
+
+CUT = 0.9
+"""Share of the horizon that was asked for below which windows are said to be shorter."""
+
+
+def fit_notes(
+    simulator: Simulator, found: Found, selection: Selection, parameters: Mapping[str, Estimate]
+) -> tuple[str, ...]:
+    """A sentence for each such thing.
+
+    Args:
+        simulator: the base model at its own step.
+        found: what the search found.
+        selection: how effects were judged; its horizon was asked for.
+        parameters: of the final model.
+    """
+    return (
+        *_of_the_step(simulator, found),
+        *_of_the_windows(found, selection),
+        *_of_bounds(found, parameters),
+        *of_sums([judged.effect for _, judged in found.accepted]),
+    )
+
+
+def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
+    final = found.final
+    if not final.numerics.sufficient:
+        yield (
+            f"numerics: at the step of {final.rung.timestep:g} s the integration error is not small against the "
+            "misfit, so nothing is named; give the model a finer timestep or a better integrator"
+        )
+    elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
+        method = "Runge-Kutta's method" if final.rung.runge_kutta else "its own integrator"
+        yield (
+            f"numerics: at its step of {simulator.timestep:g} s the model's own integrator errs too much to be judged "
+            f"by these sensors; judged by {method} at {final.rung.timestep:g} s; the refined model keeps to that method"
+        )
+    if not final.fitted.converged:
+        yield "the last fit did not converge fully"
+
+
+def _of_the_windows(found: Found, selection: Selection) -> Iterator[str]:
+    lasted = found.final.windows.horizon
+    if lasted < CUT * selection.horizon_s:
+        yield (
+            f"windows last {quantities.exact(lasted, 's')} in place of {quantities.exact(selection.horizon_s, 's')}: "
+            "no run is longer without a pause"
+        )
+
+
+def _of_bounds(found: Found, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """A value of the model's own on its bound; zero as a lower one is where many laws end, and no surprise."""
+    space = dict(found.final.fitted.simulator.parameters)
+    for name, value in parameters.items():
+        if value.at_bound is None or "@" in name or name not in space or found.widened is not None:
+            continue
+        end = space[name].low if value.at_bound == "low" else space[name].high
+        if end != 0:
+            yield (
+                f"{name} ends on its bound of {quantities.exact(end, value.unit)}: the data may ask for more than was "
+                "allowed, and the interval says nothing of that"
+            )
+
+
+def of_sums(accepted: Sequence[Effect]) -> Iterator[str]:
+    """Of an accepted law that is others together, and of accepted ones that are another law: the same force."""
+    keys = {effect.key for effect in accepted}
+    for element in dict.fromkeys(effect.element for effect in accepted):
+        for kind in EFFECTS.values():
+            whole, parts = f"{kind.name}@{element}", [f"{name}@{element}" for name in kind.sum_of]
+            if parts and whole in keys:
+                yield f"{whole} is by its equation {' and '.join(parts)} together: no record parts the two accounts"
+            elif parts and keys.issuperset(parts):
+                yield f"{' and '.join(parts)} are by their equation {whole}: no record parts the two accounts"

@@ -1,0 +1,40 @@
+"""The held-out runs, opened once: the error that is reported, and the same error in detail."""
+
+from __future__ import annotations
+
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.detail import Detail
+from onlinebayes.criticism.findings.profiles import profiles
+from onlinebayes.criticism.fitting.heldout import horizon_errors, replay_error, start_floor, start_spread, window_errors
+from onlinebayes.criticism.results import FittedModel, HeldOutError, ReplayedRun
+
+
+def opened(
+    base: FittedModel, final: FittedModel, held: Windows, signals: tuple[str, ...], units: dict[str, str]
+) -> tuple[HeldOutError, Detail]:
+    """Error over the held-out windows with its floor; windows and profiles of all runs, horizons of the held-out ones.
+
+    Args:
+        base, final: the models with their replays of all runs.
+        held: windows of the held-out runs at every row, as those replays had them.
+        signals: names of the columns.
+        units: signal -> unit.
+    """
+    spread = start_spread(final.simulator, held, final.theta)
+    before, after = _held_out(base), _held_out(final)
+    error = HeldOutError(
+        replay_error(before, signals),
+        replay_error(after, signals),
+        start_floor(held, spread, signals),
+        dict.fromkeys(signals, held.horizon),
+    )
+    detail = Detail(
+        window_errors(base.replays, final.replays, signals),
+        horizon_errors(before, after, held, spread, signals),
+        profiles(base.replays, final.replays, signals, base.simulator.commands, units),
+    )
+    return error, detail
+
+
+def _held_out(model: FittedModel) -> tuple[ReplayedRun, ...]:
+    return tuple(run for run in model.replays if run.held_out)

@@ -1,0 +1,1 @@
+"""Theta and the windows' starts fitted to convergence; what a fit determines, its time step, the held-out error."""

@@ -1,0 +1,40 @@
+"""Effects that move nothing where a fit left them, woken: a limit out of reach has no slope, and no fit moves it.
+
+For an effect whose columns are all 0 at the mode, the fit is repeated from each of its starting values, the other
+parameters where they are; the best of these fits stands, which is the first one where none is better. So begin effects
+added by hand, at their neutral values, and refits whose linear estimate of a limit lies out of reach.
+"""
+
+from __future__ import annotations
+
+import torch
+
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects import Effect
+
+
+def woken(fitted: Fit, windows: Windows) -> Fit:
+    """The best fit of the same model, from here and from the starting values of effects that moved nothing."""
+    for effect in fitted.simulator.effects:
+        if not _sleeps(fitted, effect):
+            continue
+        tried = [fitted]
+        for start in effect.starts:
+            theta = fitted.theta.clone()
+            for entry, name in effect_entries(fitted.simulator, effect).items():
+                theta[fitted.simulator.parameters.index(entry)] = start[name]
+            try:
+                tried.append(fit(fitted.simulator, windows, theta, fitted.projected.weight, fitted.lin.starts))
+            except BadInput:  # it diverges from there
+                continue
+        fitted = min(tried, key=lambda one: one.projected.objective)
+    return fitted
+
+
+def _sleeps(fitted: Fit, effect: Effect) -> bool:
+    """Whether no parameter of the effect moves a row."""
+    columns = [fitted.simulator.parameters.index(entry) for entry in effect_entries(fitted.simulator, effect)]
+    return bool(columns) and not bool(torch.any(fitted.projected.columns[..., columns] != 0))

@@ -1,0 +1,226 @@
+"""Steps of theta and all windows' starts, each of which lowers the misfit: Gauss-Newton with Levenberg's damping.
+
+    step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high,    D^2 = diag(C~' C~)    (Marquardt 1963)
+
+The undamped step is tried first. One replay, projected as before the step, tells whether it can be taken; only then is
+the new point linearised, which costs a replay for each parameter and start. The last step, which promises next to
+nothing, keeps the derivatives.
+Once a step is rejected, no damping and all dampings are replayed at once before each step, until none is the best
+again: where a kink or a curved valley makes one undamped step too long it makes the next one, too. Where all of these
+are refused far from the optimum, parts of the step of theta and starts together are tried. A world that diverges
+rejects its step. Steps that gain next to nothing, several in a row, end it as *crept*: a few windows whose starts no
+common step moves hold theta back then, and those are settled at less cost (see :mod:`.fit`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.projection import Projected, project, start_shift
+from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise
+from onlinebayes.criticism.fitting.strays import best_starts, residual_rows, strayed, strays, window_errors
+from onlinebayes.criticism.replaying.bounded import bounded_least_squares
+from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.simulators.base import Simulator
+
+STEPS = 40
+TOLERANCE = 1e-5  # of the objective: what the last step may promise
+SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
+CREEP = 0.05  # of the objective: what a step gains at least where there is hope
+LITTLE = 0.02  # of the objective: what damped steps gain that creep
+PATIENCE = 2  # of them in a row
+DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
+FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
+PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
+DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
+
+
+@dataclass(frozen=True)
+class Descent:
+    """Where a descent ended, and why: no step lowers the misfit, steps crept, hopeless, or out of steps."""
+
+    lin: Linearisation
+    projected: Projected
+    ended: Literal["converged", "crept", "given up"]
+
+
+def descend(
+    simulator: Simulator,
+    windows: Windows,
+    lin: Linearisation,
+    current: Projected,
+    hopeless: float = math.inf,
+    patience: int = PATIENCE,
+) -> Descent:
+    """Steps of theta and all starts until none lowers the objective noticeably.
+
+    Args:
+        simulator, windows: what is fitted.
+        lin, current: where it begins.
+        hopeless: an objective above which a descent that creeps is given up.
+        patience: damped steps in a row that may gain little.
+    """
+    centred, searching, slow = False, False, 0
+    for _ in range(STEPS):
+        total = current.objective
+        step, promised = bounded_step(simulator, current, lin.theta, 0.0)
+        damped = False
+        if searching:
+            step, damped = best_damped(simulator, windows, lin, current)
+        there = step_to(simulator, windows, lin, current, step, chord=promised <= TOLERANCE * total)
+        if there is not None and there[1].objective <= total:
+            moved, trial = there
+            gained, centred = total - trial.objective, True
+            lin, current = moved, trial
+            if gained <= SLACK * total and (searching or promised <= TOLERANCE * total):
+                return Descent(lin, current, "converged")
+            if gained <= CREEP * total and trial.objective > hopeless:
+                return Descent(lin, current, "given up")
+            slow = slow + 1 if damped and gained <= LITTLE * total else 0
+            if slow >= patience:
+                return Descent(lin, current, "crept")
+            searching = damped
+        elif promised <= TOLERANCE * total and centred:
+            return Descent(lin, current, "converged")
+        elif searching:
+            back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
+            if back is None:
+                return Descent(lin, current, "converged")
+            lin, current = back
+        elif centred:
+            searching = True
+        else:
+            # The sensitivities hold at the windows' best starts, and the starts are not there yet.
+            there = step_to(simulator, windows, lin, current, torch.zeros_like(step))
+            if there is None:
+                return Descent(lin, current, "converged")
+            (lin, current), centred = there, True
+    return Descent(lin, current, "given up")
+
+
+def best_damped(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+) -> tuple[Float[Tensor, " P"], bool]:
+    """The best of the undamped and several damped steps, all replayed at once with the starts that go with them.
+
+    Returns:
+        The step, and whether it is damped.
+    """
+    dampings = (0.0, *DAMPINGS)
+    steps = torch.stack([bounded_step(simulator, projected, lin.theta, damping)[0] for damping in dampings])
+    theta = simulator.parameters.clamp(lin.theta + steps)
+    starts = torch.stack([lin.starts + start_shift(windows, lin, projected, step) for step in steps])
+    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
+    best = int(error.argmin())
+    return steps[best], best > 0
+
+
+def backtracked(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+) -> tuple[Linearisation, Projected] | None:
+    """Theta and all starts moved together by part of the undamped step; None where no part lowers the error.
+
+    A damped step of theta still takes the starts all the way. Far from the truth, where they are to make up for what
+    the model lacks, that leads astray; along the joint step a small enough part always descends.
+    """
+    step, _ = bounded_step(simulator, projected, lin.theta, 0.0)
+    shift = start_shift(windows, lin, projected, step)
+    part = lin.theta.new_tensor(PARTS)
+    theta = simulator.parameters.clamp(lin.theta + part[:, None] * step)
+    starts = lin.starts + part[:, None, None] * shift
+    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
+    best = int(error.argmin())
+    if best == 0 or not bool(error[best] < (1 - SLACK) * error[0]):
+        return None
+    moved = linearise(simulator, windows, theta[best], starts[best], difference_steps(projected))
+    return (moved, project(windows, moved, projected.weight)) if moved.valid else None
+
+
+def step_to(
+    simulator: Simulator,
+    windows: Windows,
+    lin: Linearisation,
+    current: Projected,
+    step: Float[Tensor, " P"],
+    chord: bool = False,
+) -> tuple[Linearisation, Projected] | None:
+    """The linearisation one step away, with its projection; starts that the step led astray are brought back.
+
+    Args:
+        simulator, windows: what is fitted.
+        lin, current: where the step begins.
+        step: of theta [SI].
+        chord: keep the derivatives.
+
+    Returns:
+        None where a world diverges, or where one replay shows that the step does not descend.
+    """
+    theta = simulator.parameters.clamp(lin.theta + step)
+    starts = lin.starts + start_shift(windows, lin, current, step)
+    shown = None
+    if bool(step.any()):
+        shown = descended(simulator, windows, current, theta, starts)
+        if shown is None:
+            return None
+    if chord and shown is not None:
+        moved = replace(lin, theta=theta, starts=starts, residual=windows.bin(windows.value) - shown)
+    else:
+        moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
+    trial = project(windows, moved, current.weight)
+    stray = strays(current, trial)
+    if not moved.valid:
+        return None
+    if not bool(stray.any()):
+        return moved, trial
+    candidates = torch.stack([moved.starts, lin.starts, windows.start])
+    best, _ = best_starts(simulator, windows, current.row_weight, moved.theta, candidates)
+    starts = torch.where(stray[:, None], best, moved.starts)
+    if torch.equal(starts, moved.starts):
+        return moved, trial
+    moved = linearise(simulator, windows, moved.theta, starts, difference_steps(current))
+    return (moved, project(windows, moved, current.weight)) if moved.valid else None
+
+
+def descended(
+    simulator: Simulator,
+    windows: Windows,
+    current: Projected,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"],
+) -> Float[Tensor, "W n S"] | None:
+    """The binned replay at a new point; None where, projected as at the old one, it errs by more; strays as they were.
+
+    Where a window diverged it is None, too.
+    """
+    signals, valid = replay(simulator, windows, theta[None], starts[None])
+    shown = windows.bin(signals)[0]
+    rows = residual_rows(windows, windows.bin(windows.value) - shown, starts)
+    now = current.project(rows[..., None])[..., 0].square().sum(1)
+    was = current.residual.square().sum(1)
+    errs = float(torch.where(strayed(was, now), was, now).sum())
+    return shown if bool(valid.all()) and errs <= current.objective else None
+
+
+def difference_steps(projected: Projected) -> Float[Tensor, " P"]:
+    """Longest steps for finite differences [SI]: 30 sd of each parameter, were it alone."""
+    rows = (projected.row_weight > 0).sum().clamp_min(1)
+    scale = (projected.residual.square().sum() / rows).sqrt()
+    return DIFFERENCE * scale / projected.columns.flatten(0, 1).norm(dim=0).clamp_min(1e-300)
+
+
+def bounded_step(
+    simulator: Simulator, projected: Projected, theta: Float[Tensor, " P"], damping: float
+) -> tuple[Float[Tensor, " P"], float]:
+    """The damped step within the bounds, and by how much it promises to lower the objective."""
+    C, r = projected.columns.flatten(0, 1), projected.residual.flatten()
+    space = simulator.parameters
+    step = bounded_least_squares(C.T @ C, C.T @ r, space.low.to(theta) - theta, space.high.to(theta) - theta, damping)
+    promised = float(r.square().sum() - (r - C @ step).square().sum())
+    return step, promised

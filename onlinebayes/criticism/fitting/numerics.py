@@ -1,0 +1,193 @@
+"""Is the integration step fine enough to judge by: the replay at a quarter of it must hardly move.
+
+    e = RMS of the start-projected difference between the replays at h and h / 4,    fine enough: e < RMS residual / 10
+
+Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
+residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
+model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
+taken while the residual is far above the sensors' noise, for they leave measured rows out. In the end the model as it
+was given is preferred where it follows the log far better (:mod:`.as_run`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.data.grid import even_step
+from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
+from onlinebayes.criticism.fitting.as_run import as_run
+from onlinebayes.criticism.fitting.asleep import woken
+from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
+from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
+from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project
+from onlinebayes.criticism.replaying.ladder import Rung, adjustable, first_order, ladder
+from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.criticism.results import Numerics
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+
+SHARE = 0.1
+LEAST = 0.1  # noise: a residual smaller than that asks for no finer step
+NOTHING = 0.1 * SHARE * LEAST  # noise: an error that no fit makes matter
+SURELY = 2.0  # times the largest admissible error: what is expected of a rung that is passed by unseen
+PLAIN = 1e-6  # singular value over the largest, below which a direction is flat
+FAR = 10.0  # residual over noise above which rows may be left out
+
+
+@dataclass(frozen=True)
+class Grounds:
+    """What everything is judged on: windows at one integration step, the model fitted to them, and how fine that is.
+
+    ``shift`` is by how much the step moves theta [SI]: see :func:`check`. ``as_run`` says that the model's own step is
+    used though a finer one moves the replay: see :mod:`.as_run`.
+    """
+
+    windows: Windows
+    fitted: Fit
+    numerics: Numerics
+    rung: Rung
+    shift: Float[Tensor, " P"]
+    as_run: bool = False
+
+
+def settle(
+    simulator: Simulator,
+    measurement: Measurement,
+    horizon: float,
+    noise: Float[Tensor, " S"],
+    begin: Float[Tensor, " P"] | None = None,
+    before: Grounds | None = None,
+    fitted: Fit | None = None,
+) -> Grounds:
+    """Fit on the coarsest rung of the ladder at which the numerics do not matter.
+
+    Args:
+        simulator: as the user gave it, with the effects added so far.
+        measurement: the fit runs.
+        horizon: H [s].
+        noise: floor of each signal [SI].
+        begin: theta at which the fit begins; searched in the box when None.
+        before: the grounds of the model that this one grew from: its rung is the first one here.
+        fitted: a fit of this model to those grounds' windows, if there is one.
+    """
+    grounds: Grounds | None = None
+    starts: Float[Tensor, "W J2"] | None = None
+    rungs, afar = ladder(simulator, horizon), begin is None
+    for rung in rungs if before is None else rungs[rungs.index(before.rung) :]:
+        if grounds is not None and rung != rungs[-1] and _too_coarse(simulator, grounds, rung):
+            continue
+        stepped = rung.of(simulator)
+        try:
+            if before is not None and rung == before.rung:
+                windows = before.windows
+            else:
+                windows, fitted = make_windows(stepped, measurement, horizon, MEMORY * horizon, noise), None
+            begin = starting_theta(stepped, windows) if begin is None else begin
+            if starts is not None and starts.shape != windows.start.shape:
+                starts = None  # a finer clock fits another window into a run
+            here = fitted or unfitted(stepped, windows, begin, starts=starts)
+        except BadInput:
+            # Too coarse a step may not fit the windows, or make the model diverge; a finer one follows.
+            if rung == rungs[-1] and grounds is None:
+                raise
+            continue
+        numerics, shift = check(simulator, measurement, windows, here)
+        # A fit only lowers the residual: numerics that matter before it matter after it, and the rung is passed by.
+        first = before is None and grounds is None
+        if fitted is None and (numerics.sufficient or first or rung == rungs[-1]):
+            here = improve(here, windows)
+            if first and afar:
+                here = woken(from_elsewhere(here, windows, begin), windows)
+            if numerics.error_at_quarter_step >= NOTHING or _leaves_out(simulator, measurement, windows, here):
+                numerics, shift = check(simulator, measurement, windows, here)
+        begin, starts = here.theta, here.lin.starts
+        grounds = Grounds(windows, here, numerics, rung, shift)
+        if numerics.sufficient:
+            break
+    assert grounds is not None
+    return _as_run(simulator, measurement, horizon, grounds)
+
+
+def _as_run(simulator: Simulator, measurement: Measurement, horizon: float, grounds: Grounds) -> Grounds:
+    """These grounds, or those of the model as it was given: see :mod:`.as_run`."""
+    found = as_run(simulator, measurement, horizon, grounds.fitted, grounds.windows, grounds.rung)
+    if found is None:
+        return grounds
+    windows, fitted = found
+    numerics, shift = check(simulator, measurement, windows, fitted)
+    # The parameters are those of this step: what a finer one would make of them is no doubt about them.
+    certain = torch.zeros_like(shift)
+    return Grounds(windows, fitted, replace(numerics, sufficient=True), Rung(simulator.timestep), certain, as_run=True)
+
+
+def check(
+    simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit
+) -> tuple[Numerics, Float[Tensor, " P"]]:
+    """Replay at a quarter of the step and compare, starts projected out.
+
+    Args:
+        simulator: any step of the fitted model's family, to tell whether its step can change.
+        measurement: the runs the windows were cut from.
+        windows, fitted: what is checked.
+
+    Returns:
+        How fine the step is, and by how much theta would move if it were infinitely fine, to first order in h: 4/3 of
+        what the difference of the two replays asks for; 0 where the step cannot change or a world diverged.
+    """
+    timestep = fitted.simulator.timestep
+    long = project(windows, fitted.lin)
+    count = (long.row_weight > 0).sum()
+    rms = _rms(long)
+    if not adjustable(simulator):
+        return Numerics(timestep, float("nan"), True), torch.zeros_like(fitted.theta)
+    moved = step_difference(measurement, windows, fitted, timestep / 4)
+    rows = long.project(noise_rows(windows, moved[..., None]))
+    error = float((rows.square().sum() / count).sqrt())
+    too_few_rows = rms < FAR and _leaves_out(simulator, measurement, windows, fitted)
+    sufficient = error < SHARE * max(rms, LEAST) and not too_few_rows
+    return Numerics(timestep, error, sufficient), _shift(long.columns.flatten(0, 1), rows.flatten())
+
+
+def _rms(projected: Projected) -> float:
+    """Of the residual, starts projected out [noise]."""
+    return float((projected.residual.square().sum() / (projected.row_weight > 0).sum()).sqrt())
+
+
+def _leaves_out(simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit) -> bool:
+    """Whether the windows' rows are further apart than the measured ones."""
+    finest = min(fitted.simulator.timestep, simulator.timestep)
+    return windows.step > even_step(measurement, finest) * (1 + 1e-9)
+
+
+def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:
+    """Whether a method of first order, whose error falls as its step does, will err by too much on a rung."""
+    if rung.runge_kutta or coarser.rung.runge_kutta or not first_order(simulator):
+        return False
+    expected = coarser.numerics.error_at_quarter_step * rung.timestep / coarser.rung.timestep
+    return expected > SURELY * SHARE * max(_rms(coarser.fitted.projected), LEAST)
+
+
+def _shift(columns: Float[Tensor, "N P"], moved: Float[Tensor, " N"]) -> Float[Tensor, " P"]:
+    """The step of theta that follows a change of the replay, as far as that is determined [SI]."""
+    scale = columns.norm(dim=0).clamp_min(1e-300)
+    if not columns.shape[1] or not bool(torch.isfinite(moved).all()):
+        return torch.zeros_like(scale)
+    asked = torch.linalg.pinv(columns / scale, rtol=PLAIN) @ moved
+    return 4 / 3 * asked / scale
+
+
+def step_difference(measurement: Measurement, windows: Windows, fitted: Fit, timestep: float) -> Float[Tensor, "W n S"]:
+    """How the binned replay moves when it is integrated with another step."""
+    finer = fitted.simulator.with_timestep(timestep)
+    fine = make_windows(finer, measurement, windows.horizon, MEMORY * windows.horizon, like=windows)
+    theta, starts = fitted.theta[None], fitted.lin.starts[None]
+    coarse_signals, _ = replay(fitted.simulator, windows, theta, starts)
+    fine_signals, valid = replay(finer, fine, theta, starts)
+    ratio = fine.rows // windows.rows
+    moved = windows.bin(fine_signals[0, :, ratio - 1 :: ratio] - coarse_signals[0])
+    return torch.where(valid[0][:, None, None], moved, torch.full_like(moved, float("inf")))

@@ -1,0 +1,119 @@
+"""Starts that a step has led astray, brought back, and starts that no step of all windows together moves.
+
+    s_w = argmin over candidates s of |r_w(theta, s)|^2
+
+A step moves every window's start along by a linear rule. Where the motion is nearly unstable, or friction lets go, the
+rule can throw one window's start a thousand standard deviations off, and the misfit of that window alone then decides
+what is accepted. Given theta the windows are independent, so that each may take its best candidate: where the step put
+it, where it was, as smoothed.
+
+A step that overshoots in one window is refused in all of them, and a fit can end with a few starts far from their best.
+At its end those that stand out take Gauss-Newton steps of their own, from where they are and as smoothed: each as large
+a part of its step as serves it best, with ever finer differences. (Where a carriage rests on top of a cog a tenth of a
+millimetre a second decides where it goes: differences of some standard deviations see nothing of so narrow a valley.)
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Bool, Float
+from torch import Tensor
+
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project, start_misfit, start_shift
+from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise_starts
+from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.simulators.base import Simulator
+
+WORSE = 2.0  # times its misfit before the step
+NOTICED = 0.01  # of the whole misfit
+CONSPICUOUS = 2.0  # times the median misfit
+OWN_STEPS = 6
+FINER, FINEST = 10.0, 3  # differences, from one such step to the next, and how often
+PARTS = (0.0, 1.0, 0.3, 0.1, 0.03)  # none first: where all diverge a start stays
+
+
+def strays(before: Projected, after: Projected) -> Bool[Tensor, " W"]:
+    """Windows whose misfit a step has at least doubled, to more than a hundredth of the whole."""
+    return strayed(*(projected.residual.square().sum(1) for projected in (before, after)))
+
+
+def strayed(was: Float[Tensor, " W"], now: Float[Tensor, " W"]) -> Bool[Tensor, " W"]:
+    """The same of the windows' misfits before and after."""
+    return (now > WORSE * was) & (now > NOTICED * now.sum())
+
+
+def best_starts(
+    simulator: Simulator,
+    windows: Windows,
+    row_weight: Float[Tensor, "W m"],
+    theta: Float[Tensor, " P"],
+    candidates: Float[Tensor, "K W J2"],
+) -> tuple[Float[Tensor, "W J2"], Float[Tensor, " W"]]:
+    """For each window the candidate from which the replay at ``theta`` is nearest to what was measured, its misfit."""
+    error = window_errors(simulator, windows, row_weight, theta.expand(len(candidates), -1), candidates)
+    best = error.min(0)
+    return candidates[best.indices, torch.arange(windows.count, device=error.device)], best.values
+
+
+def settled_starts(
+    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+) -> tuple[Float[Tensor, "W J2"], float, float]:
+    """The starts, those of conspicuous windows moved to the better of the places where steps of their own end.
+
+    Returns:
+        The starts, and the misfit of all windows before and after.
+    """
+    row_weight, theta = projected.row_weight, lin.theta
+    misfit = misfits(windows, lin, row_weight)
+    before = float(misfit.sum())
+    worst = torch.nonzero(misfit > CONSPICUOUS * misfit.median())[:, 0]
+    if not len(worst):
+        return lin.starts, before, before
+    part, twice = windows.select(worst), windows.select(worst.repeat(2))
+    weight = row_weight[worst].repeat(2, 1)
+    part_of_step = theta.new_tensor(PARTS)[:, None, None]
+    starts = torch.cat([lin.starts[worst], part.start])
+    for k in range(OWN_STEPS):
+        here = linearise_starts(simulator, twice, theta, starts, FINER ** min(k, FINEST))
+        shift = start_shift(twice, here, project(twice, here, projected.weight), torch.zeros_like(theta))
+        starts, error = best_starts(simulator, twice, weight, theta, starts + part_of_step * shift)
+    error, chain = error.view(2, -1).min(0)
+    found = starts.view(2, len(worst), -1)[chain, torch.arange(len(worst), device=chain.device)]
+    return lin.starts.index_copy(0, worst, found), before, float(misfit.index_copy(0, worst, error).sum())
+
+
+def window_errors(
+    simulator: Simulator,
+    windows: Windows,
+    row_weight: Float[Tensor, "W m"],
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+) -> Float[Tensor, "M W"]:
+    """Weighed sum of squares of each window's rows, the start's prior included; inf where it diverged."""
+    rows, valid = replayed_rows(simulator, windows, theta, starts)
+    return torch.where(valid, (rows * row_weight).square().sum(2), float("inf"))
+
+
+def misfits(windows: Windows, lin: Linearisation, row_weight: Float[Tensor, "W m"]) -> Float[Tensor, " W"]:
+    """As :func:`window_errors`, at a linearisation's own point."""
+    return (residual_rows(windows, lin.residual, lin.starts) * row_weight).square().sum(1)
+
+
+def replayed_rows(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
+) -> tuple[Float[Tensor, "M W m"], Bool[Tensor, "M W"]]:
+    """Residuals in noise units, the starts' priors' rows included, and which windows stayed finite."""
+    signals, valid = replay(simulator, windows, theta, starts)
+    wrong = windows.bin(windows.value) - windows.bin(signals)
+    rows = [residual_rows(windows, one, start) for one, start in zip(wrong, starts, strict=True)]
+    return torch.stack(rows), valid
+
+
+def residual_rows(
+    windows: Windows, residual: Float[Tensor, "W n S"], starts: Float[Tensor, "W J2"]
+) -> Float[Tensor, "W m"]:
+    """Residuals [SI] in noise units, with the starts' priors' rows."""
+    rows = noise_rows(windows, residual[..., None])[..., 0]
+    rows[:, -starts.shape[-1] :] = start_misfit(windows, starts)
+    return rows

@@ -1,0 +1,49 @@
+"""The model's time step fitted to the log's clock: rows fall on steps, and a command changes between two of them.
+
+    h' = row / n,   n the least whole number >= row / h with an h' that a file can hold;      h' = n row where h > row
+
+With rows every 5 ms and a step of 2 ms no row after the first falls on a step of the right command: averaged over 4 ms,
+held commands arrive half a millisecond early and late in turn, and measured values must be moved along their slopes,
+which adds noise.
+"""
+
+from __future__ import annotations
+
+import math
+
+from onlinebayes.criticism.data.grid import row_step
+from onlinebayes.criticism.replaying.ladder import adjustable
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
+
+OFF = 0.1  # steps by which a row may miss a whole number of them: the median of a jittering clock is no better known
+
+
+def in_step(simulator: Simulator, measurement: Measurement) -> Simulator:
+    """The simulator with the next shorter step that divides the rows; itself where it does, or has a fixed step.
+
+    Args:
+        simulator: the base model.
+        measurement: the fit runs.
+    """
+    row, own = float(f"{row_step(measurement):.9g}"), simulator.timestep
+    ratio = row / own if own <= row else own / row
+    if not adjustable(simulator) or abs(ratio - round(ratio)) <= OFF:
+        return simulator
+    return simulator.with_timestep(row * math.floor(ratio) if own > row else row / _parts(row, math.ceil(ratio)))
+
+
+def restepped(given: Simulator, used: Simulator) -> tuple[str, ...]:
+    """What to tell a user whose model is integrated with another step than its own; nothing where it is not."""
+    if used.timestep == given.timestep:
+        return ()
+    return (
+        f"the log's rows do not fall on steps of {given.timestep:g} s: {used.timestep:g} s are taken for the model's "
+        "own step",
+    )
+
+
+def _parts(row: float, fewest: int) -> int:
+    """Into how many steps a row is cut: the fewest that give a step of few digits, which model files keep exactly."""
+    plain = (n for n in range(fewest, 2 * fewest) if math.isclose(row / n, float(f"{row / n:.5g}"), rel_tol=1e-9))
+    return next(plain, fewest)

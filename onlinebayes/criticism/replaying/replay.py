@@ -1,0 +1,145 @@
+"""Measured windows played through the simulator, for many thetas and starts in one batched rollout.
+
+    (theta_m, start_mw, commands_w) -> simulated signals (M, W, K, S),   M x W worlds at once
+
+Hidden states of effects are those that the run left before the window. Where they follow from its command and its
+measured motion alone (heat), they are worked out along that; see :mod:`.recall`. Others (delay buffers) come from a
+forced replay: each world first runs through the commands of the seconds before its window, as many as the effects
+remember, then its positions and velocities are set to the window's start and the hidden states kept. Where a parameter
+changes in time the window is played piece by piece; see :mod:`.timed`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+import torch
+from jaxtyping import Bool, Float
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.replaying.charted import chart_of
+from onlinebayes.criticism.replaying.recall import recall
+from onlinebayes.criticism.replaying.scoped import unfold
+from onlinebayes.criticism.replaying.timed import pieces
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.sensing import sense, unsense
+
+CHUNK = 6_000_000  # recorded numbers a rollout may hold
+# Parts of a state that a window's start determines.
+VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time", "ctrl", "sensor"})
+
+
+def replay(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+) -> tuple[Float[Tensor, "M W K S"], Bool[Tensor, "M W"]]:
+    """Simulated signals at the windows' rows, and whether each world stayed finite over its observed rows.
+
+    A world that diverged holds its last finite values: they are numbers, but its flag is False.
+    """
+    trajectory_width = windows.rows * windows.count * (starts.shape[-1] + len(windows.columns))
+    size = max(1, CHUNK // max(trajectory_width, 1))
+    signals, valid = [], []
+    for k in range(0, theta.shape[0], size):
+        trajectory = rollout(simulator, windows, theta[k : k + size], starts[k : k + size])
+        signals.append(shown(simulator, windows, theta[k : k + size], starts[k : k + size], trajectory))
+        needed = windows.observed.any(-1)
+        valid.append((trajectory["valid"] | ~needed).all(-1))
+    return torch.cat(signals), torch.cat(valid) & torch.isfinite(torch.cat(signals)).all(-1).all(-1)
+
+
+def rollout(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+) -> TensorDict:
+    """The trajectories themselves, batch size (M, W, K). Starts are as the sensors show them; see :mod:`.sensing`."""
+    M, W, K = theta.shape[0], windows.count, windows.rows
+    physics, unfolded = unfold(simulator, windows, theta)
+    worlds = unfolded.reshape(M * W, -1)
+    qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
+    chart = chart_of(physics, windows)
+    state = chart.enter(unsense(physics, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
+    state = chart.physics.assembled(state)
+    hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
+    recalled = recall(physics, windows, unfolded) if hidden else {}
+    remembered = history_rows(chart.physics, windows, recalled) if hidden else 0
+    if remembered:
+        before, enable = windows.history[:, -remembered:], windows.history_enable[:, -remembered:]
+        past = _drive(chart.physics, worlds, state, before, enable, windows.step, M)
+        for key in hidden:
+            state[key] = past[key][:, -1]
+    for key, value in recalled.items():
+        state["effects", key] = value
+    played: list[TensorDict] = []
+    for rows in pieces(physics, windows):
+        worlds, piece = unfold(simulator, windows, theta, rows)[1].reshape(M * W, -1), slice(*rows)
+        command, enable = windows.command[:, piece], windows.enable[:, piece]
+        played.append(_drive(chart.physics, worlds, state, command, enable, windows.step, M))
+        state = played[-1][:, -1].exclude("valid")
+    return chart.leave(_joined(played).reshape(M, W, K))
+
+
+def _joined(played: Sequence[TensorDict]) -> TensorDict:
+    """Pieces of a trajectory as one; what diverged in one is not valid in those after it."""
+    if len(played) == 1:
+        return played[0]
+    trajectory = TensorDict.cat(list(played), dim=1)
+    return trajectory.set("valid", trajectory["valid"].long().cummin(1).values.bool())
+
+
+def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[str] = ()) -> int:
+    """Rows before each window that hidden states may remember which are not recalled; all there are without effects'.
+
+    Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
+    """
+    if any(key not in VISIBLE and key != "effects" for key in simulator.state.keys()):  # noqa: SIM118
+        return windows.history.shape[1]
+    rows = 0
+    for effect in (effect for effect in simulator.effects if effect.key not in recalled):
+        mine = math.ceil(effect.memory / windows.step)
+        rows = max(rows, min(mine, int(windows.first.max())) if effect.staged else mine)
+    return min(rows, windows.history.shape[1])
+
+
+def shown(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+    trajectory: TensorDict,
+) -> Float[Tensor, "M W K S"]:
+    """What the sensors show of :func:`rollout`'s trajectories, in the windows' order of signals."""
+    simulator, theta = unfold(simulator, windows, theta)
+    qpos, qvel = starts.chunk(2, dim=-1)
+    state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=starts.shape[:2])
+    times = windows.step * torch.arange(1, windows.rows + 1, dtype=theta.dtype, device=theta.device)
+    signals = sense(simulator, theta, unsense(simulator, theta, state), trajectory, times)
+    return signals[..., list(windows.columns)]
+
+
+def _drive(
+    simulator: Simulator,
+    theta: Float[Tensor, "N P"],
+    state: TensorDict,
+    command: Float[Tensor, "W K U"],
+    enable: Float[Tensor, "W K U"],
+    step: float,
+    copies: int,
+) -> TensorDict:
+    W, K, _ = command.shape
+    inputs = TensorDict({"command": _repeat(command, copies)}, batch_size=(copies * W, K))
+    if not bool((enable == 1).all()):
+        inputs["enable"] = _repeat(enable, copies)
+    times = torch.arange(1, K + 1, dtype=theta.dtype, device=theta.device) * step
+    return simulator.rollout(theta, state, inputs, times)
+
+
+def _repeat(rows: Float[Tensor, "W K U"], copies: int) -> Float[Tensor, "N K U"]:
+    return rows.expand(copies, *rows.shape).flatten(0, 1)

@@ -1,0 +1,119 @@
+"""Fewer laws that explain as much: an equal of an accepted one that makes another one needless.
+
+    delay, constant load, centre of mass lower   ->   delay, spring with a rest position
+
+A law is chosen from those that the data do not part by its number of parameters, one at a time. A load and a lower
+centre of mass are a parameter each; the spring that does the same has two, and is found only where all are looked at
+together. In the end each accepted law is therefore exchanged for its equals of that round, without one of the others:
+what leaves noise, has no more parameters and predicts as well (the rules of :mod:`.needless`) is the simpler account.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+
+from onlinebayes.criticism.candidates.candidates import grown
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.numerics import settle
+from onlinebayes.criticism.judging.acceptance import Judged, contained
+from onlinebayes.criticism.judging.score import cross_validate, parted
+from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.needless import needed
+from onlinebayes.criticism.searching.stage import Added, Stage, blocks_for, leaves_noise
+from onlinebayes.criticism.searching.standing import Standing, carried
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput, Interrupt
+
+MOST_EQUALS = 2  # of an effect, by gain
+HOPELESS = 2.0  # times the squared error of the model as it stands, which leaves noise
+
+
+def with_fewer(
+    standing: Standing,
+    measurement: Measurement,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
+) -> Standing:
+    """The model with fewer effects that explains as much; itself where there is none.
+
+    Args:
+        standing: a model that leaves noise.
+        measurement: the fit runs.
+        selection: how effects are judged.
+        say: takes one line of progress.
+        interrupt: looked at between the fits; the model as it is then stands.
+    """
+    while len(standing.accepted) > 1:
+        leaner = _with_one_less(standing, measurement, selection, say, interrupt)
+        if leaner is None:
+            break
+        standing = leaner
+    return standing
+
+
+def _with_one_less(
+    standing: Standing,
+    measurement: Measurement,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None,
+) -> Standing | None:
+    current, windows = standing.grounds, standing.grounds.windows
+    blocks = blocks_for(current.fitted, windows, selection.folds)
+    present = cross_validate(current.fitted, windows, blocks)
+    for kept, (stage, rival) in _accounts(standing):
+        if interrupt is not None and interrupt.requested:
+            break
+        say(f"looking whether {rival.effect.key} explains more than one of the effects")
+        fitted = _fitted(standing, kept, rival)
+        if fitted is None or not leaves_noise(fitted, windows, selection.tolerance):
+            continue
+        if needed(present, cross_validate(fitted, windows, blocks), windows.bin_step):
+            continue
+        model = grown(standing.simulator, [*(judged.effect for _, judged in kept), rival.effect])
+        grounds = settle(model, measurement, selection.horizon_s, windows.noise, fitted.theta, current, fitted)
+        return replace(standing, grounds=grounds, accepted=(*kept, (stage, rival)))
+    return None
+
+
+def _accounts(standing: Standing) -> Iterator[tuple[Sequence[Added], Added]]:
+    """What would be left, and what would take the place of two."""
+    accepted = standing.accepted
+    for k, (stage, judged) in enumerate(accepted):
+        others = [*accepted[:k], *accepted[k + 1 :]]
+        for rival in _equals(standing, stage, judged):
+            for j in range(len(others)):
+                yield [*others[:j], *others[j + 1 :]], (stage, rival)
+
+
+def _equals(standing: Standing, stage: Stage, judged: Judged) -> list[Judged]:
+    """The best of its round that might have been accepted in an effect's place."""
+    step = stage.windows.bin_step
+    present = {effect.key for effect in standing.effects}
+    found = [
+        rival
+        for rival in stage.judged
+        if rival.admissible and not {rival.effect.key, *contained(rival.effect)} & present
+        if not parted(judged.scores, rival.scores, step)
+    ]
+    return sorted(found, key=lambda rival: -rival.gain.gain)[:MOST_EQUALS]
+
+
+def _fitted(standing: Standing, kept: Sequence[Added], rival: Judged) -> Fit | None:
+    """The model with what is kept and the rival; None where it has more parameters, or diverges."""
+    current = standing.grounds
+    model = current.rung.of(grown(standing.simulator, [*(judged.effect for _, judged in kept), rival.effect]))
+    if len(model.parameters) > len(current.fitted.theta):
+        return None
+    theta = carried(current.fitted.simulator, current.fitted.theta, model)
+    own = dict(zip(rival.fitted.simulator.parameters, rival.fitted.theta.unbind(), strict=True))
+    for name in effect_entries(model, rival.effect).keys() & own.keys():
+        theta[model.parameters.index(name)] = own[name]
+    hopeless = HOPELESS * current.fitted.projected.objective
+    try:
+        return fit(model, current.windows, theta, starts=current.fitted.lin.starts, hopeless=hopeless)
+    except BadInput:
+        return None

@@ -1,0 +1,225 @@
+"""Candidates with so much freedom that they find something in whatever another law leaves: tried last, and strictly.
+
+Cogging with its period and phase, wind with the drag that it needs, and of each free parameter a ``parameter_drift``
+and a ``parameter_step`` with a number for every instant. They come where no effect and no change between runs was
+found, one group after another, and one is believed only where it leaves no more than noise. What changes in time is
+asked after the others.
+
+The level is half of what is usual, shared out among the groups where little is wrong: by chance something might do.
+Nothing leaves noise of a gross misfit by chance, so that each has it whole there; and whatever screening's p, those
+that promise most are refitted, for each sign flip of a residual that holds a wave excites a wave of another phase, too.
+
+Where another effect is missing beside it, one may leave more than noise: it is taken on trial if it takes away 30 % of
+the error (two laws that hide each other take little each: of a late motor's cogging 40 % were seen). Where effects were
+found and a thousand floors are left, none of these will leave noise, and they are not tried.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from onlinebayes.criticism.candidates.candidates import can_have, propose
+from onlinebayes.criticism.candidates.survey import survey
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.numerics import Grounds
+from onlinebayes.criticism.fitting.projection import misfit
+from onlinebayes.criticism.judging.acceptance import Judged, choose, contained
+from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted, score_gain
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.between_runs import HALF_LEVEL, may_change
+from onlinebayes.criticism.searching.stage import (
+    BEYOND,
+    EVERY_P,
+    GROSS_MISFIT,
+    LEAST_PROMISE,
+    REFIT_BELOW,
+    Added,
+    Stage,
+    judged_stage,
+    leaves_noise,
+    worth,
+)
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, ParameterStep
+
+MOST_REFITS = 2  # of a group
+LEAST_FALL = 0.3  # of a gross error, for a trial
+
+Group = tuple[str, tuple[Effect, ...]]
+
+
+@dataclass(frozen=True)
+class Last:
+    """What was found last.
+
+    Args:
+        stage, judged: the round that found it, and its judgement.
+        believed: whether it leaves noise; if not, it stands on trial until all that is accepted after it does.
+        lead: what it was found beside, which was not admissible alone.
+    """
+
+    stage: Stage
+    judged: Judged
+    believed: bool
+    lead: Added | None = None
+
+    @property
+    def added(self) -> list[Added]:
+        """What enters, in order."""
+        return [*([] if self.lead is None else [self.lead]), (self.stage, self.judged)]
+
+
+def last_candidates(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Group, ...]:
+    """What is left to try beyond all and ``found``, in groups, each with what is being looked for."""
+    if found and misfit(current.fitted.projected) > BEYOND:
+        return ()
+    return _without((*_effects(current), *_in_time(current)), {effect.key for effect in found})
+
+
+def _without(groups: Sequence[Group], keys: set[str]) -> tuple[Group, ...]:
+    """The groups without these effects."""
+    left = ((what, tuple(effect for effect in effects if effect.key not in keys)) for what, effects in groups)
+    return tuple((what, effects) for what, effects in left if effects)
+
+
+def _effects(current: Grounds) -> Iterator[Group]:
+    """The vocabulary's effects that are not among all, a group a name."""
+    simulator, windows = current.fitted.simulator, current.windows
+    for name, kind in {**EFFECTS, **simulator.own_effects}.items():
+        if kind.rare and kind.target_kind != "parameter":
+            yield f"for {name}", tuple(e for e in propose(simulator, windows, [name]) if can_have(simulator, e))
+
+
+def _in_time(current: Grounds) -> Iterator[Group]:
+    """A drift and a step of every free parameter that is no effect's and no constant of nature.
+
+    A step may be at any of many instants: all parameters at once would fill the memory.
+    """
+    simulator, windows = current.fitted.simulator, current.windows
+    for name in simulator.targets("parameter"):
+        if may_change(name) and name in simulator.parameters:
+            kinds = (ParameterDrift, ParameterStep)
+            yield f"for changes of {name} in time", propose(simulator, windows, [f"{k.name}@{name}" for k in kinds])
+
+
+def tried_last(
+    current: Grounds,
+    groups: Sequence[Group],
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
+) -> list[Stage]:
+    """Each group's round, until one explains all that a number for every instant could.
+
+    Args:
+        current: the model as it stands.
+        groups: of :func:`last_candidates`.
+        selection: how effects are judged.
+        say: takes one line of progress.
+        interrupt: looked at between the fits; what was tried until then is returned.
+    """
+    gross = misfit(current.fitted.projected) > GROSS_MISFIT
+    level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
+    stricter = replace(selection, alpha=level)
+    tried: list[Stage] = []
+    for what, effects in groups:
+        if interrupt is not None and interrupt.requested:
+            break
+        found = last_found(current, tried, selection)
+        if effects[0].target_kind == "parameter" and found is not None and found.believed:
+            break  # an effect that explains all goes before a number for every instant
+        say(f"looking {what}")
+        screened = survey(current.fitted, current.windows, effects, selection.folds)
+        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE]
+        refits = promising if gross else worth(screened, level, REFIT_BELOW)
+        tried.append(judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt))
+    return tried
+
+
+def last_found(current: Grounds, tried: Sequence[Stage], selection: Selection) -> Last | None:
+    """The best of those that leave noise, or of those that take 30 % of a gross misfit; None without any.
+
+    Args:
+        current: the model as it stands.
+        tried: of :func:`tried_last`.
+        selection: how effects are judged.
+    """
+    gross = misfit(current.fitted.projected) > GROSS_MISFIT
+    found: list[Last] = []
+    for stage in tried:
+        admissible = [judged for judged in stage.judged if judged.admissible]
+        quiet = [judged for judged in admissible if leaves_noise(judged.fitted, current.windows, selection.tolerance)]
+        lowering = [judged for judged in admissible if gross and judged.falls[0] >= LEAST_FALL]
+        if quiet or lowering:
+            found.append(Last(stage, choose(quiet or lowering, current.windows.bin_step), bool(quiet)))
+    return max(found, key=lambda last: (last.believed, last.judged.gain.gain), default=None)
+
+
+def found_beside(
+    tried: Sequence[Stage],
+    current: Grounds,
+    groups: Sequence[Group],
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
+) -> Last | None:
+    """What leaves noise beside the significant candidate that gains most, of rounds in which none was admissible.
+
+    A late motor and cogging hide each other: neither lowers a gross misfit by much. Whether the candidate is needed
+    beside what was found is asked at the end, as of every effect (see :mod:`.needless`).
+
+    Args:
+        tried: the rounds.
+        current, groups, selection, say, interrupt: as of :func:`tried_last`.
+    """
+    leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < selection.alpha]
+    if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_MISFIT:
+        return None
+    lead = max(leads, key=lambda added: added[1].gain.gain)
+    say(f"looking beside {lead[1].effect.key}")
+    beside = replace(current, fitted=lead[1].fitted)
+    others = _without(groups, {lead[1].effect.key})
+    found = last_found(beside, tried_last(beside, others, selection, say, interrupt), selection)
+    return None if found is None or not found.believed else replace(found, lead=lead)
+
+
+def instead(
+    base: Grounds,
+    current: Grounds,
+    accepted: Sequence[Added],
+    selection: Selection,
+    say: Callable[[str], None],
+) -> Added | None:
+    """The one effect that explains alone what several do; None without any.
+
+    One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
+    constant load), or one that was found last and does no worse without those that aped it before.
+    """
+    several = {judged.effect.key for _, judged in accepted}
+    if len(several) < 2:
+        return None
+    rivals = [judged.effect for _, judged in accepted if judged.effect.rare]
+    rivals += [effect for _, effects in _effects(base) for effect in effects if contained(effect) & several]
+    if not rivals:
+        return None
+    say(f"looking for one effect in place of {' and '.join(sorted(several))}")
+    windows, step = current.windows, current.windows.bin_step
+    screened = survey(
+        fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
+    )
+    refits = worth(screened, selection.alpha, EVERY_P)[:MOST_REFITS]
+    # Whether something is missing at all was decided before: screening's p, small or not, says nothing more.
+    stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), say)
+    present = cross_validate(current.fitted, windows, stage.blocks)
+    quiet = [one for one in stage.judged if one.admissible and leaves_noise(one.fitted, windows, selection.tolerance)]
+    better = [one for one in quiet if _better(one, current.fitted, present, step)]
+    return (stage, choose(better, step)) if better else None
+
+
+def _better(one: Judged, several: Fit, present: CrossValidated, step: float) -> bool:
+    """Whether one effect predicts better with no more parameters than several, or no worse with fewer."""
+    gains = score_gain(one.scores, present, step).gain > 0
+    if parted(one.scores, present, step):
+        return gains and len(one.fitted.theta) <= len(several.theta)
+    return len(one.fitted.theta) < len(several.theta)

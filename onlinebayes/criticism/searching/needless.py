@@ -1,0 +1,70 @@
+"""An accepted effect that later ones made needless: without it the model predicts as well.
+
+    needless:  score_gain(with it over without it) < 2 standard errors,  cross-validated RMS at H lower by less than 5 %
+
+with everything fitted anew. What enters first stands in for whatever was missing then, and may keep a size that is
+surely not nothing beside the law that came later. Rules 2 and 3 of :mod:`.acceptance` are asked again therefore, of
+every effect but the last, and the one that gains least goes first.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from onlinebayes.criticism.candidates.candidates import grown
+from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.criticism.fitting.numerics import settle
+from onlinebayes.criticism.judging.acceptance import LEAST_FALL
+from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, score_gain
+from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.stage import blocks_for
+from onlinebayes.criticism.searching.standing import Standing, carried
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput
+
+
+def without_needless(standing: Standing, measurement: Measurement, selection: Selection) -> Standing:
+    """The model without any effect that it does not need; itself where all are needed.
+
+    Args:
+        standing: the model with all of them.
+        measurement: the fit runs.
+        selection: how effects are judged.
+    """
+    while len(standing.accepted) > 1:
+        leaner = _without_one(standing, measurement, selection)
+        if leaner is None:
+            break
+        standing = leaner
+    return standing
+
+
+def needed(present: CrossValidated, absent: CrossValidated, bin_step: float) -> bool:
+    """Whether a model predicts better than one that has less: rules 2 and 3 of :mod:`.acceptance`."""
+    return score_gain(present, absent, bin_step).clear or present.rms_long < (1 - LEAST_FALL) * absent.rms_long
+
+
+def _without_one(standing: Standing, measurement: Measurement, selection: Selection) -> Standing | None:
+    """The model without the effect that it needs least; None where it needs them all."""
+    current, windows = standing.grounds, standing.grounds.windows
+    blocks = blocks_for(current.fitted, windows, selection.folds)
+    present = cross_validate(current.fitted, windows, blocks)
+    least, leaner = math.inf, None
+    for idle in standing.accepted[:-1]:
+        kept = tuple(item for item in standing.accepted if item is not idle)
+        model = grown(standing.simulator, [judged.effect for _, judged in kept])
+        theta = carried(current.fitted.simulator, current.fitted.theta, model)
+        try:
+            fitted = fit(current.rung.of(model), windows, theta, starts=current.fitted.lin.starts)
+        except BadInput:  # without it the model diverges
+            continue
+        absent = cross_validate(fitted, windows, blocks)
+        gain = score_gain(present, absent, windows.bin_step).gain
+        if not needed(present, absent, windows.bin_step) and gain < least:
+            least, leaner = gain, (model, fitted, kept)
+    if leaner is None:
+        return None
+    model, fitted, kept = leaner
+    grounds = settle(model, measurement, selection.horizon_s, windows.noise, fitted.theta, current, fitted)
+    return replace(standing, grounds=grounds, accepted=kept)

@@ -1,0 +1,215 @@
+"""One round of the search: every candidate screened against the current model, the best refitted and judged.
+
+Where the current residual is correlated for so long that it leaves fewer than 7 independent parts, the misfit itself
+may be what is slow. Then it is taken as uncorrelated, and only a candidate is admissible whose own residual allows 7.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+
+from onlinebayes.criticism.candidates.longer import longer
+from onlinebayes.criticism.candidates.survey import Screened, Survey, correlation_of, survey
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.asleep import woken
+from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, independent_parts, make_blocks
+from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.projection import misfit, project
+from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contained, judge
+from onlinebayes.criticism.judging.score import CrossValidated
+from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.simulators.effects import Effect
+
+REFIT_BELOW = 0.1
+FEWEST_REFITS, MOST_REFITS = 2, 5
+GROSS = 4.0
+"""Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
+GROSS_MISFIT = 3.0  # floors
+BEYOND = 1000.0  # floors: what is left of a real machine's motion when the effects that it has were found
+EVERY_P = math.inf
+PROMISING = 0.4 * LEAST_FALL
+"""To first order; what lowers the error by less will not lower it by what acceptance asks for."""
+LEAST_PROMISE = 0.1  # of a gross misfit, for a refit whatever p
+LEFT = 0.25  # of a gross misfit, by what needs no p
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The current model, its blocks and scores, all candidates screened (best first) and the leading ones judged."""
+
+    current: Fit
+    windows: Windows
+    blocks: Blocks
+    scores: CrossValidated
+    screened: tuple[Screened, ...]
+    judged: tuple[Judged, ...]
+
+
+Added = tuple[Stage, Judged]
+"""An effect and the round that adds it."""
+
+
+def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
+    """The blocks that the correlation of this fit's residual allows."""
+    return make_blocks(windows, correlation_of(fitted, windows), folds)
+
+
+def run_stage(
+    current: Fit,
+    windows: Windows,
+    effects: Sequence[Effect],
+    numerics: Numerics,
+    selection: Selection,
+    say: Callable[[str], None],
+    thorough: bool = True,
+    interrupt: Interrupt | None = None,
+) -> Stage:
+    """Screen all effects against the current model, refit the leading ones and judge them.
+
+    Args:
+        current, windows, numerics: the model as it stands, and what it was fitted on.
+        effects: the candidates.
+        selection: how they are judged.
+        say: takes one line of progress.
+        thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
+        interrupt: looked at between the refits; those that are left are then not judged.
+    """
+    found = survey(current, windows, effects, selection.folds)
+    fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
+    leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
+    refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
+    stage = judged_stage(found, refits, numerics, selection, say, interrupt)
+    more = [s for s in unlikely(found) if s not in refits]
+    if not more or _any_admissible(stage):
+        return stage
+    rest = judged_stage(found, more, numerics, selection, say, interrupt)
+    # What is neither likely nor explains anything leads no pairs: each lead costs a screening of all and refits.
+    return replace(stage, judged=(*stage.judged, *rest.judged)) if _any_admissible(rest) else stage
+
+
+def _any_admissible(stage: Stage) -> bool:
+    return any(judged.admissible for judged in stage.judged)
+
+
+def _leading(found: Survey, alpha: float) -> list[Screened]:
+    """Those that may be refitted, best first.
+
+    A richer effect waits for the significant simpler one that it contains: it would fit as well by construction.
+    """
+    leading = [s for s in found.screened if s.p_value is not None]
+    seen = {s.effect.key for s in leading if (s.p_value or 0.0) < alpha}
+    return [s for s in leading if not seen & contained(s.effect)]
+
+
+def unlikely(found: Survey) -> list[Screened]:
+    """Those that promise most of a gross misfit, whatever their p: screening is linear, and sees little of a limit."""
+    if not GROSS_MISFIT < misfit(found.current.projected) <= BEYOND:
+        return []
+    promising = [s for s in _leading(found, 0.0) if s.promise >= LEAST_PROMISE]
+    return sorted(promising, key=lambda s: -s.promise)[:FEWEST_REFITS]
+
+
+def worth(found: Survey, alpha: float, below: float) -> list[Screened]:
+    """Those of p under ``below`` that promise to lower the error."""
+    return [s for s in _leading(found, alpha) if (s.p_value or 0.0) < below and s.promise >= PROMISING]
+
+
+def judged_stage(
+    found: Survey,
+    refits: Sequence[Screened],
+    numerics: Numerics,
+    selection: Selection,
+    say: Callable[[str], None],
+    interrupt: Interrupt | None = None,
+) -> Stage:
+    """The round in which these candidates are refitted and judged."""
+    judged: list[Judged] = []
+    tried = len(found.screened)
+    for k, candidate in enumerate(refits, 1):
+        if interrupt is not None and interrupt.requested:
+            break
+        say(f"refitting {k} of {len(refits)}: {candidate.effect.key}")
+        best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
+        try:
+            fitted, effect = refit(
+                found.current, found.windows, candidate.effect, candidate.start, GROSS * best, candidate.others
+            )
+        except BadInput:  # it diverges from where screening would start it
+            continue
+        p = candidate.p_value or 0.0
+        level = EVERY_P if explains(found.current, fitted, found.windows, selection) else selection.alpha
+        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, level, tried)
+        judged.append(if_slow(one, found.windows, selection) if found.slow else one)
+    return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
+
+
+def explains(current: Fit, fitted: Fit, windows: Windows, selection: Selection) -> bool:
+    """Whether a candidate leaves noise, or a quarter, of a gross misfit, which nothing does by chance.
+
+    Screening's p says nothing more then: it is linear, and sees little of a limit, or of a spring whose centre is free.
+    """
+    gross = misfit(current.projected)
+    most = max(selection.tolerance, LEFT * gross)
+    return gross > GROSS_MISFIT and misfit(project(windows, fitted.lin)) <= most
+
+
+def leaves_noise(fitted: Fit, windows: Windows, tolerance: float) -> bool:
+    """Whether no signal errs by more than ``tolerance`` floors."""
+    return misfit(project(windows, fitted.lin)) <= tolerance
+
+
+def if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
+    """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
+    count = independent_parts(windows, correlation_of(judged.fitted, windows), selection.folds)
+    if count >= FEWEST:
+        return judged
+    slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST}"
+    return replace(judged, failed=(*judged.failed, slow), undecided=not judged.failed)
+
+
+def refit(
+    current: Fit,
+    windows: Windows,
+    effect: Effect,
+    start: dict[str, float],
+    hopeless: float = math.inf,
+    others: Sequence[dict[str, float]] = (),
+) -> tuple[Fit, Effect]:
+    """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
+
+    The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see :mod:`.asleep`. Where
+    there are ``others`` to begin from, the best of all these fits. The grown model contains the current one: a fit that
+    ends above it was led astray from where it began, and begins again where the effect is nothing.
+
+    Returns:
+        The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see :mod:`.longer`).
+    """
+    fitted = _fitted(current, windows, effect, start, hopeless)
+    nothing = [dict(effect.neutral)] if fitted.projected.objective > current.projected.objective else []
+    for other in (*nothing, *others):
+        try:
+            again = _fitted(current, windows, effect, other, min(hopeless, fitted.projected.objective))
+        except BadInput:  # it diverges from there
+            continue
+        fitted = min(fitted, again, key=lambda one: one.projected.objective)
+    while (wider := longer(effect, fitted, windows)) is not None:
+        model = current.simulator.with_effect(wider)
+        again = fit(model, windows, fitted.theta, current.projected.weight, fitted.lin.starts, hopeless)
+        if again.projected.objective >= fitted.projected.objective:
+            break
+        fitted, effect = again, wider
+    return fitted, effect
+
+
+def _fitted(current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float) -> Fit:
+    """The grown model fitted from one place."""
+    own = [start[name] for name in effect_entries(current.simulator, effect).values()]
+    theta = torch.cat([current.theta, current.theta.new_tensor(own)])
+    model = current.simulator.with_effect(effect)
+    return woken(fit(model, windows, theta, current.projected.weight, current.lin.starts, hopeless), windows)

@@ -1,0 +1,110 @@
+"""Which wiring faults are worth a look for these signals and commands.
+
+Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
+of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity, and what
+:mod:`.conventions` has. Per sensor: its sign and unit. Per actuator: the command's sign and unit; per pair: swapped.
+And once: signals or sensors that run ahead of the commands, where no orientation is among them, and a controller that
+carries the weight.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import combinations, groupby
+
+from onlinebayes.criticism.data.coordinates import velocity
+from onlinebayes.criticism.data.windows import joint_names
+from onlinebayes.criticism.replaying.charted import courses_of
+from onlinebayes.criticism.wiring.conventions import conventions
+from onlinebayes.criticism.wiring.faults import (
+    COMMAND,
+    HINGE,
+    SENSOR,
+    SLIDE,
+    Compensated,
+    Fault,
+    Offset,
+    Rescaled,
+    Swapped,
+)
+from onlinebayes.criticism.wiring.shifts import is_sensor, shifts
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
+
+TURNS = (math.pi / 2, -math.pi / 2, math.pi)
+
+
+def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, ...]:
+    """Every fault to try, those of the signals first: where a command's explains as much, the signal's is named first.
+
+    Args:
+        simulator: the model; gives joints, their kinds and the actuators.
+        measurement: gives the signals that were measured.
+    """
+    measured = {signal.name for signal in measurement.signals}
+    return (
+        *_of_signals(simulator, measured),
+        *conventions(simulator, measured),
+        *_of_sensors([signal.name for signal in measurement.signals]),
+        *_of_commands(simulator),
+        *(shifts(measurement) if simulator.commands and not courses_of(simulator)[0] else ()),
+        *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
+    )
+
+
+def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
+    # A turn is no column of the table: of an orientation only the velocities are looked at, its three axes together.
+    joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
+    for rates in _angular(simulator, measured):
+        for factor, instead in {-1.0: "the reversed sign", **HINGE}.items():
+            yield Rescaled("signal", rates, factor, instead)
+    for joint in joints:
+        hinge = simulator.joint_kinds.get(joint, "hinge") == "hinge"
+        sets = _columns(joint, measured)
+        for names in sets:
+            yield Rescaled("signal", names, -1.0, "the reversed sign")
+        for factor, instead in (HINGE if hinge else SLIDE).items():
+            for names in sets:
+                yield Rescaled("signal", names, factor, instead)
+        if hinge and f"qpos.{joint}" in measured:
+            for turn in TURNS:
+                yield Offset(f"qpos.{joint}", turn)
+    for a, b in combinations(joints, 2):
+        both = [kind for kind in ("qpos", "qvel") if {f"{kind}.{a}", f"{kind}.{b}"} <= measured]
+        if "qpos" in both:
+            yield Swapped("signal", tuple(f"{kind}.{a}" for kind in both), tuple(f"{kind}.{b}" for kind in both))
+
+
+def _of_sensors(signals: list[str]) -> Iterator[Fault]:
+    """All numbers of a sensor together, then each alone where it has several."""
+    for names in groupby(filter(is_sensor, signals), lambda name: ".".join(name.split(".")[:2])):
+        every = tuple(names[1])
+        for columns in [every] if len(every) < 2 else [every, *((name,) for name in every)]:
+            yield Rescaled("signal", columns, -1.0, "the reversed sign")
+        for factor, instead in SENSOR.items():
+            yield Rescaled("signal", every, factor, instead)
+
+
+def _angular(simulator: Simulator, measured: set[str]) -> list[tuple[str, ...]]:
+    """The measured angular velocities of each free and ball joint."""
+    found: dict[str, list[str]] = {}
+    for joint in joint_names(simulator):
+        rate = velocity(joint, simulator.signals)
+        if rate is not None and rate != f"qvel.{joint}" and rate in measured:
+            found.setdefault(joint.rpartition(".")[0], []).append(rate)
+    return [tuple(rates) for rates in found.values()]
+
+
+def _columns(joint: str, measured: set[str]) -> list[tuple[str, ...]]:
+    """Position and velocity together, then each alone; what was not measured left out."""
+    names = tuple(name for name in (f"qpos.{joint}", f"qvel.{joint}") if name in measured)
+    return [names] if len(names) < 2 else [names, names[:1], names[1:]]
+
+
+def _of_commands(simulator: Simulator) -> Iterator[Fault]:
+    for name in simulator.commands:
+        for factor, instead in COMMAND.items():
+            yield Rescaled("command", (name,), factor, instead)
+    for a, b in combinations(simulator.commands, 2):
+        yield Swapped("command", (a,), (b,))

@@ -1,0 +1,213 @@
+"""The next experiment: it settles what was tied, calls structural what nothing settles, and says what would."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import ClassVar
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.criticism import Criticism, Selection, diagnose, refine
+from onlinebayes.criticism.data.windows import MEMORY, make_windows
+from onlinebayes.criticism.experiment import Allowed, Payload, next_experiment
+from onlinebayes.criticism.experiment.inputs import family
+from onlinebayes.criticism.experiment.limits import find_limits
+from onlinebayes.criticism.experiment.play import Hypothesis
+from onlinebayes.criticism.experiment.rivals import Pair, explanation, find_rivals
+from onlinebayes.criticism.experiment.separation import refitted, separations
+from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.criticism.results import Wiring
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators import Actuator, Joint, TorchSimulator
+from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, Effect, QuadraticDrag, ViscousFriction
+from tests.criticism import sprung
+from tests.criticism.alike import Armature, BackEmf
+from tests.criticism.report.synthetic import criticism
+
+WIDE = Allowed({"motor": 40.0}, {"motor": 200.0}, {"rail": (-0.5, 0.5)}, {"rail": 2.0})
+
+
+def fit_runs(measurement: Measurement) -> Measurement:
+    return measurement.select([run for run in measurement.runs if run not in sprung.HELD_OUT])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("truth", [sprung.LOAD, sprung.SPRING])
+def test_recording_what_is_proposed_settles_a_tie(truth: Effect) -> None:
+    """Load and spring are tied on small motions; after the proposed recordings the right one is named alone."""
+    model, candidates = sprung.model(), [sprung.LOAD, sprung.SPRING]
+    real, theta = model.with_effect(truth), (*sprung.TRUTH, *sprung.SIZES[truth])
+    runs = sprung.small_runs(real, theta)
+    measured = sprung.measurement(runs)
+    before = refine(model, measured, holdout=sprung.HELD_OUT, candidates=candidates)
+    assert before.verdict == "tie"
+    plan = next_experiment(before, model, fit_runs(measured), candidates=candidates, allowed=WIDE)
+    assert plan.decides
+    assert plan.rivalries[0].sigma > 20
+    for k in range(1, plan.recordings):
+        runs[f"next{k}"] = sprung.record(real, theta, plan.time, plan.command, float(plan.start[0]), 70 + k)
+    after = refine(model, sprung.measurement(runs), holdout=sprung.HELD_OUT, candidates=candidates)
+    assert (after.verdict, after.accepted) == ("missing_effect", (truth.key,))
+
+
+@pytest.fixture(scope="module")
+def load_pair() -> tuple[Pair, Measurement, tuple]:
+    """A load of 0.3 N that may be missing, a base model that may adapt, and some inputs."""
+    model = sprung.model()
+    measured = sprung.measurement(sprung.small_runs(model, sprung.TRUTH, 0.4))
+    windows = make_windows(model, measured, 1.0, MEMORY)
+    base = explanation("base", fit(model, windows, torch.tensor(sprung.TRUTH, dtype=torch.float64)), windows)
+    limits = find_limits(model, measured, windows, replace(WIDE, seconds=4.0), 0.0)
+    inputs = (
+        family(windows, limits, ("motor",))
+        .select(torch.tensor([0, 5, 9]))
+        .scaled(torch.full((3,), 0.05, dtype=torch.float64))
+    )
+    truth = Hypothesis("friction", model.with_effect(ViscousFriction("rail", Parameter(0, 9.0))), base.hypothesis.theta)
+    return Pair(truth, base), measured, (windows, inputs)
+
+
+def test_what_parameters_can_do_does_not_separate(load_pair: tuple) -> None:
+    """More friction while damping is free parts nothing beyond what the present data say about the damping."""
+    pair, measured, (windows, inputs) = load_pair
+    sigma = []
+    for size in (0.0, 0.01, 0.02):
+        theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([size], dtype=torch.float64)])
+        true = Pair(replace(pair.truth, theta=theta), pair.other)
+        sigma.append(separations(true, inputs, windows, measured.signals))
+    sd = float(torch.linalg.inv(pair.other.information)[1, 1].sqrt())
+    assert float(sigma[0].max()) < 0.05  # what the smoothing of the starts errs by
+    torch.testing.assert_close(sigma[2], 2 * sigma[1], rtol=0.02, atol=0.05)
+    # Two measurements of one parameter, sd a and b, differ by at most size / a however good the second is.
+    assert float(sigma[1].max()) <= 0.01 / sd
+
+
+def test_first_order_agrees_with_refitting_where_the_model_is_nearly_linear(load_pair: tuple) -> None:
+    """A small load: what it would cost to fit present and predicted data together is what the projection says."""
+    pair, measured, (windows, inputs) = load_pair
+    model = sprung.model().with_effect(sprung.LOAD)
+    theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
+    true = Pair(Hypothesis("load", model, theta), pair.other)
+    quick = separations(true, inputs, windows, measured.signals)
+    slow = [refitted(true, inputs.select(torch.tensor([n])), windows, measured.signals) for n in range(3)]
+    torch.testing.assert_close(quick, quick.new_tensor(slow), rtol=0.1, atol=0.1)
+    assert float(quick.min()) > 3
+
+
+FREE_SLIDE = sprung.MODEL.replace(' damping="8" stiffness="60"', "")
+NOTHING = ParameterSpace({"option.wind[0]": Parameter(-1.0, 1.0)})
+
+
+def alike(truth: Effect, size: float, other: Effect, text: str) -> tuple[Criticism, Measurement, list[Effect]]:
+    """What ``refine`` says of two effects on a slide of which nothing else is unknown."""
+    model = sprung.model(text, NOTHING)
+    measured = sprung.measurement(sprung.small_runs(model.with_effect(truth), (0.0, size), 2.0))
+    candidates = [truth, other]
+    return refine(model, measured, holdout=sprung.HELD_OUT, candidates=candidates), measured, candidates
+
+
+@pytest.fixture(scope="module")
+def one_law() -> tuple[Criticism, Measurement, list[Effect]]:
+    """Back-EMF and viscous friction."""
+    friction, emf = ViscousFriction("rail", Parameter(0, 9.0)), BackEmf("rail", Parameter(0, 9.0))
+    return alike(friction, 2.0, emf, sprung.MODEL)
+
+
+def test_a_pair_that_nothing_parts_is_structural(one_law: tuple) -> None:
+    """Two names of one law: no input, no velocity sensor and no mass parts them."""
+    result, measured, candidates = one_law
+    assert result.verdict == "tie"
+    plan = next_experiment(
+        result,
+        sprung.model(sprung.MODEL, NOTHING),
+        fit_runs(measured),
+        candidates=candidates,
+        allowed=replace(WIDE, seconds=4.0),
+    )
+    (rivalry,) = plan.rivalries
+    assert rivalry.structural
+    assert rivalry.best < 0.5
+    assert not rivalry.remedies
+    assert not plan.decides
+
+
+def test_a_payload_parts_what_no_motion_does() -> None:
+    """A weaker motor and a rotor's inertia on a free mass: a known mass parts them, offered or allowed."""
+    result, measured, candidates = alike(
+        Armature("rail", Parameter(0, 5.0, "kg")), 0.5, ActuatorGain("motor", Parameter(-0.6, 1.0)), FREE_SLIDE
+    )
+    assert result.verdict == "tie"
+    model, runs, limits = sprung.model(FREE_SLIDE, NOTHING), fit_runs(measured), replace(WIDE, seconds=2.4)
+    (bare,) = next_experiment(result, model, runs, candidates=candidates, allowed=limits).rivalries
+    assert bare.structural
+    assert bare.remedies[0].what == "a payload of 1 kg at body 'cart'"
+    allowed = replace(limits, payload=Payload("cart", 1.0))
+    plan = next_experiment(result, model, runs, candidates=candidates, allowed=allowed)
+    assert plan.decides
+    assert plan.chosen.payload == allowed.payload
+    assert plan.rivalries[0].sigma > 10
+
+
+def test_limits_that_admit_nothing_are_bad_input(one_law: tuple) -> None:
+    """A travel in which the slide does not even hang is named, with the key that widens it."""
+    result, measured, candidates = one_law
+    allowed = Allowed(travel={"rail": (0.4, 0.5)}, seconds=4.0)
+    with pytest.raises(BadInput, match=r"none of \d+ inputs keeps rail within the limits; widen travel"):
+        next_experiment(
+            result, sprung.model(sprung.MODEL, NOTHING), fit_runs(measured), candidates=candidates, allowed=allowed
+        )
+
+
+class Slider(TorchSimulator):
+    """A mass on a rail in torch."""
+
+    physical = ParameterSpace({"mass": Parameter(0.1, 10.0, "kg")})
+    defaults: ClassVar = {"mass": 2.0}
+    joints = (Joint("rail", "slide"),)
+    actuators = (Actuator("motor", "rail"),)
+    timestep = 0.04
+
+    def acceleration(self, parameters, q, v, tau):
+        return (tau - 4.0 * v - 20.0 * q) / parameters["mass"]
+
+
+def test_an_adequate_torch_model_gets_the_input_that_shows_most() -> None:
+    """Nothing is missing: the input is chosen by the effects at the sizes that the data cannot exclude."""
+    model = Slider(["mass"])
+    time = torch.arange(51, dtype=torch.float64) * 0.04
+    runs = {}
+    for r in range(9):
+        u = (torch.sin((3 + r) * time) + torch.sin(6.7 * time + r))[:, None]
+        state = model.with_worlds(1).state
+        path = model.rollout(model.nominal[None], state, _commands(u), time[1:])
+        q = torch.cat([torch.zeros(1), path["qpos"][0, :, 0]])
+        q = q + 1e-3 * torch.randn(q.shape, generator=torch.Generator().manual_seed(r), dtype=q.dtype)
+        runs[f"run{r}"] = {"time": time.numpy(), "ctrl.motor": u[:, 0].numpy(), "qpos.rail": q.numpy()}
+    measured = Measurement.from_runs(runs, signals=[Signal("qpos.rail", "m", sd=1e-3)], commands=["motor"])
+    candidates = [QuadraticDrag("rail", Parameter(0, 3.0)), ConstantLoad("rail", Parameter(-3.0, 3.0))]
+    selection = Selection(horizon_s=0.8)
+    result = diagnose(model, measured, holdout=sprung.HELD_OUT, selection=selection, candidates=candidates)
+    assert result.verdict == "adequate"
+    plan = next_experiment(result, model, fit_runs(measured), candidates=candidates, allowed=Allowed(seconds=2.0))
+    assert {first.split(" = ")[0] for first, _ in (r.names for r in plan.rivalries)} == {
+        "quadratic_drag@rail",
+        "constant_load@rail",
+    }
+    assert all(r.names[1] == "the model as it is" for r in plan.rivalries)
+    assert float(plan.command.abs().max()) <= float(measured.data["command"].abs().max()) + 1e-9
+    assert plan.time[-1] == pytest.approx(2.0)
+
+
+def test_faulty_data_are_put_right_first() -> None:
+    """An effect that a reversed sign asks for is no rival of anything."""
+    result = replace(criticism(), wiring=Wiring("qpos.carriage: the reversed sign", "[a]\nsign = -1", 9.0, 1.0))
+    with pytest.raises(BadInput, match=r"reversed sign; put it right first: \[a\] sign = -1"):
+        find_rivals(result, sprung.model(), sprung.measurement(sprung.small_runs(sprung.model(), (1.0, 1.0))), [])
+
+
+def _commands(u: torch.Tensor) -> TensorDict:
+    return TensorDict({"command": u[None, :-1]}, batch_size=(1, len(u) - 1))

@@ -1,0 +1,76 @@
+"""A log that MuJoCo itself wrote, at its default of Euler and 2 ms: the model is judged as it is run."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.mujoco import MujocoSimulator
+
+TRIED = ["dry_friction", "joint_stiffness", "constant_load", "actuator_delay", "actuator_gain"]
+NOISE, EVERY = 2e-4, 5  # [rad], timesteps a row
+ARM = """<mujoco><worldbody><body name="arm"><joint name="arm" axis="0 1 0" damping=".1"{more}/>
+<geom type="capsule" size=".03" fromto="0 0 0 0 0 -.4" mass="1"/></body></worldbody>
+<actuator><motor name="motor" joint="arm"/></actuator></mujoco>"""
+FREE = ParameterSpace(
+    {"body.arm.mass": Parameter(0.3, 3.0, "kg"), "joint.arm.damping": Parameter(0.0, 1.0, "N m s/rad")}
+)
+
+
+def simulator() -> MujocoSimulator:
+    return MujocoSimulator(ARM.format(more=""), FREE, threads=1)
+
+
+@cache
+def recorded(more: str = "") -> Measurement:
+    """Nine runs of three seconds of MuJoCo's own integration of the arm."""
+    model, rng, runs = mujoco.MjModel.from_xml_string(ARM.format(more=more)), np.random.default_rng(0), {}
+    time = EVERY * model.opt.timestep * np.arange(301)
+    for number in range(9):
+        data = mujoco.MjData(model)
+        phase, rate = rng.uniform(0, 6, (3, 1)), rng.uniform(0.3, 1.5, (3, 1))
+        torque, angle = 0.5 * np.sin(2 * np.pi * rate * time + phase).sum(0), np.empty(301)
+        for row in range(301):
+            data.ctrl[0], angle[row] = torque[row], data.qpos[0] + rng.normal(0, NOISE)
+            mujoco.mj_step(model, data, EVERY)
+        columns = {"time": time, "ctrl.motor": torque, "qpos.arm": angle}
+        runs[f"run{number}"] = {name: torch.from_numpy(values) for name, values in columns.items()}
+    return Measurement.from_runs(runs, signals=[Signal("qpos.arm", "rad", sd=NOISE)])
+
+
+def test_the_step_that_wrote_the_log_is_kept() -> None:
+    """A finer one errs by more than four floors: see ``error_at_quarter_step``."""
+    grounds = ground(simulator(), recorded(), Selection())
+    assert grounds.as_run
+    assert grounds.rung.timestep == 0.002
+    assert not grounds.rung.runge_kutta
+    assert grounds.numerics.sufficient
+    assert grounds.numerics.error_at_quarter_step > 2
+    assert grounds.fitted.theta.tolist() == pytest.approx([1.0, 0.1], rel=2e-3)
+
+
+def test_it_is_left_where_noise_is_all_that_a_finer_one_leaves() -> None:
+    smooth = ARM.replace("<worldbody>", '<option integrator="RK4"/><worldbody>', 1)
+    model = MujocoSimulator(smooth.format(more=""), FREE, threads=1)
+    assert not ground(model, recorded(), Selection()).as_run  # not the step, nor a finer one: it is another method
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("more", "effects"), [("", ()), (' frictionloss=".03"', ("dry_friction@arm",))])
+def test_its_logs_are_explained(more: str, effects: tuple[str, ...]) -> None:
+    """MuJoCo's own friction is soft by default, that of the effect is hard: two and a half floors are left."""
+    result = refine(simulator(), recorded(more), holdout=["run7", "run8"], candidates=TRIED)
+    assert result.accepted == effects
+    assert result.verdict == ("missing_effect" if effects else "adequate")
+    assert result.remainder.rms_over_floor["qpos.arm"] < (3.0 if effects else 1.2)
+    for name, true in (("body.arm.mass", 1.0), ("joint.arm.damping", 0.1), ("dry_friction@arm.frictionloss", 0.03)):
+        if name in result.parameters:
+            assert result.parameters[name].mean == pytest.approx(true, rel=0.02)

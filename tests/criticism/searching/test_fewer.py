@@ -1,0 +1,106 @@
+"""One law that does what two accepted ones do takes their place; one that does less does not."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import pytest
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.judging.acceptance import Judged, judge
+from onlinebayes.criticism.judging.score import cross_validate
+from onlinebayes.criticism.searching.fewer import with_fewer
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism.searching.stage import Stage, blocks_for, refit
+from onlinebayes.criticism.searching.standing import Standing, with_effects
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.effects import ConstantLoad, Effect, JointStiffness, QuadraticDrag
+from onlinebayes.simulators.effects.base import Scales, Seen
+from tests.criticism.cases import refined
+from tests.criticism.rigs import measure, model
+
+LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
+SPRING = JointStiffness("rail", Parameter(0.0, 20.0, "N/m"), Parameter(-1.0, 1.0, "m"))
+
+
+@dataclass(frozen=True)
+class HeadWind(Effect):
+    """load - k v abs(v): a constant load and quadratic drag in one."""
+
+    target: str
+    name = "head_wind"
+    target_kind = "joint"
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """Not asked for here."""
+        return cls(target)
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``drag``, ``load``."""
+        return ParameterSpace({"drag": Parameter(0.0, 5.0), "load": Parameter(-5.0, 5.0, "N")})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """Neither."""
+        return {"drag": 0.0, "load": 0.0}
+
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
+        """[N]."""
+        return parameters["load"] - parameters["drag"] * seen.v * seen.v.abs()
+
+
+def judged(standing: Standing, effect: Effect) -> Judged:
+    now, windows = standing.grounds, standing.grounds.windows
+    blocks = blocks_for(now.fitted, windows, None)
+    begin = dict.fromkeys(effect.parameters, 0.3)
+    fitted, _ = refit(now.fitted, windows, effect, begin)
+    return judge(effect, 0.0, fitted, cross_validate(now.fitted, windows, blocks), windows, blocks, now.numerics, 0.03)
+
+
+def added(standing: Standing, effect: Effect, rival: Effect, measurement: Measurement) -> Standing:
+    """The model with the effect, whatever speaks for it, of a round in which a rival was looked at too."""
+    now, windows = standing.grounds, standing.grounds.windows
+    blocks = blocks_for(now.fitted, windows, None)
+    scores = cross_validate(now.fitted, windows, blocks)
+    one = judged(standing, effect)
+    stage = Stage(now.fitted, windows, blocks, scores, (), (one, judged(standing, rival)))
+    return with_effects(standing, [(stage, one)], measurement, Selection())
+
+
+@pytest.mark.parametrize(
+    ("rival", "left"), [(HeadWind("rail"), ["head_wind@rail"]), (SPRING, [LOAD.key, DRAG.key])], ids=["both", "less"]
+)
+def test_one_law_that_is_two_takes_their_place(rival: Effect, left: list[str]) -> None:
+    measurement = measure({LOAD: (0.5,), DRAG: (0.5,)}, runs=6, seconds=2.0)
+    standing = Standing(model(), ground(model(), measurement, Selection()))
+    for effect in (LOAD, DRAG):
+        standing = added(standing, effect, rival, measurement)
+    assert [effect.key for effect in standing.effects] == [LOAD.key, DRAG.key]
+    stopped = Interrupt()
+    stopped.requested = True
+    assert with_fewer(standing, measurement, Selection(), print, stopped) is standing
+    said: list[str] = []
+    leaner = with_fewer(standing, measurement, Selection(), said.append)
+    assert [effect.key for effect in leaner.effects] == left
+    assert leaner.at_floor(1.2)
+    if rival.key in left:
+        assert f"looking whether {rival.key} explains more than one of the effects" in said
+        sizes = dict(zip(leaner.grounds.fitted.simulator.parameters, leaner.grounds.fitted.theta.tolist(), strict=True))
+        assert sizes["head_wind@rail.drag"] == pytest.approx(0.5, abs=0.1)
+        assert sizes["head_wind@rail.load"] == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.long
+def test_a_spring_is_not_a_load_and_a_lower_centre_of_mass(tmp_path) -> None:
+    """Each of the two was chosen for its one parameter beside a spring's two."""
+    result, _ = refined("swing", "effect", 2066, tmp_path)
+    assert set(result.accepted) == {"actuator_delay@motor", "joint_stiffness@hinge"}

@@ -1,0 +1,89 @@
+"""What is tried last is found without being asked for; what is another law is not taken for it."""
+
+import math
+
+import pytest
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.searching.last import Last, last_candidates, last_found, tried_last
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism.searching.stage import refit
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import ActuatorDelay, Cogging, DryFriction
+from tests.criticism.replaying.test_timed import DAMPING, measured, table
+from tests.criticism.rigs import measure, model
+
+FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
+COGGING = Cogging("rail", Parameter(0.0, 5.0, "N"), Parameter(1.0, 100.0, "rad/m"), Parameter(-3.2, 6.3, "rad"))
+
+
+def found(data) -> Last | None:
+    base = ground(model(), data, Selection())
+    groups = last_candidates(base)
+    assert [what for what, _ in groups] == [
+        *("for cogging", "for wind"),
+        *(f"for changes of {name} in time" for name in ("body.cart.mass", DAMPING)),
+    ]
+    return last_found(base, tried_last(base, groups, Selection(), lambda line: None), Selection())
+
+
+def test_a_drift_is_found() -> None:
+    one = found(measured(table(lambda t: 1.0 + 0.03 * t)))
+    assert one.believed
+    assert one.judged.effect.key == f"parameter_drift@{DAMPING}"
+    assert float(one.judged.fitted.theta[-1]) == pytest.approx(0.03, rel=0.02)
+
+
+def test_friction_is_none_of_them() -> None:
+    assert found(measure({FRICTION: (1.0,)}, runs=9)) is None
+
+
+def test_a_wrong_period_is_left_for_a_better_start() -> None:
+    data = measure({COGGING: (1.0, 25.0, 0.7)}, runs=3, finer=16)
+    base = ground(model(), data, Selection()).fitted
+    windows = make_windows(model(), data, 1.0)
+    wrong, near = ({"amplitude": 0.5, "poles": poles, "phase": 0.5} for poles in (45.0, 26.0))
+    stuck, _ = refit(base, windows, COGGING, wrong)
+    found, _ = refit(base, windows, COGGING, wrong, others=(near,))
+    kept, _ = refit(base, windows, COGGING, near, others=(wrong,))
+    assert float(stuck.theta[-2]) != pytest.approx(25.0, rel=0.1)
+    assert float(found.theta[-2]) == pytest.approx(25.0, rel=0.01)
+    assert float(kept.theta[-2]) == pytest.approx(25.0, rel=0.01)
+
+
+@pytest.mark.long
+def test_cogging_is_found_among_all() -> None:
+    result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7)}, runs=9, finer=16))
+    assert (result.verdict, result.accepted) == ("missing_effect", ("cogging@rail",))
+    assert len(result.candidates) >= result.candidates_tried  # those that were tried last are listed, too
+    assert result.parameters["cogging@rail.amplitude"].mean == pytest.approx(1.0, rel=0.02)
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(25.0, rel=0.01)
+
+
+@pytest.mark.long
+def test_cogging_behind_a_late_motor_is_found() -> None:
+    delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
+    result = refine(model(), measure({COGGING: (1.0, 60.0, 0.7), delay: (0.012,)}, runs=9, finer=16))
+    assert set(result.accepted) == {"actuator_delay@motor", "cogging@rail"}
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(60.0, rel=0.01)
+
+
+@pytest.mark.long
+def test_a_step_and_cogging_are_found() -> None:
+    """Both are tried last, and neither is admissible alone."""
+    data = measured(table(lambda t: 1.4 if t < 16.0 else 2.8, pull=lambda q: math.sin(60.0 * q + 0.7)))
+    result = refine(model(), data)
+    assert set(result.accepted) == {f"parameter_step@{DAMPING}", "cogging@rail"}
+    assert result.verdict == "missing_effect"
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(60.0, rel=0.01)
+    assert result.parameters[f"parameter_step@{DAMPING}.size"].mean == pytest.approx(1.4, rel=0.05)
+
+
+@pytest.mark.long
+def test_cogging_beside_friction_is_found() -> None:
+    result = refine(model(), measure({COGGING: (1.0, 25.0, 0.7), FRICTION: (0.5,)}, runs=9, finer=16))
+    assert result.verdict == "missing_effect"
+    assert set(result.accepted) == {"cogging@rail", "dry_friction@rail"}
+    assert result.parameters["cogging@rail.amplitude"].mean == pytest.approx(1.0, rel=0.02)
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(25.0, rel=0.01)

@@ -1,0 +1,36 @@
+"""The order of the search: when it goes on, and when it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.searching import search as search_module
+from onlinebayes.criticism.searching.search import ground, search
+from tests.criticism.rigs import measure, model
+
+
+@pytest.mark.usefixtures("without_shape_checks")
+def test_it_goes_on_after_one_effect_took_anothers_place_and_not_in_circles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rounds of which each leaves these effects: the third is new, the fourth has been there."""
+    left: Iterator[list[str]] = iter([["a"], ["b"], ["b", "c"], ["b"], ["d"]])
+    taken: list[list[str]] = []
+
+    def extended(asked, standing, added):
+        taken.append(next(left))
+        accepted = tuple((None, SimpleNamespace(effect=SimpleNamespace(key=key))) for key in taken[-1])
+        return replace(standing, accepted=accepted)
+
+    monkeypatch.setattr(search_module, "_round", lambda *_: None)
+    monkeypatch.setattr(search_module, "excluded", lambda *_: None)
+    monkeypatch.setattr(search_module, "_chosen", lambda *_: ["something"])
+    monkeypatch.setattr(search_module, "_extended", extended)
+    data = measure(runs=8)
+    base = ground(model(), data, Selection())
+    found = search(model(), data, Selection(), ["dry_friction"], 6, lambda _line: None, None, base)
+    assert taken == [["a"], ["b"], ["b", "c"], ["b"]]
+    assert [judged.effect.key for _, judged in found.accepted] == ["b"]

@@ -1,0 +1,59 @@
+"""The first answer: how wrong the model is before anything is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from onlinebayes.criticism import Selection, compare
+from onlinebayes.criticism.wiring.as_given import as_given
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import DryFriction
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.wired import NOISE, PENDULUM
+
+RIGHT = PENDULUM.xml.replace('damping="0.03"', 'damping="0.05"').replace('mass="1"', 'mass="1.2"')
+
+
+def said(xml: str) -> str:
+    return as_given(MujocoSimulator(xml, PENDULUM.free, threads=1), PENDULUM.measure(runs=3), Selection())
+
+
+def factor(sentence: str) -> float:
+    return float(sentence.partition("in qpos.hinge, ")[2].split()[0])
+
+
+def test_a_right_model_errs_by_little_and_a_wrong_one_by_much() -> None:
+    """From smoothed starts a right model errs by some floors too: its velocity is not known to the sensor's noise."""
+    assert factor(said(RIGHT)) < 10
+    wrong = said(PENDULUM.xml)
+    assert factor(wrong) > 20
+    size = 1e-3 * float(wrong.partition("errs by ")[2].split()[0])
+    assert " mrad in qpos.hinge" in wrong
+    assert size == pytest.approx(factor(wrong) * NOISE, rel=0.2)
+
+
+def test_effects_that_were_added_are_said_to_do_nothing_yet() -> None:
+    model = PENDULUM.model().with_effect(DryFriction("hinge", Parameter(0.0, 1.0, "N m")))
+    assert as_given(model, PENDULUM.measure(runs=3), Selection()).startswith("With nothing fitted and added effects at")
+
+
+def test_a_model_that_diverges_is_said_to() -> None:
+    unstable = PENDULUM.xml.replace('damping="0.03"', 'damping="0.03" stiffness="-1e9"')
+    assert said(unstable).startswith("As it was given, the model diverges in ")
+
+
+def test_of_a_machine_that_rests_nothing_is_said() -> None:
+    measurement = PENDULUM.measure(runs=2)
+    data = measurement.data.clone()
+    data["signal"] = torch.zeros_like(data["signal"])
+    assert as_given(PENDULUM.model(), replace(measurement, data=data), Selection()) == ""
+
+
+@pytest.mark.slow
+def test_it_is_the_first_thing_that_is_said() -> None:
+    lines: list[str] = []
+    compare(PENDULUM.model(), PENDULUM.measure(runs=3), progress=lines.append)
+    assert lines[0].startswith("As it was given, the model errs by ")
