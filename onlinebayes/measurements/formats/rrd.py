@@ -12,13 +12,15 @@ Source of the format: https://rerun.io/docs.
 
 from __future__ import annotations
 
-import warnings
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from onlinebayes.measurements.formats.rrd_chunks import ENTITY, UNREADABLE
 from onlinebayes.measurements.formats.series import Recorder, SeriesSource
 from onlinebayes.runs import BadInput
 
@@ -49,16 +51,30 @@ def rrd_source(path: Path) -> SeriesSource:
 
 def _scalar_batches(path: Path) -> list[tuple[str, Any]]:
     """(entity path, Arrow batch) of each chunk with scalars that has a time at all."""
-    from rerun.chunk import RrdReader  # 0.7 s: only when a recording is read
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a recording that was cut at a chunk's end has no manifest: no harm
-        chunks = RrdReader(str(path)).stream().to_chunks()
-    batches = [(chunk.entity_path, chunk.to_record_batch()) for chunk in chunks if not chunk.is_static]
-    found = [(entity, batch) for entity, batch in batches if any(_scalars(batch))]
+    found = [(entity, batch) for entity, batch in _batches(path) if any(_scalars(batch))]
     if not found:
         raise BadInput("no entity has scalars over time", "log rerun.Scalars on a timeline", where=str(path))
     return found
+
+
+def _batches(path: Path) -> Iterator[tuple[str, Any]]:
+    """Every chunk that is not static, read by a process of its own; see :mod:`.rrd_chunks`."""
+    import pyarrow as pa
+
+    program = [sys.executable, "-P", str(Path(__file__).with_name("rrd_chunks.py")), str(path.resolve())]
+    # In a process group of its own Ctrl-C does not reach it: the reading is ended from here.
+    read = subprocess.run(program, capture_output=True, stdin=subprocess.DEVNULL, process_group=0, check=False)
+    if read.returncode == UNREADABLE:
+        raise RuntimeError(read.stderr.decode(errors="replace"))
+    if read.returncode:
+        raise RuntimeError("its reader stopped at what it holds")
+    source = pa.BufferReader(read.stdout)
+    while source.tell() < source.size():
+        stream = pa.ipc.open_stream(source)
+        entity = stream.schema.metadata[ENTITY].decode()
+        for batch in stream:
+            batch.validate(full=True)
+            yield entity, batch
 
 
 def _timeline(batches: list[tuple[str, Any]], path: Path) -> str:

@@ -257,3 +257,19 @@ def test_a_hostile_log_is_one_line(tmp_path, name):
     assert seconds < 5
     assert most < 100e6, f"{most / 1e6:.0f} MB"
     assert sorted(tmp_path.rglob("*")) == before
+
+
+def test_a_recording_that_ends_its_reader(tmp_path):
+    """Rerun's reader aborts its process where some bytes are changed; where they lie depends on the recording's id."""
+    path = tmp_path / "log.rrd"
+    logs.write_rrd(path)
+    good, messages = path.read_bytes(), []
+    for at in range(2740, 2860, 4):
+        path.write_bytes(good[:at] + bytes([good[at] ^ 2]) + good[at + 1 :])
+        try:
+            logs.reader(*logs.RRD).read([path])
+        except BadInput as error:
+            messages.append(str(error))
+            if "is a damaged Rerun recording: its reader stopped" in messages[-1]:
+                return
+    pytest.fail(f"no byte ended the reader: {messages}")
