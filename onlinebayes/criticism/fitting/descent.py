@@ -3,8 +3,9 @@
     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high,    D^2 = diag(C~' C~)    (Marquardt 1963)
 
 The undamped step is tried first. One replay, projected as before the step, tells whether it can be taken; only then is
-the new point linearised, which costs a replay for each parameter and start. The last step, which promises next to
-nothing, keeps the derivatives.
+the new point linearised, which costs a replay for each parameter and start. A step that gains what it promised keeps
+the derivatives (Shamanskii 1967), and so does the last one, which promises next to nothing; before a descent ends they
+are taken anew.
 Once a step is rejected, no damping and all dampings are replayed at once before each step, until none is the best
 again: where a kink or a curved valley makes one undamped step too long it makes the next one, too. Where all of these
 are refused far from the optimum, parts of the step of theta and starts together are tried. A world that diverges
@@ -37,6 +38,7 @@ CREEP = 0.05  # of the objective: what a step gains at least where there is hope
 LITTLE = 0.02  # of the objective: what damped steps gain that creep
 PATIENCE = 2  # of them in a row
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
+KEPT = 0.8  # of what a step promised: from it on it keeps the derivatives
 FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
 PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
@@ -67,19 +69,28 @@ def descend(
         hopeless: an objective above which a descent that creeps is given up.
         patience: damped steps in a row that may gain little.
     """
-    centred, searching, slow = False, False, 0
+    centred, searching, stale, slow = False, False, False, 0
     for _ in range(STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)
-        damped = False
+        damped, last = False, promised <= TOLERANCE * total
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        there = step_to(simulator, windows, lin, current, step, chord=promised <= TOLERANCE * total)
-        if there is not None and there[1].objective <= total:
+        enough = 0.0 if last else math.inf if damped else KEPT * promised
+        there = None if stale and last else step_to(simulator, windows, lin, current, step, enough)
+        if there is None and stale:
+            # Kept derivatives are near enough for a step, not for the end, nor to refuse a step for good.
+            shown = windows.bin(windows.value) - lin.residual
+            lin = linearise(simulator, windows, lin.theta, lin.starts, difference_steps(current), shown)
+            current, stale = project(windows, lin, current.weight), False
+            if not lin.valid:
+                return Descent(lin, current, "given up")
+        elif there is not None and there[1].objective <= total:
             moved, trial = there
             gained, centred = total - trial.objective, True
+            stale = moved.by_theta is lin.by_theta and not last
             lin, current = moved, trial
-            if gained <= SLACK * total and (searching or promised <= TOLERANCE * total):
+            if gained <= SLACK * total and (searching or last):
                 return Descent(lin, current, "converged")
             if gained <= CREEP * total and trial.objective > hopeless:
                 return Descent(lin, current, "given up")
@@ -87,7 +98,7 @@ def descend(
             if slow >= patience:
                 return Descent(lin, current, "crept")
             searching = damped
-        elif promised <= TOLERANCE * total and centred:
+        elif last and centred:
             return Descent(lin, current, "converged")
         elif searching:
             back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
@@ -149,7 +160,7 @@ def step_to(
     lin: Linearisation,
     current: Projected,
     step: Float[Tensor, " P"],
-    chord: bool = False,
+    enough: float = math.inf,
 ) -> tuple[Linearisation, Projected] | None:
     """The linearisation one step away, with its projection; starts that the step led astray are brought back.
 
@@ -157,7 +168,7 @@ def step_to(
         simulator, windows: what is fitted.
         lin, current: where the step begins.
         step: of theta [SI].
-        chord: keep the derivatives.
+        enough: what the step has to gain to keep the derivatives; 0 keeps them in any case.
 
     Returns:
         None where a world diverges, or where one replay shows that the step does not descend.
@@ -169,23 +180,22 @@ def step_to(
         shown = descended(simulator, windows, current, theta, starts)
         if shown is None:
             return None
-    if chord and shown is not None:
-        moved = replace(lin, theta=theta, starts=starts, residual=windows.bin(windows.value) - shown)
-    else:
-        moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
-    trial = project(windows, moved, current.weight)
-    stray = strays(current, trial)
+        kept = replace(lin, theta=theta, starts=starts, residual=windows.bin(windows.value) - shown)
+        trial = project(windows, kept, current.weight)
+        back = brought_back(simulator, windows, current, trial, kept, lin.starts)
+        if back is not None:
+            starts, shown = back, None
+        elif current.objective - trial.objective >= enough:
+            return kept, trial
+    moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
     if not moved.valid:
         return None
-    if not bool(stray.any()):
-        return moved, trial
-    candidates = torch.stack([moved.starts, lin.starts, windows.start])
-    best, _ = best_starts(simulator, windows, current.row_weight, moved.theta, candidates)
-    starts = torch.where(stray[:, None], best, moved.starts)
-    if torch.equal(starts, moved.starts):
-        return moved, trial
-    moved = linearise(simulator, windows, moved.theta, starts, difference_steps(current))
-    return (moved, project(windows, moved, current.weight)) if moved.valid else None
+    trial = project(windows, moved, current.weight)
+    back = brought_back(simulator, windows, current, trial, moved, lin.starts)
+    if back is not None:
+        moved = linearise(simulator, windows, theta, back, difference_steps(current))
+        trial = project(windows, moved, current.weight)
+    return (moved, trial) if moved.valid else None
 
 
 def descended(
@@ -206,6 +216,25 @@ def descended(
     was = current.residual.square().sum(1)
     errs = float(torch.where(strayed(was, now), was, now).sum())
     return shown if bool(valid.all()) and errs <= current.objective else None
+
+
+def brought_back(
+    simulator: Simulator,
+    windows: Windows,
+    current: Projected,
+    trial: Projected,
+    moved: Linearisation,
+    old: Float[Tensor, "W J2"],
+) -> Float[Tensor, "W J2"] | None:
+    """The starts, each stray at the best of where it is, was and was smoothed; None where that is where they are."""
+    stray = torch.nonzero(strays(current, trial))[:, 0]
+    if not len(stray):
+        return None
+    candidates = torch.stack([moved.starts, old, windows.start])[:, stray]
+    part, weight = windows.select(stray), current.row_weight[stray]
+    best, _ = best_starts(simulator, part, weight, moved.theta, candidates)
+    starts = moved.starts.index_copy(0, stray, best)
+    return None if torch.equal(starts, moved.starts) else starts
 
 
 def difference_steps(projected: Projected) -> Float[Tensor, " P"]:
