@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from typing import Literal
 
 from onlinebayes.cli.factory import import_module
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
@@ -82,12 +83,19 @@ def add_effects(
         BadInput: an unknown effect, target or parameter, or an effect that is added twice.
     """
     added: dict[str, Effect] = {}
+
+    @cache
+    def moving() -> tuple[Simulator, Windows]:
+        """How the machine moves, which is worked out where an effect is added at all."""
+        model, turned = charted(simulator, measurement)
+        return model, make_windows(model, turned, horizon, 0.0, None)
+
     for key in section.texts("add", ()):
-        added[key] = _built(key, simulator, measurement, bounds, horizon, f"{section.file}: {section.full('add')}")
+        added[key] = _built(key, simulator, moving, bounds, f"{section.file}: {section.full('add')}")
     for key in by_hand:
         if key in added:
             raise BadInput(f"'{key}' is part of the model already", "leave it out", where="--add")
-        added[key] = _built(key, simulator, measurement, bounds, horizon, "--add")
+        added[key] = _built(key, simulator, moving, bounds, "--add")
     known = [f"{key}.{name}" for key, effect in added.items() for name in effect.parameters]
     for address in bounds:
         if address not in known:
@@ -101,18 +109,15 @@ def add_effects(
 def _built(
     key: str,
     simulator: Simulator,
-    measurement: Measurement,
+    moving: Callable[[], tuple[Simulator, Windows]],
     bounds: Mapping[str, Parameter],
-    horizon: float,
     where: str,
 ) -> Effect:
     try:
         if "@" not in key:
             raise BadInput(f"'{key}' names no target", "write effect@target, e.g. dry_friction@carriage")
         check_effect(key, simulator)
-        charted_model, turned = charted(simulator, measurement)
-        windows = make_windows(charted_model, turned, horizon, 0.0, None)
-        (effect,) = propose(charted_model, windows, [key])
+        (effect,) = propose(*moving(), [key])
         given = {
             name: dataclasses.replace(bounds[address], unit=parameter.unit)
             for name, parameter in effect.parameters.items()

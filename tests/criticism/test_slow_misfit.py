@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from onlinebayes.criticism import Criticism, numerics, refine
+from onlinebayes.criticism import Criticism, refine
+from onlinebayes.criticism.fitting import numerics
 from onlinebayes.criticism.wiring.faults import Offset
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.grid import RunGrid
@@ -26,26 +26,25 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
     """The half-window m [rows] for one signal.
 
     Args:
-        grids: the runs.
+        grids: the runs, all of one spacing.
         signal: column of the signal.
         slack: how far chi^2 may rise above the smallest.
         looks: about how many places are looked at.
     """
-    total = sum(grid.rows for grid in grids)
-    stride = max(1, total // looks)
+    value = torch.cat([grid.value[:, signal] for grid in grids])
+    observed = torch.cat([grid.observed[:, signal] for grid in grids])
+    step, stride = grids[0].step, max(1, sum(grid.rows for grid in grids) // looks)
     spreads, shares = [], []
     for m in HALF_WINDOWS:
-        square, dof, looked, known = 0.0, 0.0, 0, 0
-        for grid in grids:
-            rows = torch.arange(m, max(m, grid.rows + 1 - m), stride, dtype=grid.value.dtype, device=grid.value.device)
-            if len(rows) == 0:
-                continue
-            at = rows * grid.step
-            _, _, rest, free = local_cubic(grid.value[:, signal], grid.observed[:, signal], at, m, grid.step)
-            square, dof = square + float(rest.sum()), dof + float(free.sum())
-            looked, known = looked + len(rows), known + int((free > 0).sum())
-        spreads.append(square / dof if dof > 0 else float("inf"))
-        shares.append(known / max(looked, 1))
+        rows = _rows_within(grids, m, stride).to(value)
+        if not len(rows):
+            spreads.append(float("inf"))
+            shares.append(0.0)
+            continue
+        _, _, rest, free = local_cubic(value, observed, rows * step, m, step)
+        dof = float(free.sum())
+        spreads.append(float(rest.sum()) / dof if dof > 0 else float("inf"))
+        shares.append(float((free > 0).double().mean()))
     # A signal slower than the clock has few rows: a cubic that goes through all of them shows nothing.
     spreads = [s if share >= MOSTLY * max(shares) else float("inf") for s, share in zip(spreads, shares, strict=True)]
     chosen, best = HALF_WINDOWS[0], min(spreads)
@@ -53,6 +52,16 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
         if spread <= slack * best:
             chosen = m
     return chosen
+
+
+def _rows_within(grids: Sequence[RunGrid], m: int, stride: int) -> Int[Tensor, " L"]:
+    """Rows ``stride`` apart with ``m`` more of their own run on either side, counted through all runs."""
+    begin, found = 0, []
+    for grid in grids:
+        if grid.rows + 1 - m > m:
+            found.append(begin + torch.arange(m, grid.rows + 1 - m, stride, device=grid.value.device))
+        begin += grid.rows + 1
+    return torch.cat(found) if found else torch.zeros(0, dtype=torch.long, device=grids[0].value.device)
 
 
 def local_cubic(

@@ -8,8 +8,9 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism import Selection, late_columns
+from onlinebayes.criticism import Selection
 from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism.wiring import late_columns
 from onlinebayes.criticism.wiring.bench import Bench
 from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
 from onlinebayes.criticism.wiring.shifts import Shifted, late_joints
