@@ -5,6 +5,7 @@ import pytest
 from recipes.studies.blind import Outcome, Study, judge, table
 
 
+@pytest.mark.slow
 def test_nothing_is_named_where_nothing_hides() -> None:
     assert judge("null", 0).named
 

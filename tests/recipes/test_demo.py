@@ -29,6 +29,7 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Outcome, Path]:
     return run(0, out, QUICK), out
 
 
+@pytest.mark.slow
 def test_the_hidden_effect_is_named_and_the_held_out_error_falls(quick: tuple[Outcome, Path]) -> None:
     outcome, out = quick
     assert outcome.criticism.verdict == "missing_effect"
@@ -42,6 +43,7 @@ def test_the_hidden_effect_is_named_and_the_held_out_error_falls(quick: tuple[Ou
         assert (out / name / "run.rrd").is_file()
 
 
+@pytest.mark.slow
 def test_both_models_get_posteriors_and_policies_of_equal_budget(quick: tuple[Outcome, Path]) -> None:
     outcome, _ = quick
     assert outcome.wrong.names == (MASS, DAMPING)
@@ -53,6 +55,7 @@ def test_both_models_get_posteriors_and_policies_of_equal_budget(quick: tuple[Ou
         assert bool((branch.returns >= 0).all())
 
 
+@pytest.mark.slow
 def test_the_table_the_picture_and_the_files_tell_the_same(quick: tuple[Outcome, Path]) -> None:
     outcome, out = quick
     text = table(outcome)
@@ -71,6 +74,7 @@ def test_the_table_the_picture_and_the_files_tell_the_same(quick: tuple[Outcome,
     assert written["advantage"]["mean"] == outcome.advantage[0]
 
 
+@pytest.mark.slow
 def test_the_study_judges_each_seed_by_its_own_figures(quick: tuple[Outcome, Path]) -> None:
     outcome, _ = quick
     wrong = replace(outcome.wrong, returns=torch.tensor([10.0, 12.0, 11.0, 13.0]))

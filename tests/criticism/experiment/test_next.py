@@ -175,6 +175,7 @@ class Slider(TorchSimulator):
         return (tau - 4.0 * v - 20.0 * q) / parameters["mass"]
 
 
+@pytest.mark.slow
 def test_an_adequate_torch_model_gets_the_input_that_shows_most() -> None:
     """Nothing is missing: the input is chosen by the effects at the sizes that the data cannot exclude."""
     model = Slider(["mass"])

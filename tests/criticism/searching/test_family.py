@@ -27,7 +27,7 @@ def silent(line: str) -> None:
     del line
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_four_rotors_that_lag_are_found_together() -> None:
     simulator, flights = charted(model(), measure(LAG))
     found = search(simulator, flights, Selection(), LAWS, 6, silent, None)

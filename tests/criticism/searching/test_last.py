@@ -35,10 +35,12 @@ def test_a_drift_is_found() -> None:
     assert float(one.judged.fitted.theta[-1]) == pytest.approx(0.03, rel=0.02)
 
 
+@pytest.mark.slow
 def test_friction_is_none_of_them() -> None:
     assert found(measure({FRICTION: (1.0,)}, runs=9)) is None
 
 
+@pytest.mark.slow
 def test_a_wrong_period_is_left_for_a_better_start() -> None:
     data = measure({COGGING: (1.0, 25.0, 0.7)}, runs=3, finer=16)
     base = ground(model(), data, Selection()).fitted
