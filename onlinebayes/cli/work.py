@@ -62,13 +62,19 @@ def criticise(command: str, problem: Problem) -> Criticism:
 
 def _criticised(command: str, problem: Problem) -> Criticism:
     model, data, how = problem.simulator, problem.measurement, problem.selection
-    if command == "compare":
-        with Stages() as say:
-            return compare(model, data, holdout=problem.holdout, selection=how, scope=problem.scope, progress=say)
-    search = {"diagnose": diagnose, "refine": refine}[command]
     stopping = "onlinebayes: stopping after the fit in hand; Ctrl-C again gives that one up"
     with Interrupt(stopping) as interrupt, Stages() as say:
-        return search(
+        if command == "compare":
+            return compare(
+                model,
+                data,
+                holdout=problem.holdout,
+                selection=how,
+                scope=problem.scope,
+                progress=say,
+                interrupt=interrupt,
+            )
+        return {"diagnose": diagnose, "refine": refine}[command](
             model,
             data,
             holdout=problem.holdout,

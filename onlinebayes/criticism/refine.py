@@ -56,6 +56,10 @@ Say = Callable[[str], None]
 Question = Literal["compare", "diagnose", "refine"]
 
 
+def _stopped(interrupt: Interrupt | None) -> bool:
+    return interrupt is not None and interrupt.requested
+
+
 @one_torch_thread()
 def compare(
     simulator: Simulator,
@@ -65,6 +69,7 @@ def compare(
     selection: Selection | None = None,
     scope: Scope | None = None,
     progress: Say | None = None,
+    interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Fit what is free, replay, and show where the model fails; no effect is tried.
 
@@ -77,6 +82,7 @@ def compare(
         selection: how effects are judged.
         scope: which parameters differ between runs; None for none.
         progress: takes one line of text between stages; one that ends in a full stop is an answer, to be kept.
+        interrupt: ends the work after the fit in hand, without the wiring check and longer windows.
 
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
@@ -87,9 +93,9 @@ def compare(
         say(first)
     say("fitting the base model")
     base = ground(task.simulator, task.fit_runs, task.selection)
-    fault = suspect(base, task.simulator, task.fit_runs, task.selection, say)
-    found = Found(base, base, (), (), (), enough=enough(base, task.selection))
-    if fault is None and (longer := task.slower(found, say)) is not None:
+    fault = None if _stopped(interrupt) else suspect(base, task.simulator, task.fit_runs, task.selection, say)
+    found = Found(base, base, (), (), (), interrupted=_stopped(interrupt), enough=enough(base, task.selection))
+    if fault is None and not _stopped(interrupt) and (longer := task.slower(found, say)) is not None:
         task, base = task.over(longer), ground(task.simulator, task.fit_runs, longer)
         found = Found(base, base, (), (), ())
     return _assemble("compare", task, found, fault, say)
@@ -148,7 +154,7 @@ def _searched(
     say = Stopwatch(progress or _silent)
     task = prepared(simulator, measurement, holdout, selection, scope)
     found, fault = inquire(task.simulator, task.fit_runs, task.selection, candidates, most, say, interrupt)
-    stopped = interrupt is not None and interrupt.requested
+    stopped = _stopped(interrupt)
     if fault is None and not stopped and (longer := task.slower(found, say)) is not None:
         again, late_fault = inquire(task.simulator, task.fit_runs, longer, candidates, most, say, interrupt)
         if late_fault is None and adds_to(again, found, task.simulator, longer):

@@ -176,6 +176,24 @@ def test_windows_shorter_than_was_asked_for_are_said() -> None:
     assert [note for note in result.notes if note.startswith("windows last 2 s in place of 60 s")]
 
 
+def test_ctrl_c_within_compare_leaves_out_the_wiring_check() -> None:
+    interrupt = Interrupt()
+    check, lines, early = "checking signs, units and columns", list[str](), list[str]()
+
+    def say(line: str) -> None:
+        early.append(line)
+        interrupt.requested = True
+
+    data = measure({LOAD: (0.5,)}, runs=8)
+    stopped = compare(model(), data, progress=say, interrupt=interrupt)
+    whole = compare(model(), data, progress=lines.append)
+    assert stopped.interrupted
+    assert not whole.interrupted
+    assert stopped.heldout_error == whole.heldout_error
+    assert check in lines
+    assert check not in early
+
+
 def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     interrupt = Interrupt()
     lines: list[str] = []

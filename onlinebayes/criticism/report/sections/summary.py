@@ -21,7 +21,10 @@ def headline(result: Criticism) -> Html:
     badge = tag("span", words.VERDICTS[result.verdict], kind=f"badge {result.verdict}")
     if result.only_compared:
         badge = tag("span", "compared", kind="badge")
-    notes = tag("p", "The search was stopped before its end; this is what it had found.", kind="warning")
+    stopped = "It was stopped before the wiring check; this is the model as it was fitted."
+    if result.command != "compare":
+        stopped = "The search was stopped before its end; this is what it had found."
+    notes = tag("p", stopped, kind="warning")
     return join(
         tag("p", badge),
         tag("h1", prose(words.headline(result))),
