@@ -3,9 +3,8 @@
     step:  min |r~ - C~ d|^2 + lambda |D d|^2,  low <= theta + d <= high,    D^2 = diag(C~' C~)    (Marquardt 1963)
 
 The undamped step is tried first. One replay, projected as before the step, tells whether it can be taken; only then is
-the new point linearised, which costs a replay for each parameter and start. A step that gains what it promised keeps
-the derivatives (Shamanskii 1967), and so does the last one, which promises next to nothing; before a descent ends they
-are taken anew.
+the new point linearised, which costs a replay for each parameter and start. The last step, which promises next to
+nothing, keeps the derivatives.
 Once a step is rejected, no damping and all dampings are replayed at once before each step, until none is the best
 again: where a kink or a curved valley makes one undamped step too long it makes the next one, too. Where all of these
 are refused far from the optimum, parts of the step of theta and starts together are tried. A world that diverges
@@ -38,7 +37,6 @@ CREEP = 0.05  # of the objective: what a step gains at least where there is hope
 LITTLE = 0.02  # of the objective: what damped steps gain that creep
 PATIENCE = 2  # of them in a row
 DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
-KEPT = 0.8  # of what a step promised: from it on it keeps the derivatives
 FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
 PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
@@ -69,26 +67,17 @@ def descend(
         hopeless: an objective above which a descent that creeps is given up.
         patience: damped steps in a row that may gain little.
     """
-    centred, searching, stale, slow = False, False, False, 0
+    centred, searching, slow = False, False, 0
     for _ in range(STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)
         damped, last = False, promised <= TOLERANCE * total
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        enough = 0.0 if last else math.inf if damped else KEPT * promised
-        there = None if stale and last else step_to(simulator, windows, lin, current, step, enough)
-        if there is None and stale:
-            # Kept derivatives are near enough for a step, not for the end, nor to refuse a step for good.
-            shown = windows.bin(windows.value) - lin.residual
-            lin = linearise(simulator, windows, lin.theta, lin.starts, difference_steps(current), shown)
-            current, stale = project(windows, lin, current.weight), False
-            if not lin.valid:
-                return Descent(lin, current, "given up")
-        elif there is not None and there[1].objective <= total:
+        there = step_to(simulator, windows, lin, current, step, chord=last)
+        if there is not None and there[1].objective <= total:
             moved, trial = there
             gained, centred = total - trial.objective, True
-            stale = moved.by_theta is lin.by_theta and not last
             lin, current = moved, trial
             if gained <= SLACK * total and (searching or last):
                 return Descent(lin, current, "converged")
@@ -160,7 +149,7 @@ def step_to(
     lin: Linearisation,
     current: Projected,
     step: Float[Tensor, " P"],
-    enough: float = math.inf,
+    chord: bool = False,
 ) -> tuple[Linearisation, Projected] | None:
     """The linearisation one step away, with its projection; starts that the step led astray are brought back.
 
@@ -168,7 +157,7 @@ def step_to(
         simulator, windows: what is fitted.
         lin, current: where the step begins.
         step: of theta [SI].
-        enough: what the step has to gain to keep the derivatives; 0 keeps them in any case.
+        chord: keep the derivatives.
 
     Returns:
         None where a world diverges, or where one replay shows that the step does not descend.
@@ -185,7 +174,7 @@ def step_to(
         back = brought_back(simulator, windows, current, trial, kept, lin.starts)
         if back is not None:
             starts, shown = back, None
-        elif current.objective - trial.objective >= enough:
+        elif chord:
             return kept, trial
     moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
     if not moved.valid:
