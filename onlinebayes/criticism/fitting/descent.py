@@ -71,15 +71,15 @@ def descend(
     for _ in range(STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)
-        damped, last = False, promised <= TOLERANCE * total
+        damped = False
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        there = step_to(simulator, windows, lin, current, step, chord=last)
+        there = step_to(simulator, windows, lin, current, step, chord=promised <= TOLERANCE * total)
         if there is not None and there[1].objective <= total:
             moved, trial = there
             gained, centred = total - trial.objective, True
             lin, current = moved, trial
-            if gained <= SLACK * total and (searching or last):
+            if gained <= SLACK * total and (searching or promised <= TOLERANCE * total):
                 return Descent(lin, current, "converged")
             if gained <= CREEP * total and trial.objective > hopeless:
                 return Descent(lin, current, "given up")
@@ -87,7 +87,7 @@ def descend(
             if slow >= patience:
                 return Descent(lin, current, "crept")
             searching = damped
-        elif last and centred:
+        elif promised <= TOLERANCE * total and centred:
             return Descent(lin, current, "converged")
         elif searching:
             back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
@@ -169,22 +169,23 @@ def step_to(
         shown = descended(simulator, windows, current, theta, starts)
         if shown is None:
             return None
-        kept = replace(lin, theta=theta, starts=starts, residual=windows.bin(windows.value) - shown)
-        trial = project(windows, kept, current.weight)
-        back = brought_back(simulator, windows, current, trial, kept, lin.starts)
-        if back is not None:
-            starts, shown = back, None
-        elif chord:
-            return kept, trial
-    moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
+    if chord and shown is not None:
+        moved = replace(lin, theta=theta, starts=starts, residual=windows.bin(windows.value) - shown)
+    else:
+        moved = linearise(simulator, windows, theta, starts, difference_steps(current), shown)
+    trial = project(windows, moved, current.weight)
     if not moved.valid:
         return None
-    trial = project(windows, moved, current.weight)
-    back = brought_back(simulator, windows, current, trial, moved, lin.starts)
-    if back is not None:
-        moved = linearise(simulator, windows, theta, back, difference_steps(current))
-        trial = project(windows, moved, current.weight)
-    return (moved, trial) if moved.valid else None
+    stray = torch.nonzero(strays(current, trial))[:, 0]
+    if not len(stray):
+        return moved, trial
+    candidates = torch.stack([moved.starts, lin.starts, windows.start])[:, stray]
+    part, weight = windows.select(stray), current.row_weight[stray]
+    starts = moved.starts.index_copy(0, stray, best_starts(simulator, part, weight, moved.theta, candidates)[0])
+    if torch.equal(starts, moved.starts):
+        return moved, trial
+    moved = linearise(simulator, windows, moved.theta, starts, difference_steps(current))
+    return (moved, project(windows, moved, current.weight)) if moved.valid else None
 
 
 def descended(
@@ -205,25 +206,6 @@ def descended(
     was = current.residual.square().sum(1)
     errs = float(torch.where(strayed(was, now), was, now).sum())
     return shown if bool(valid.all()) and errs <= current.objective else None
-
-
-def brought_back(
-    simulator: Simulator,
-    windows: Windows,
-    current: Projected,
-    trial: Projected,
-    moved: Linearisation,
-    old: Float[Tensor, "W J2"],
-) -> Float[Tensor, "W J2"] | None:
-    """The starts, each stray at the best of where it is, was and was smoothed; None where that is where they are."""
-    stray = torch.nonzero(strays(current, trial))[:, 0]
-    if not len(stray):
-        return None
-    candidates = torch.stack([moved.starts, old, windows.start])[:, stray]
-    part, weight = windows.select(stray), current.row_weight[stray]
-    best, _ = best_starts(simulator, part, weight, moved.theta, candidates)
-    starts = moved.starts.index_copy(0, stray, best)
-    return None if torch.equal(starts, moved.starts) else starts
 
 
 def difference_steps(projected: Projected) -> Float[Tensor, " P"]:

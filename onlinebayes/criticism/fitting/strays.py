@@ -9,9 +9,8 @@ it, where it was, as smoothed.
 
 A step that overshoots in one window is refused in all of them, and a fit can end with a few starts far from their best.
 At its end those that stand out take Gauss-Newton steps of their own, from where they are and as smoothed: each as large
-a part of its step as serves it best, with coarse and fine differences in turn. (Where a carriage rests on top of a cog
-a tenth of a millimetre a second decides where it goes: differences of some standard deviations see nothing of so narrow
-a valley.) Those that neither moves take no more.
+a part of its step as serves it best, with ever finer differences. (Where a carriage rests on top of a cog a tenth of a
+millimetre a second decides where it goes: differences of some standard deviations see nothing of so narrow a valley.)
 """
 
 from __future__ import annotations
@@ -21,14 +20,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.projection import (
-    Projected,
-    noise_rows,
-    project,
-    row_weights,
-    start_misfit,
-    start_shift,
-)
+from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project, start_misfit, start_shift
 from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise_starts
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.simulators.base import Simulator
@@ -36,8 +28,8 @@ from onlinebayes.simulators.base import Simulator
 WORSE = 2.0  # times its misfit before the step
 NOTICED = 0.01  # of the whole misfit
 CONSPICUOUS = 2.0  # times the median misfit
-FINER = (1.0, 1000.0, 10.0, 100.0, 1000.0, 1000.0)  # times, the differences of one such step after the other
-TRIED = 2  # of them, after which a start that gains nothing stays
+OWN_STEPS = 6
+FINER, FINEST = 10.0, 3  # differences, from one such step to the next, and how often
 PARTS = (0.0, 1.0, 0.3, 0.1, 0.03)  # none first: where all diverge a start stays
 
 
@@ -72,41 +64,23 @@ def settled_starts(
     Returns:
         The starts, and the misfit of all windows before and after.
     """
-    misfit = misfits(windows, lin, projected.row_weight)
+    row_weight, theta = projected.row_weight, lin.theta
+    misfit = misfits(windows, lin, row_weight)
     before = float(misfit.sum())
     worst = torch.nonzero(misfit > CONSPICUOUS * misfit.median())[:, 0]
     if not len(worst) or not bool(windows.free.any()):
         return lin.starts, before, before
-    whose = worst.repeat(2)
-    starts = torch.cat([lin.starts[worst], windows.start[worst]])
-    error = starts.new_full((len(starts),), float("inf"))
-    left = torch.arange(len(starts), device=starts.device)
-    for k, finer in enumerate(FINER):
-        was, part = error[left], windows.select(whose[left])
-        starts[left], error[left] = own_step(simulator, part, lin, projected, starts[left], finer)
-        if k + 1 >= TRIED:
-            left = left[error[left] < (1 - NOTICED) * was]
-        if not len(left):
-            break
+    part, twice = windows.select(worst), windows.select(worst.repeat(2))
+    weight = row_weight[worst].repeat(2, 1)
+    part_of_step = theta.new_tensor(PARTS)[:, None, None]
+    starts = torch.cat([lin.starts[worst], part.start])
+    for k in range(OWN_STEPS):
+        here = linearise_starts(simulator, twice, theta, starts, FINER ** min(k, FINEST))
+        shift = start_shift(twice, here, project(twice, here, projected.weight), torch.zeros_like(theta))
+        starts, error = best_starts(simulator, twice, weight, theta, starts + part_of_step * shift)
     error, chain = error.view(2, -1).min(0)
     found = starts.view(2, len(worst), -1)[chain, torch.arange(len(worst), device=chain.device)]
     return lin.starts.index_copy(0, worst, found), before, float(misfit.index_copy(0, worst, error).sum())
-
-
-def own_step(
-    simulator: Simulator,
-    windows: Windows,
-    lin: Linearisation,
-    projected: Projected,
-    starts: Float[Tensor, "W J2"],
-    finer: float,
-) -> tuple[Float[Tensor, "W J2"], Float[Tensor, " W"]]:
-    """Each start moved by the part of its own Gauss-Newton step that serves it best; its misfit there."""
-    here = linearise_starts(simulator, windows, lin.theta, starts, finer)
-    weight = row_weights(windows, projected.weight)
-    shift = start_shift(windows, here, project(windows, here, projected.weight), torch.zeros_like(lin.theta))
-    parts = lin.theta.new_tensor(PARTS)[:, None, None]
-    return best_starts(simulator, windows, weight, lin.theta, starts + parts * shift)
 
 
 def window_errors(
