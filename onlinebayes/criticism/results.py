@@ -39,7 +39,7 @@ class Selection:
         alpha: level of the screening test.
         tolerance: rms_over_floor up to which a model with nothing missing is called adequate.
         fixed_horizon: whether windows keep that length; else a machine that is unstable in open loop gets shorter ones
-            (see :mod:`.horizon`), and what is too slow for them longer ones (see :mod:`.slow_effects`).
+            (see :mod:`.fitting.horizon`), and what is too slow for them longer ones (see :mod:`.slow_effects`).
     """
 
     folds: int | None = None

@@ -7,11 +7,11 @@ The measured turn is then turn(t), the residual is log(q_measured^-1 q_simulated
 signals; slides, hinges, linear positions and all velocities pass through untouched. A simulation that is more than half
 a turn away from the measurement shows the rest to a whole turn.
 
-| when             | what happens                                      | code                     |
-|------------------|---------------------------------------------------|--------------------------|
-| once             | measured quaternions become turns                 | :func:`.charted.charted` |
-| before a rollout | p = q(t) exp(turn of the start - turn(t))         | :meth:`Chart.enter`      |
-| after it         | turns of the simulated orientations at every row  | :meth:`Chart.leave`      |
+| when             | what happens                                      | code                               |
+|------------------|---------------------------------------------------|------------------------------------|
+| once             | measured quaternions become turns                 | :func:`.replaying.charted.charted` |
+| before a rollout | p = q(t) exp(turn of the start - turn(t))         | :meth:`Chart.enter`                |
+| after it         | turns of the simulated orientations at every row  | :meth:`Chart.leave`                |
 """
 
 from __future__ import annotations

@@ -126,7 +126,7 @@ def joint_names(simulator: Simulator) -> tuple[str, ...]:
     """The simulator's joint coordinates, each of which must have one position and one velocity.
 
     Raises:
-        BadInput: a free or ball joint whose orientation is a quaternion still (see :mod:`.charted`).
+        BadInput: a free or ball joint whose orientation is a quaternion still (see :mod:`.replaying.charted`).
     """
     positions = [name.removeprefix("qpos.") for name in simulator.signals if name.startswith("qpos.")]
     if quaternions := rotations(simulator.signals):

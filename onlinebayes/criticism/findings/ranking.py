@@ -76,7 +76,7 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str,
 
 
 def _partners(found: Found, judged: Judged) -> tuple[str, ...]:
-    """What was accepted beside an effect that would not have been alone: see :mod:`.pairs`."""
+    """What was accepted beside an effect that would not have been alone: see :mod:`.searching.pairs`."""
     key = judged.effect.key
     if judged.admissible:
         return ()

@@ -5,7 +5,7 @@
 A machine that its controller holds upright, replayed from its logged commands, falls: over many e-foldings the replay
 says nothing about the model, and its starts cannot be fitted. Machines that swing, slide or fly keep the derivative of
 a position by itself near or below one and keep their windows; a few windows about an unstable point do not decide.
-A joint whose velocity alone is measured moves alike wherever it is (see :mod:`.motion`), and does not fall.
+A joint whose velocity alone is measured moves alike wherever it is (see :mod:`.data.motion`), and does not fall.
 """
 
 from __future__ import annotations

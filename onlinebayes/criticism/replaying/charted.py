@@ -1,6 +1,7 @@
 """A simulator and its measurement with turns in place of quaternions, for everything that looks at scalar signals.
 
-What a turn is relative to stands in :mod:`.chart`, how the measured orientations are followed in :mod:`.courses`.
+What a turn is relative to stands in :mod:`.data.chart`, how the measured orientations are followed in
+:mod:`.data.courses`.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Does a parameter differ between runs? Each shared one with a value a run, everything refitted, against the effects.
 
 A mass that was changed, a floor, a supply voltage: no law is missing, the model has one value too few. Such a change is
-held to what an effect is held to (see ``acceptance``): (i) p of :mod:`.contrasts`, the maximum over all parameters, at
-half the level, for effects have taken theirs; (ii) cross-validated RMS at H down by 5 %, at H_s too, score gain of two
-standard errors, every left-out run judged with the value that its other half gives (``own``); (iii) one run's value is
-off the shared one, at a level shared out among the runs; (iv) one law within the runs: the same deviations in both
-halves of each, at either sign of v, for abs(v) and q above and below their medians.
+held to what an effect is held to (see ``acceptance``): (i) p of :mod:`.judging.contrasts`, the maximum over all
+parameters, at half the level, for effects have taken theirs; (ii) cross-validated RMS at H down by 5 %, at H_s too,
+score gain of two standard errors, every left-out run judged with the value that its other half gives (``own``); (iii)
+one run's value is off the shared one, at a level shared out among the runs; (iv) one law within the runs: the same
+deviations in both halves of each, at either sign of v, for abs(v) and q above and below their medians.
 
 Beside an admissible effect, which has fewer parameters, it must predict better by two paired standard errors and leave
 no more than noise. Where nothing is admissible it must remove half of the squared error above the floor.

@@ -3,8 +3,8 @@
     needless:  score_gain(with it over without it) < 2 standard errors,  cross-validated RMS at H lower by less than 5 %
 
 with everything fitted anew. What enters first stands in for whatever was missing then, and may keep a size that is
-surely not nothing beside the law that came later. Rules 2 and 3 of :mod:`.acceptance` are asked again therefore, of
-every effect but the last, and the one that gains least goes first.
+surely not nothing beside the law that came later. Rules 2 and 3 of :mod:`.judging.acceptance` are asked again
+therefore, of every effect but the last, and the one that gains least goes first.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ def without_needless(standing: Standing, measurement: Measurement, selection: Se
 
 
 def needed(present: CrossValidated, absent: CrossValidated, bin_step: float) -> bool:
-    """Whether a model predicts better than one that has less: rules 2 and 3 of :mod:`.acceptance`."""
+    """Whether a model predicts better than one that has less: rules 2 and 3 of :mod:`.judging.acceptance`."""
     return score_gain(present, absent, bin_step).clear or present.rms_long < (1 - LEAST_FALL) * absent.rms_long
 
 

@@ -183,12 +183,14 @@ def refit(
 ) -> tuple[Fit, Effect]:
     """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
 
-    The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see :mod:`.asleep`. Where
-    there are ``others`` to begin from, the best of all these fits. The grown model contains the current one: a fit that
-    ends above it was led astray from where it began, and begins again where the effect is nothing.
+    The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see
+    :mod:`.fitting.asleep`. Where there are ``others`` to begin from, the best of all these fits. The grown model
+    contains the current one: a fit that ends above it was led astray from where it began, and begins again where the
+    effect is nothing.
 
     Returns:
-        The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see :mod:`.longer`).
+        The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see
+        :mod:`.candidates.longer`).
     """
     fitted = _fitted(current, windows, effect, start, hopeless)
     nothing = [dict(effect.neutral)] if fitted.projected.objective > current.projected.objective else []

@@ -2,8 +2,8 @@
 
 The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
 judged (where it is the only one and the integrator stayed the same, its round has fitted just that) and for each that
-looks like it at the final model (see :mod:`.lookalikes`); a later one is compared with its rivals in the round that
-added it. What is not parted (see ``verdict``) is tied.
+looks like it at the final model (see :mod:`.candidates.lookalikes`); a later one is compared with its rivals in the
+round that added it. What is not parted (see ``verdict``) is tied.
 """
 
 from __future__ import annotations

@@ -7,7 +7,7 @@
 |                      | world's                                                |                                  |
 
 A table's own turns are those of its quaternions as they stand, so that a quaternion that is read otherwise comes with
-courses of its own (see :mod:`.courses`).
+courses of its own (see :mod:`.data.courses`).
 """
 
 from __future__ import annotations

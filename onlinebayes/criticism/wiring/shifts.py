@@ -8,9 +8,9 @@ with h the row step. A sensor of force or acceleration that is read under the ro
 shows what the model gives a row later. Ahead run commands that were stamped when they had been carried out, and columns
 joined a few rows apart; no effect does that. Late signals stand in the vocabulary too (``sensor_delay``): a delay is
 the log's where it is two rows or more to a twentieth of a row, for a buffer is late by rows and a sensor by any time. A
-joint's are looked for before any effect is tried (:mod:`.late_columns`), and where delays were accepted.
-Delays that leave more than noise are not known to a twentieth: the nearest row is tried, and has to do better.
-Where all signals are late alike, or a motor's delay explains as much, nothing says whose it is: see :mod:`.log_notes`.
+joint's are looked for before any effect is tried (:mod:`.late_columns`), and where delays were accepted. Delays that
+leave more than noise are not known to a twentieth: the nearest row is tried, and has to do better. Where all signals
+are late alike, or a motor's delay explains as much, nothing says whose it is: see :mod:`.findings.log_notes`.
 """
 
 from __future__ import annotations
