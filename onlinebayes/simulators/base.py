@@ -259,6 +259,10 @@ class Simulator(ABC):
             "override with_runge_kutta to let numerics be checked at coarse steps",
         )
 
+    def with_soft_friction(self) -> Self:
+        """The same system with the engine's own soft dry friction where effects made it stick; itself without such."""
+        return self
+
     def with_gravity_compensation(self) -> Simulator | None:
         """The same system with its weight carried by its drives; None where that is not possible or changes nothing."""
         return None

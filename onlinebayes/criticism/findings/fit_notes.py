@@ -43,11 +43,21 @@ def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
             f"numerics: at the step of {final.rung.timestep:g} s the integration error is not small against the "
             "misfit, so nothing is named; give the model a finer timestep or a better integrator"
         )
+    elif final.as_run:
+        yield (
+            f"numerics: the model's own integrator at a step of {final.rung.timestep:g} s follows the log far better than "
+            "a finer one, as if a simulator had written it so; judged and kept at that step"
+        )
     elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
         method = "Runge-Kutta's method" if final.rung.runge_kutta else "its own integrator"
         yield (
             f"numerics: at its step of {simulator.timestep:g} s the model's own integrator errs too much to be judged "
             f"by these sensors; judged by {method} at {final.rung.timestep:g} s; the refined model keeps to that method"
+        )
+    if final.rung.soft_friction:
+        yield (
+            "friction: the log follows MuJoCo's own soft friction, which creeps, far better than friction that sticks, "
+            "as a simulator's log would; the refined model keeps the soft one"
         )
     if not final.fitted.converged:
         yield "the last fit did not converge fully"

@@ -1,47 +1,125 @@
-"""The model as its user runs it, own step and own integrator, where that follows the log far better than a finer one.
+"""The model as its user runs it, own friction, integrator and step, where that follows the log far better.
 
-    rms(own) <= 1.2 floors < rms(finer)    or    rms(own) <= 2/3 rms(finer)      ->  own step
+    rms(own) <= 1.2 floors < rms(judged)    or    rms(own) <= 2/3 rms(judged)      ->  own
 
-Numerics are judged against the motion itself, so that no law is blamed for what the integrator does. But a log may come
-from a simulator that integrates as coarsely as the model (a policy's rollouts, a twin), and then the model is right as
-it is, and a finer step errs by what the log's step did. Where the model grown so far leaves more than noise at a finer
-step or by another method, it is tried as it was given, too.
+Numerics are judged against the motion itself, so that no law is blamed for what the integrator does, and dry friction
+sticks. But a log may come from a simulator that integrates as coarsely as the model (a policy's rollouts, a twin), and
+whose friction is MuJoCo's soft one: then the model is right as it is. Where the model grown so far leaves more than
+noise, it is tried with soft friction, by its own method at finer steps, and at its own step.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.projection import misfit
-from onlinebayes.criticism.replaying.ladder import Rung
+from onlinebayes.criticism.fitting.strays import replayed_rows
+from onlinebayes.criticism.replaying.ladder import Rung, first_order
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 NOISE = 1.2  # floors
 FAR_BETTER = 2 / 3
+PROMISING = 0.95  # as far as it is fitted
+STEPS_A_ROW = (1, 2, 4, 5, 10, 20, 40)  # of simulators that write logs
 
 
-def as_run(
-    simulator: Simulator, measurement: Measurement, horizon: float, finer: Fit, windows: Windows, rung: Rung
-) -> tuple[Windows, Fit] | None:
-    """Windows and fit at the model's own step; None where that is not far better.
+@dataclass(frozen=True)
+class AsRun:
+    """A way to integrate, and what was fitted so."""
+
+    rung: Rung
+    windows: Windows
+    fitted: Fit
+
+
+@dataclass(frozen=True)
+class Trial:
+    """What is tried on.
 
     Args:
         simulator: at its own step, with the effects added so far.
         measurement: the fit runs.
         horizon: H [s].
-        finer, windows, rung: the same model fitted on the rung that its numerics asked for.
     """
-    if not (rung.runge_kutta or rung.timestep < simulator.timestep) or misfit(finer.projected) <= NOISE:
-        return None
+
+    simulator: Simulator
+    measurement: Measurement
+    horizon: float
+
+    def windows(self, model: Simulator, known: AsRun) -> Windows:
+        """Windows at the model's step, those that are known where it is the same."""
+        if model.timestep == known.rung.timestep:
+            return known.windows
+        return make_windows(model, self.measurement, self.horizon, MEMORY * self.horizon, known.windows.noise)
+
+
+def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
+    """The model run more like its own, one change after the other; None where that is not far better in the end.
+
+    Args:
+        trial: the model, and what it is held against.
+        judged: the same model fitted on the rung that its numerics asked for.
+    """
+    best, tried = judged, {judged.rung}
+    for changed in (_soft, _own, _finer, _finer):
+        if misfit(best.fitted.projected) <= NOISE:
+            break
+        for rung in changed(trial, best):
+            if rung not in tried:
+                tried.add(rung)
+                best = _better(trial, best, rung) or best
+    most = max(NOISE, FAR_BETTER * misfit(judged.fitted.projected))
+    return best if best is not judged and misfit(best.fitted.projected) <= most else None
+
+
+def _soft(trial: Trial, best: AsRun) -> Iterator[Rung]:
+    if trial.simulator.with_soft_friction() is not trial.simulator:
+        yield replace(best.rung, soft_friction=True)
+
+
+def _own(trial: Trial, best: AsRun) -> Iterator[Rung]:
+    if _refined(trial, best.rung):
+        own = Rung(trial.simulator.timestep)
+        yield from (replace(rung, timestep=own.timestep, runge_kutta=False) for rung in _soft(trial, best))
+        yield replace(own, soft_friction=best.rung.soft_friction)
+
+
+def _refined(trial: Trial, rung: Rung) -> bool:
+    return rung.runge_kutta or rung.timestep < trial.simulator.timestep
+
+
+def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
+    """The model's own method, where it is of first order, at the finer step that errs least as far as it is fitted."""
+    if not first_order(trial.simulator) or not _refined(trial, best.rung):
+        return
+    windows, lin, current = best.windows, best.fitted.lin, best.fitted.projected
+    error = {}
+    for steps in STEPS_A_ROW:
+        rung = Rung(windows.step / steps, soft_friction=best.rung.soft_friction)
+        if rung.timestep < trial.simulator.timestep:
+            rows, valid = replayed_rows(rung.of(trial.simulator), windows, lin.theta[None], lin.starts[None])
+            left = float(current.project(rows[0][..., None]).square().sum())
+            error[rung] = left if bool(valid.all()) else float("inf")
+    rung = min(error, key=error.__getitem__, default=best.rung)
+    if error.get(rung, float("inf")) < PROMISING**2 * current.objective:
+        yield rung
+
+
+def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
+    """The model fitted on another rung; None where that leaves more."""
+    model, left = rung.of(trial.simulator), misfit(best.fitted.projected)
     try:
-        own = make_windows(simulator, measurement, horizon, MEMORY * horizon, windows.noise)
-        starts = finer.lin.starts if own.start.shape == finer.lin.starts.shape else None
-        begun = unfitted(simulator, own, finer.theta, starts=starts)
-    except BadInput:  # its own step does not divide the rows, or diverges
+        windows = trial.windows(model, best)
+        starts = best.fitted.lin.starts if windows.start.shape == best.windows.start.shape else None
+        begun = unfitted(model, windows, best.fitted.theta, starts=starts)
+    except BadInput:  # the step does not divide the rows, or the model diverges
         return None
-    if misfit(begun.projected) >= misfit(finer.projected):
+    if misfit(begun.projected) >= left:
         return None
-    fitted = improve(begun, own)
-    return (own, fitted) if misfit(fitted.projected) <= max(NOISE, FAR_BETTER * misfit(finer.projected)) else None
+    fitted = improve(begun, windows)
+    return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None

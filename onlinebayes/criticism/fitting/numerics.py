@@ -6,11 +6,12 @@ Criticism begins on the coarsest rung of the ladder, where that is cheap, and go
 residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
 model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
 taken while the residual is far above the sensors' noise, for they leave measured rows out. In the end the model as it
-was given is preferred where it follows the log far better (:mod:`.as_run`).
+was given, or its own soft friction, is preferred where it follows the log far better (:mod:`.as_run`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -19,7 +20,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.grid import even_step
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
-from onlinebayes.criticism.fitting.as_run import as_run
+from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
 from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
@@ -63,6 +64,7 @@ def settle(
     begin: Float[Tensor, " P"] | None = None,
     before: Grounds | None = None,
     fitted: Fit | None = None,
+    soft_friction: bool = False,
 ) -> Grounds:
     """Fit on the coarsest rung of the ladder at which the numerics do not matter.
 
@@ -74,11 +76,16 @@ def settle(
         begin: theta at which the fit begins; searched in the box when None.
         before: the grounds of the model that this one grew from: its rung is the first one here.
         fitted: a fit of this model to those grounds' windows, if there is one.
+        soft_friction: dry friction as the engine has it from the first rung on.
     """
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
     rungs, afar = ladder(simulator, horizon), begin is None
-    for rung in rungs if before is None else rungs[rungs.index(before.rung) :]:
+    if before is not None:
+        rungs = _from(before.rung, rungs)
+    elif soft_friction:
+        rungs = [replace(rung, soft_friction=True) for rung in rungs]
+    for rung in rungs:
         if grounds is not None and rung != rungs[-1] and _too_coarse(simulator, grounds, rung):
             continue
         stepped = rung.of(simulator)
@@ -113,16 +120,25 @@ def settle(
     return _as_run(simulator, measurement, horizon, grounds)
 
 
+def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
+    """A rung and those below it; all where it is none of the ladder's, with its own friction."""
+    rungs = [replace(rung, soft_friction=first.soft_friction) for rung in rungs]
+    return rungs[rungs.index(first) :] if first in rungs else [first, *rungs]
+
+
 def _as_run(simulator: Simulator, measurement: Measurement, horizon: float, grounds: Grounds) -> Grounds:
-    """These grounds, or those of the model as it was given: see :mod:`.as_run`."""
-    found = as_run(simulator, measurement, horizon, grounds.fitted, grounds.windows, grounds.rung)
+    """These grounds, or those of the model run more like its own: see :mod:`.as_run`."""
+    judged = AsRun(grounds.rung, grounds.windows, grounds.fitted)
+    found = as_run(Trial(simulator, measurement, horizon), judged)
     if found is None:
         return grounds
-    windows, fitted = found
-    numerics, shift = check(simulator, measurement, windows, fitted)
+    if found.rung == replace(grounds.rung, soft_friction=True):
+        # Less is left, and what is soft asks for another step.
+        return settle(simulator, measurement, horizon, found.windows.noise, found.fitted.theta, soft_friction=True)
+    numerics, shift = check(simulator, measurement, found.windows, found.fitted)
     # The parameters are those of this step: what a finer one would make of them is no doubt about them.
-    certain = torch.zeros_like(shift)
-    return Grounds(windows, fitted, replace(numerics, sufficient=True), Rung(simulator.timestep), certain, as_run=True)
+    certain, numerics = torch.zeros_like(shift), replace(numerics, sufficient=True)
+    return Grounds(found.windows, found.fitted, numerics, found.rung, certain, as_run=True)
 
 
 def check(

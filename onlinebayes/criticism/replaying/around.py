@@ -94,6 +94,11 @@ class Around(Simulator):
         other = self.physics.with_runge_kutta()
         return self if other is self.physics else self.around(other)
 
+    def with_soft_friction(self) -> Self:
+        """See :meth:`Simulator.with_soft_friction`."""
+        other = self.physics.with_soft_friction()
+        return self if other is self.physics else self.around(other)
+
     def with_gravity_compensation(self) -> Simulator | None:
         """See :meth:`Simulator.with_gravity_compensation`."""
         other = self.physics.with_gravity_compensation()

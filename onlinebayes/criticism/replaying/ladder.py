@@ -25,14 +25,17 @@ class Rung:
     Args:
         timestep: h [s].
         runge_kutta: by the method of Runge and Kutta in place of the model's own.
+        soft_friction: dry friction as soft as the engine has it, in place of one that sticks.
     """
 
     timestep: float
     runge_kutta: bool = False
+    soft_friction: bool = False
 
     def of(self, simulator: Simulator) -> Simulator:
         """The simulator integrated so; itself where it is already."""
         chosen = simulator.with_runge_kutta() if self.runge_kutta else simulator
+        chosen = chosen.with_soft_friction() if self.soft_friction else chosen
         return chosen if self.timestep == chosen.timestep else chosen.with_timestep(self.timestep)
 
 

@@ -9,7 +9,7 @@ the defaults 1 / b is 10 ms, which a fit takes for a spring. A joint that should
 with the defaults (d = .9) 1e-3 s times the acceleration that the load would cause, which a fit takes for viscous slip.
 Dry friction therefore sets ``solimp_friction`` to MuJoCo's largest impedance, .9999, and ``solref_friction`` to the
 largest b that the integrator bears: 1 / timestep for a first-order one (v is zero after one step), 2 / timestep for
-RK4 (its limit is 2.8).
+RK4 (its limit is 2.8). A simulator asked for soft friction leaves the model's own values.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ SOLIMP = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 """``solimp_friction`` under dry friction: constant impedance d = .9999, the largest that MuJoCo takes."""
 RATE = {mujoco.mjtIntegrator.mjINT_RK4: 2.0}
 """b times the timestep, by integrator; 1 for the others."""
-FIELDS = ("dof_frictionloss", "dof_solimp", "dof_solref")
+SOFTNESS = ("dof_solimp", "dof_solref")
+"""The fields that say how soft the constraint is."""
+FIELDS = ("dof_frictionloss", *SOFTNESS)
 """The fields that dry friction sets."""
 
 

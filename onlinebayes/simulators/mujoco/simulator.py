@@ -46,6 +46,7 @@ class MujocoSimulator(Simulator):
             threads spin, and a Collector of 1024 hoppers on two cores was slower by a fifth for it.
         effects: effects to begin with, in order; the same as :meth:`with_effect` for each.
         sensors: sensors that are signals too, ``sensor.<name>`` or ``qfrc.<joint>`` (see :mod:`.sensors`).
+        soft_friction: leave the dry friction of effects as soft as the model's own is, in place of one that sticks.
 
     Attributes:
         spec: the model's spec, effects' structure included; its values are the nominal ones.
@@ -65,8 +66,9 @@ class MujocoSimulator(Simulator):
         threads: int = 0,
         effects: Sequence[Effect] = (),
         sensors: Sequence[str] = (),
+        soft_friction: bool = False,
     ) -> None:
-        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects, sensors)
+        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects, sensors, soft_friction)
         self._threads = threads
         self.spec, self.model = self._system.spec, self._system.model
         self.parameters, self.effects = self._system.parameters, self._system.effects
@@ -258,23 +260,21 @@ class MujocoSimulator(Simulator):
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
-        return self._remade(self.worlds, (*self.effects, effect))
+        return self._remade(effects=(*self.effects, effect))
 
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""
-        return self._remade(worlds, self.effects)
+        return self._remade(worlds=worlds)
 
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
         """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
-        system = self._system
-        space = system.base_parameters.replaced(name, parameter)
-        return type(self)(system.source, space, self.worlds, self.dt, self._threads, self.effects, system.sensors)
+        return self._remade(parameters=self._system.base_parameters.replaced(name, parameter))
 
     def with_timestep(self, timestep: float) -> Self:
         """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
         spec = self._system.source.copy()
         spec.option.timestep = timestep
-        return self._integrated(spec, None)
+        return self._remade(source=spec, dt=timestep)
 
     def with_runge_kutta(self) -> Self:
         """A new simulator with MuJoCo's RK4; see :meth:`Simulator.with_runge_kutta`."""
@@ -282,7 +282,17 @@ class MujocoSimulator(Simulator):
             return self
         spec = self._system.source.copy()
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
-        return self._integrated(spec, self.dt)
+        return self._remade(source=spec)
+
+    def with_soft_friction(self) -> Self:
+        """A new simulator whose effects' friction is the model's own constraint; see :mod:`.effects.sticking`.
+
+        Itself where friction is no native effect, or where force stages have some, which no MJCF could hold.
+        """
+        native = any("dof_frictionloss" in effect.fields for effect in self.effects)
+        if self._system.soft_friction or not native or any(effect.rubs for effect in self._system.staged):
+            return self
+        return self._remade(soft_friction=True)
 
     def with_rigid_ties(self) -> Self:
         """See :meth:`Simulator.with_rigid_ties`, and :func:`.closure.soft`."""
@@ -292,7 +302,7 @@ class MujocoSimulator(Simulator):
             return self
         for tie in ties:
             tie.solref, tie.solimp = RIGID
-        return self._integrated(spec, self.dt)
+        return self._remade(source=spec)
 
     def with_gravity_compensation(self) -> Simulator | None:
         """A new simulator with ``gravcomp = 1`` on every body; None unless the actuators drive each of the joints."""
@@ -305,7 +315,7 @@ class MujocoSimulator(Simulator):
         spec = self._system.source.copy()
         for body in spec.bodies[1:]:
             body.gravcomp = 1.0
-        return self._integrated(spec, self.dt)
+        return self._remade(source=spec)
 
     def with_payload(self, body: str, mass: float) -> Self:
         """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
@@ -319,7 +329,7 @@ class MujocoSimulator(Simulator):
         # Welded on, so that a free mass of the body itself stays what it is; MuJoCo adds the two up.
         point = spec.body(body).add_body(name=f"payload@{body}", pos=centre, mass=mass, inertia=[1e-9 * mass] * 3)
         point.ipos, point.explicitinertial = [0.0] * 3, True  # without an ipos MuJoCo takes the pos, once more
-        return self._integrated(spec, self.dt)
+        return self._remade(source=spec)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
@@ -337,15 +347,26 @@ class MujocoSimulator(Simulator):
         """Keys of the effects that :meth:`export` has to leave out at these parameters."""
         return foreign(self._system, _finite(theta[None]).numpy())
 
-    def _integrated(self, spec: mujoco.MjSpec, dt: float | None) -> Self:
-        return type(self)(
-            spec, self._system.base_parameters, self.worlds, dt, self._threads, self.effects, self._system.sensors
-        )
-
-    def _remade(self, worlds: int, effects: Sequence[Effect]) -> Self:
+    def _remade(
+        self,
+        source: mujoco.MjSpec | None = None,
+        parameters: ParameterSpace | None = None,
+        worlds: int | None = None,
+        dt: float | None = None,
+        effects: Sequence[Effect] | None = None,
+        soft_friction: bool | None = None,
+    ) -> Self:
+        """This simulator anew, with what is given in place of its own."""
         system = self._system
         return type(self)(
-            system.source, system.base_parameters, worlds, self.dt, self._threads, effects, system.sensors
+            system.source if source is None else source,
+            system.base_parameters if parameters is None else parameters,
+            self.worlds if worlds is None else worlds,
+            self.dt if dt is None else dt,
+            self._threads,
+            self.effects if effects is None else effects,
+            system.sensors,
+            system.soft_friction if soft_friction is None else soft_friction,
         )
 
 

@@ -100,6 +100,7 @@ class MujocoSystem:
         parameters: the free parameters, by address.
         effects: in order.
         sensors: signals that sensors give, ``sensor.<name>`` or ``qfrc.<joint>``.
+        soft_friction: leave the dry friction of effects as soft as the model's own is; see :mod:`.sticking`.
 
     Raises:
         BadInput: the model does not compile, an address or a target does not exist.
@@ -111,8 +112,10 @@ class MujocoSystem:
         parameters: ParameterSpace,
         effects: Sequence[Effect] = (),
         sensors: Sequence[str] = (),
+        soft_friction: bool = False,
     ) -> None:
         self.source, self.base_parameters, self.effects = source, parameters, tuple(effects)
+        self.soft_friction = soft_friction
         base = compile_spec(source)
         self.spec = source.copy()
         self.parameters = parameters
@@ -180,16 +183,17 @@ class MujocoSystem:
             fields[name].reshape(len(theta), self._base[name].size)[:, columns] = signs * theta[:, sources]
         if self._factors:
             pseudo_inertia.write(fields, self._factors)
+        own = {name: fields[name].copy() for name in sticking.SOFTNESS if self.soft_friction and name in fields}
         for effect in self.effects:
             if effect.fields:
                 effect.write(self.model, fields, self.own(effect, theta))
         for effect in self.staged:
             if effect.rubs:
                 # Its bound is written between timesteps; here the solver is made ready where there may be one.
-                own, neutral = self.own(effect, theta), effect.neutral
-                acts = np.any([own[name] != neutral[name] for name in effect.parameters], axis=0)
+                values, neutral = self.own(effect, theta), effect.neutral
+                acts = np.any([values[name] != neutral[name] for name in effect.parameters], axis=0)
                 sticking.harden(self.model, fields, effect.target, acts)
-        return fields
+        return fields | own
 
     def rest(self, worlds: int, timestep: float | None = None) -> dict[str, TensorDict]:
         """Hidden states of the command and force stages before anything has happened, for timesteps of this length."""
