@@ -45,8 +45,8 @@ def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
         )
     elif final.as_run:
         yield (
-            f"numerics: the model's own integrator at a step of {final.rung.timestep:g} s follows the log far better than "
-            "a finer one, as if a simulator had written it so; judged and kept at that step"
+            f"numerics: the model's own integrator at a step of {final.rung.timestep:g} s follows the log far better "
+            "than a finer one, as if a simulator had written it so; judged and kept at that step"
         )
     elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
         method = "Runge-Kutta's method" if final.rung.runge_kutta else "its own integrator"
