@@ -15,7 +15,13 @@ from onlinebayes.criticism.fitting.own import held_out_model, lent
 from onlinebayes.criticism.fitting.sensitivities import linearise
 from onlinebayes.criticism.replaying.charted import ChartedSimulator
 from onlinebayes.criticism.replaying.replay import replay
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator, effect_entries, scoped
+from onlinebayes.criticism.replaying.scoped import (
+    ScopedSimulator,
+    effect_entries,
+    effect_values,
+    scoped,
+    with_effect_values,
+)
 from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
@@ -244,6 +250,17 @@ def test_entries_of_effects_follow_in_order() -> None:
         entries = tuple(effect_entries(simulator, effect))
         grown = simulator.with_effect(effect)
         assert grown.parameters.names == (*simulator.parameters.names, *entries)
+
+
+def test_values_of_an_effect_are_read_and_set_in_every_run() -> None:
+    simulator = ScopedSimulator(model(), Scope((LOAD.key,)), ("a", "b")).with_effect(LOAD).with_effect(FRICTION)
+    theta = torch.tensor([2.0, 1.0, 0.5, 1.5, 0.3], dtype=torch.float64)
+    assert effect_values(simulator, theta, LOAD) == {"load": 1.0}
+    assert effect_values(simulator, theta, FRICTION) == {"frictionloss": pytest.approx(0.3)}
+    moved = with_effect_values(simulator, theta, LOAD, {"load": -2.0})
+    assert moved.tolist() == [2.0, 1.0, -2.0, -2.0, 0.3]
+    assert effect_values(simulator, moved, LOAD) == {"load": -2.0}
+    assert theta[2:4].tolist() == [0.5, 1.5]
 
 
 @pytest.mark.parametrize(

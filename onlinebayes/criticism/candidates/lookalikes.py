@@ -27,7 +27,7 @@ from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.projection import Projected, noise_rows
 from onlinebayes.criticism.fitting.sensitivities import columns
 from onlinebayes.criticism.judging.screening import CONFOUNDED, orthonormal
-from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.replaying.scoped import effect_entries, with_effect_values
 from onlinebayes.simulators.effects import Effect
 
 ALIKE = 3.0  # times the final error; beside kinks a straight line is off by as much, and a refit tells
@@ -81,9 +81,7 @@ def _resized(effect: Effect, trial: Trial, size: float, factor: float) -> Trial:
 
 def _without(final: Fit, effect: Effect) -> Fit:
     """The final model with the effect neutral and all else as it is: where the effect and its rivals set out from."""
-    theta = final.theta.clone()
-    for address, name in effect_entries(final.simulator, effect).items():
-        theta[final.simulator.parameters.index(address)] = effect.neutral[name]
+    theta = with_effect_values(final.simulator, final.theta, effect, effect.neutral)
     return replace(final, lin=replace(final.lin, theta=theta))
 
 

@@ -29,6 +29,7 @@ from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.fitting.projection import Projected, project, signal_rms
 from onlinebayes.criticism.judging.acceptance import contained
 from onlinebayes.criticism.replaying.clock import in_step
+from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.measurements import Measurement
@@ -202,9 +203,7 @@ def _fitted(
     theta = carried(final.hypothesis.simulator, final.hypothesis.theta, model)
     fits = []
     for trial in trials([effect]):
-        begin = theta.clone()
-        for name, value in trial.values.items():
-            begin[model.parameters.index(f"{effect.key}.{name}")] = value
+        begin = with_effect_values(model, theta, effect, trial.values)
         try:
             fits.append(fit(model, grounds.windows, begin, final.weight, final.fitted.lin.starts))
         except BadInput:

@@ -11,7 +11,7 @@ import torch
 
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.replaying.scoped import effect_entries, with_effect_values
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
@@ -23,9 +23,7 @@ def woken(fitted: Fit, windows: Windows) -> Fit:
             continue
         tried = [fitted]
         for start in effect.starts:
-            theta = fitted.theta.clone()
-            for entry, name in effect_entries(fitted.simulator, effect).items():
-                theta[fitted.simulator.parameters.index(entry)] = start[name]
+            theta = with_effect_values(fitted.simulator, fitted.theta, effect, start)
             try:
                 tried.append(fit(fitted.simulator, windows, theta, fitted.projected.weight, fitted.lin.starts))
             except BadInput:  # it diverges from there

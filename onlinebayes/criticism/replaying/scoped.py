@@ -243,3 +243,32 @@ def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
         entries = [own_name(address, owner) for owner in unknown] if simulator.scope.owned(address) else [address]
         found |= dict.fromkeys(entries, name)
     return found
+
+
+def effect_values(simulator: Simulator, theta: Float[Tensor, " F"], effect: Effect) -> dict[str, float]:
+    """An effect's values, short name -> value [SI]; the mean over the runs where each has its own.
+
+    Args:
+        simulator: with the effect in it.
+        theta: of the simulator.
+        effect: whose values; of what is known in every run there is none.
+    """
+    found: dict[str, list[float]] = {}
+    for entry, name in effect_entries(simulator, effect).items():
+        found.setdefault(name, []).append(float(theta[simulator.parameters.index(entry)]))
+    return {name: sum(values) / len(values) for name, values in found.items()}
+
+
+def with_effect_values(
+    simulator: Simulator, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
+) -> Float[Tensor, " F"]:
+    """Theta with an effect's values set, the same ones in every run; the inverse of :func:`effect_values`.
+
+    Args:
+        simulator, theta, effect: as there.
+        values: short name -> value [SI], of all that the effect has in theta.
+    """
+    theta = theta.clone()
+    for entry, name in effect_entries(simulator, effect).items():
+        theta[simulator.parameters.index(entry)] = values[name]
+    return theta

@@ -20,7 +20,7 @@ from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.fit import Fit, fit
 from onlinebayes.criticism.judging.acceptance import judge
 from onlinebayes.criticism.judging.score import cross_validate, score_gain
-from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.stage import PROMISING, Added, Stage, if_slow
 from onlinebayes.criticism.searching.standing import carried
@@ -108,8 +108,7 @@ def _fitted(stage: Stage, members: Sequence[Screened]) -> Fit:
     model = grown(current.simulator, [one.effect for one in members])
     theta = carried(current.simulator, current.theta, model)
     for one in members:
-        for address, short in effect_entries(model, one.effect).items():
-            theta[model.parameters.index(address)] = one.start[short]
+        theta = with_effect_values(model, theta, one.effect, one.start)
     return woken(fit(model, stage.windows, theta, current.projected.weight, current.lin.starts), stage.windows)
 
 

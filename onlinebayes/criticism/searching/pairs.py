@@ -16,6 +16,7 @@ from onlinebayes.criticism.candidates.survey import Survey, survey
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import cross_validate, parted, score_gain
+from onlinebayes.criticism.replaying.scoped import effect_values
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.stage import MOST_REFITS, Added, Stage, judged_stage, refit, worth
 from onlinebayes.runs import BadInput, Interrupt
@@ -84,8 +85,9 @@ def _needs(
     """Whether the model that holds ``second`` alone admits ``lead``."""
     survey = beside.get(second.effect.key)
     if survey is None:
+        values = effect_values(second.fitted.simulator, second.fitted.theta, second.effect)
         try:
-            alone, _ = refit(stage.current, stage.windows, second.effect, _values(second))
+            alone, _ = refit(stage.current, stage.windows, second.effect, values)
         except BadInput:  # without the other it diverges
             return False
         survey = _beside(alone, second.effect, stage, effects, selection)
@@ -106,15 +108,6 @@ def _beside(fitted: Fit, held: Effect, stage: Stage, effects: Sequence[Effect], 
     """All other candidates, screened on top of the model that holds one effect already."""
     rest = [effect for effect in effects if effect.key != held.key]
     return survey(fitted, stage.windows, rest, selection.folds)
-
-
-def _values(judged: Judged) -> dict[str, float]:
-    """The effect's own fitted values, short name -> value [SI]."""
-    space = judged.fitted.simulator.parameters
-    return {
-        name: float(judged.fitted.theta[space.index(f"{judged.effect.key}.{name}")])
-        for name in judged.effect.parameters
-    }
 
 
 def _silent(line: str) -> None:

@@ -18,6 +18,7 @@ from onlinebayes.criticism.candidates.survey import survey
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.judging.acceptance import Judged
+from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.stage import Stage, judged_stage
 from onlinebayes.parameters import Parameter
@@ -63,7 +64,7 @@ def zero_errors(current: Fit, windows: Windows) -> list[SensorBias]:
 
 
 def _inside(judged: Judged) -> bool:
-    """Whether the zero error that the data ask for is smaller than the bound."""
-    value = float(judged.fitted.theta[judged.fitted.simulator.parameters.index(f"{judged.effect.key}.bias")])
-    bound = judged.effect.parameters["bias"].high
-    return abs(value) < (1 - AT_BOUND) * bound
+    """Whether the zero error that the data ask for, in each run that has its own, is smaller than the bound."""
+    space, bound = judged.fitted.simulator.parameters, judged.effect.parameters["bias"].high
+    entries = effect_entries(judged.fitted.simulator, judged.effect)
+    return all(abs(float(judged.fitted.theta[space.index(entry)])) < (1 - AT_BOUND) * bound for entry in entries)

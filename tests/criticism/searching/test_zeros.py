@@ -5,7 +5,7 @@ import torch
 
 from envs.driven_pendulum.rig import DAMPING, MASS, MODEL, NOMINAL
 from envs.driven_pendulum.sets import Encoder, Protocol, record
-from onlinebayes.criticism import Criticism, refine
+from onlinebayes.criticism import Criticism, Scope, refine
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.zeros import LOOSE, zero_errors
@@ -37,8 +37,8 @@ def swung(zero: float = 0.0, load: float = 0.0, runs: int = 8) -> Measurement:
     return Measurement.from_runs(table, signals=[signal], commands=["motor"])
 
 
-def mended(measurement: Measurement) -> Criticism:
-    return refine(MujocoSimulator(MODEL, FREE, threads=1), measurement, candidates=FEW)
+def mended(measurement: Measurement, scope: Scope | None = None) -> Criticism:
+    return refine(MujocoSimulator(MODEL, FREE, threads=1), measurement, candidates=FEW, scope=scope)
 
 
 def test_a_zero_error_is_not_given_to_a_load() -> None:
@@ -52,6 +52,15 @@ def test_a_zero_error_is_not_given_to_a_load() -> None:
     assert bias.mean == pytest.approx(ZERO, abs=max(4 * bias.sd, 5e-6))
     (note,) = (note for note in result.notes if "offset" in note)
     assert f'[signals."qpos.hinge"] offset = {-bias.mean:.4g}' in note
+
+
+def test_a_zero_error_of_each_run_is_a_rival_too() -> None:
+    """With one zero a run there are more numbers than one load has: the load stands, the zeros are judged beside it."""
+    result = mended(swung(zero=ZERO), Scope(per_run=("sensor_bias@qpos.hinge",)))
+    assert result.accepted == ("constant_load@hinge",)
+    (zero,) = (c for c in result.candidates if c.effect == "sensor_bias@qpos.hinge")
+    for bias in zero.parameters.values():
+        assert bias.mean == pytest.approx(ZERO, abs=max(4 * bias.sd, 2e-5))
 
 
 def test_a_load_that_no_zero_explains_is_named() -> None:
