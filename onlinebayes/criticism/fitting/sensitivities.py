@@ -63,7 +63,7 @@ def linearise(
         shown: the binned replay at (theta, starts), all of it finite, where it is known already [SI].
     """
     steps = parameter_steps(simulator, theta, largest)
-    P, world = len(theta), together(simulator)
+    P, world = len(theta), together(simulator).to(theta.device)
     Q = int(world.max()) + 1 if P else 0
     moving = torch.cat([windows.free, windows.free], -1).any(0).nonzero()[:, 0]
     F = len(moving)

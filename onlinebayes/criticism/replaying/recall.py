@@ -54,15 +54,14 @@ def _lately(
 ) -> dict[str, TensorDict]:
     """The same from the rows before each window alone; ``motion`` is that of each window's run (W, K)."""
     M, W = theta.shape[:2]
+    window, row = (torch.arange(count, device=theta.device) for count in (W, rows))
     last = windows.first.clamp_max(motion.batch_size[1])
     begin = (last - rows).clamp_min(0)
-    line = motion[torch.arange(W)[:, None], begin[:, None] + torch.arange(rows)]
+    line = motion[window[:, None], begin[:, None] + row]
     worlds = theta.flatten(0, 1)
     moved = unsense(simulator, worlds[:, None], line.expand(M, W, rows).flatten(0, 1))
     found = simulator.recall(worlds, moved, windows.step)
-    return {
-        key: each.unflatten(0, (M, W))[:, torch.arange(W), last - begin].flatten(0, 1) for key, each in found.items()
-    }
+    return {key: each.unflatten(0, (M, W))[:, window, last - begin].flatten(0, 1) for key, each in found.items()}
 
 
 def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDict | None:
@@ -74,7 +73,8 @@ def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDi
         if past.motion is None:
             return None
         # Rows after a run's end are never picked.
-        line = past.motion[torch.arange(longest).clamp_max(past.motion.batch_size[0] - 1)]
+        rows = torch.arange(longest, device=windows.run.device).clamp_max(past.motion.batch_size[0] - 1)
+        line = past.motion[rows]
         positions = [f"qpos.{joint}" for joint in past.joints]
         rates = [velocity(joint, simulator.signals) for joint in past.joints]
         state = {

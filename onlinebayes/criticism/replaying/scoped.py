@@ -91,7 +91,7 @@ class ScopedSimulator(Around):
     def touches(self, windows: Windows) -> Bool[Tensor, "F W"]:
         """Which windows each entry of phi can move."""
         A = torch.stack([self.affine(run)[0] for run in windows.runs])
-        return (A != 0).any(1)[windows.run].T
+        return (A != 0).any(1).to(windows.run.device)[windows.run].T
 
     def free_in(self, run: str) -> tuple[str, ...]:
         """Addresses of which a run has a value of its own that is neither known nor fitted yet."""

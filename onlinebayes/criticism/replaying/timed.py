@@ -41,12 +41,15 @@ def in_time(
         theta: of every window without these effects [SI].
         rows: of a piece; the mean over all when None.
     """
+    acting = [effect for effect in simulator.effects if effect.target_kind == "parameter"]
+    if not acting:
+        return theta
     shifts: dict[int, Tensor] = {}
-    begin, end = instants(windows, rows)
+    begin, end = (instant.to(theta) for instant in instants(windows, rows))
     space = simulator.parameters
-    for effect in simulator.effects:
+    for effect in acting:
         own = {name: theta[..., space.index(f"{effect.key}.{name}")] for name in effect.parameters}
-        shift = effect.shift(own, begin.to(theta), end.to(theta)) if effect.target_kind == "parameter" else None
+        shift = effect.shift(own, begin, end)
         if shift is not None:
             i = space.index(effect.target)
             shifts[i] = shifts[i] + shift if i in shifts else shift
@@ -60,6 +63,7 @@ def in_time(
 
 def instants(windows: Windows, rows: Rows | None = None) -> tuple[Float[Tensor, " W"], Float[Tensor, " W"]]:
     """When each window, or a piece of it, begins and ends, on the measurements' clock [s]."""
-    begin = torch.tensor(windows.begin, dtype=torch.float64)[windows.run] + windows.step * windows.first
+    began = torch.tensor(windows.begin, dtype=torch.float64, device=windows.run.device)
+    begin = began[windows.run] + windows.step * windows.first
     first, last = rows or (0, windows.rows)
     return begin + windows.step * first, begin + windows.step * last

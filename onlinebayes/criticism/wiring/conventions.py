@@ -78,7 +78,7 @@ class Reread(Fault):
     def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
         """The joint's turns and their velocities along the other course."""
         start, J = windows.start.clone(), len(shown)
-        places = torch.tensor([shown.index(name) for name in self.rotation.turns])
+        places = torch.tensor([shown.index(name) for name in self.rotation.turns], device=start.device)
         at = start.new_tensor(windows.begin)[windows.run] + windows.first * windows.step
         for r, run in enumerate(windows.runs):
             mine = (windows.run == r).nonzero()

@@ -172,10 +172,10 @@ def _best_edges(
 ) -> tuple[Int[Tensor, "W 2"], Float[Tensor, " W"]]:
     """The rows from and to which being off explains each window best, and what error that leaves [floors]."""
     K = windows.rows
-    coarse = torch.linspace(0, K, EIGHTHS + 1).round().long()
-    tried = [(i, j) for i in coarse.tolist() for j in coarse.tolist() if i < j]
-    edges, errors = _tried(simulator, windows, theta, columns, torch.tensor(tried).expand(windows.count, -1, 2))
-    fine = torch.linspace(-K / EIGHTHS, K / EIGHTHS, 2 * FINER + 1).round().long()
+    coarse = torch.linspace(0, K, EIGHTHS + 1, device=theta.device).round().long()
+    tried = coarse.new_tensor([(i, j) for i in coarse.tolist() for j in coarse.tolist() if i < j])
+    edges, errors = _tried(simulator, windows, theta, columns, tried.expand(windows.count, -1, 2))
+    fine = torch.linspace(-K / EIGHTHS, K / EIGHTHS, 2 * FINER + 1, device=theta.device).round().long()
     for side in (0, 1, 0):
         moved = edges[:, None].repeat(1, len(fine), 1)
         # An outage that reaches a window's edge goes on in the next one.
@@ -196,14 +196,15 @@ def _tried(
 ) -> tuple[Int[Tensor, "W 2"], Float[Tensor, " W"]]:
     """The best of C pairs of edges for each window, and its error."""
     W, C = edges.shape[:2]
-    many = windows.select(torch.arange(W).repeat_interleave(C))
+    window = torch.arange(W, device=edges.device)
+    many = windows.select(window.repeat_interleave(C))
     first, last = edges.flatten(0, 1).unbind(1)
-    row = torch.arange(windows.rows)
+    row = torch.arange(windows.rows, device=edges.device)
     off = (row >= first[:, None]) & (row < last[:, None])
     enable = many.enable.clone()
     enable[..., list(columns)] *= 1.0 - off[..., None].to(enable)
     errors, best = _errors(simulator, replace(many, enable=enable), theta).unflatten(0, (W, C)).min(1)
-    return edges[torch.arange(W), best], errors
+    return edges[window, best], errors
 
 
 def _places(windows: Windows) -> list[tuple[int, int]]:

@@ -1,0 +1,76 @@
+"""Criticism follows the device of the measurement."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import ClassVar
+
+import pytest
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.criticism import Scope, Selection, compare
+from onlinebayes.criticism.data.windows import Windows, make_windows
+from onlinebayes.criticism.replaying.scoped import ScopedSimulator
+from onlinebayes.criticism.replaying.timed import instants
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators import Actuator, Joint, TorchSimulator
+from tests.criticism.rigs import FREE, measure, model
+
+STEP, ROWS, RUNS = 0.01, 201, 9
+
+
+class Slider(TorchSimulator):
+    """A sprung mass on a rail."""
+
+    physical = ParameterSpace({"mass": Parameter(0.1, 10.0, "kg")})
+    defaults: ClassVar = {"mass": 2.0}
+    joints = (Joint("rail", "slide"),)
+    actuators = (Actuator("motor", "rail"),)
+    timestep = STEP
+
+    def acceleration(self, parameters, q, v, tau):
+        return (tau - 4.0 * v - 20.0 * q) / parameters["mass"]
+
+
+def recorded() -> Measurement:
+    """Runs of the slider with a noisy sensor."""
+    slider, time, table = Slider(["mass"]), torch.arange(ROWS, dtype=torch.float64) * STEP, {}
+    for r in range(RUNS):
+        force = (torch.sin((3 + r) * time) + torch.sin(6.7 * time + r))[:, None]
+        inputs = TensorDict({"command": force[None, :-1]}, batch_size=(1, ROWS - 1))
+        path = slider.rollout(slider.nominal[None], slider.with_worlds(1).state, inputs, time[1:])
+        q = torch.cat([torch.zeros(1), path["qpos"][0, :, 0]])
+        q = q + 1e-3 * torch.randn(q.shape, generator=torch.Generator().manual_seed(r), dtype=q.dtype)
+        table[f"run{r}"] = {"time": time.numpy(), "ctrl.motor": force[:, 0].numpy(), "qpos.rail": q.numpy()}
+    return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=1e-3)], commands=["motor"])
+
+
+def elsewhere(windows: Windows) -> Windows:
+    """The same windows without their values, on a device of which nothing mixes with the CPU's."""
+    tensors = {f.name: getattr(windows, f.name) for f in dataclasses.fields(windows)}
+    moved = {name: value.to("meta") for name, value in tensors.items() if isinstance(value, Tensor)}
+    return dataclasses.replace(windows, **moved, pasts=())
+
+
+def test_what_is_made_of_windows_lies_where_they_lie() -> None:
+    data = measure(runs=3)
+    windows = elsewhere(make_windows(model(), data, 1.0))
+    assert [instant.device.type for instant in instants(windows)] == ["meta", "meta"]
+    simulator = ScopedSimulator(model(), Scope((FREE.names[0],)), data.runs)
+    assert simulator.touches(windows).device.type == "meta"
+    phi = torch.ones(2, len(simulator.parameters), dtype=torch.float64, device="meta")
+    assert simulator.of_windows(phi, windows).shape == (2, windows.count, len(FREE))
+
+
+@pytest.mark.gpu
+def test_on_a_gpu_it_gives_what_the_cpu_gives() -> None:
+    data, found = recorded(), {}
+    for device in ("cpu", "cuda"):
+        result = compare(Slider(["mass"], device=device), data.to(device), selection=Selection(horizon_s=0.8))
+        assert result.final.theta.device.type == device
+        found[device] = result
+    assert found["cuda"].verdict == found["cpu"].verdict
+    torch.testing.assert_close(found["cuda"].final.theta.cpu(), found["cpu"].final.theta, rtol=1e-6, atol=1e-8)
