@@ -49,7 +49,7 @@ class Blocks:
         """B."""
         return self.train.shape[0]
 
-    def sums(self, per_window: Float[Tensor, W * rest]) -> Float[Tensor, B * rest]:
+    def sums(self, per_window: Float[Tensor, "W ..."]) -> Float[Tensor, "B ..."]:
         """Sum over the windows of each block."""
         out = per_window.new_zeros(self.count, *per_window.shape[1:])
         return out.index_add(0, self.of, per_window)
