@@ -185,7 +185,8 @@ class Wiring:
     Args:
         fault: what is wrong, in words.
         lines: what to put in the problem file.
-        error_before, error_after: cross-validated RMS without and with these lines, the model refitted [floors].
+        error_before: cross-validated RMS of the model fitted to the table as it stands [that table's floors].
+        error_after: the same with these lines, the model fitted anew [floors of the table put right].
         alternatives: (fault, lines) of those that explain as much.
     """
 
@@ -291,14 +292,26 @@ class Criticism:
     """The answer of ``compare``, ``diagnose`` or ``refine``; the fields up to ``numerics`` are report.json's.
 
     Args:
+        command: which of the three made this.
         verdict: what is wrong; from ``compare``, which tries no effect, ``unexplained`` where the model errs.
         accepted: keys of the effects added, in order (those added by hand belong to the base model).
-        what_to_record: with ``insufficient_data``, what would decide; else empty.
+        remainder: what the final model leaves in the fit runs.
+        heldout_error: of both models over the held-out runs.
+        steps: the acceptances, in order.
+        candidates: every effect that was tried, ranked ones first.
+        candidates_tried: how many these were.
+        holdout_looks: how often the held-out runs have been opened; a command opens them once.
+        failures: where the base model's error concentrates, the worst regions of each signal first.
+        parameters: address -> estimate, of the final model.
+        flat_directions: combinations of the final model's parameters that the fit runs do not determine.
+        numerics: whether the final model's integration step is fine enough.
         base, final: the base model refitted and the accepted one (the same object where nothing was accepted).
-        command: which of the three made this.
         signals: names of the S signals that were compared, in the order of the replays' columns.
+        commands: names of the U actuators, in the order of the replays' commands.
         units: signal -> unit.
         sensor_sd: signal -> sensor noise used, given or estimated [the signal's unit].
+        selection: how effects were judged, with the horizon that was used in the end.
+        what_to_record: with ``insufficient_data``, what would decide; else empty.
         interrupted: whether the search was stopped before its end.
         notes: what else a reader should know, a sentence each.
         widened: parameter -> bounds, with ``bounds_exclude_truth``; ``final`` is then the model within the wider ones.

@@ -38,7 +38,6 @@ from onlinebayes.measurements.quaternions import normalised, quaternions
 from onlinebayes.runs import BadInput
 
 STATE = ("qpos", "qvel")
-LATER = ("qfrc", "sensor")
 
 
 @dataclass(frozen=True)
@@ -195,7 +194,7 @@ class TableReader:
                 if target not in joints:
                     self._unknown(name, target, joints, "joint", path)
                 later.append(name)
-            elif kind in LATER and any(name == k or name.startswith(f"{k}.") for k in self.known):
+            elif kind == "sensor" and any(name == k or name.startswith(f"{k}.") for k in self.known):
                 later.append(name)
             else:
                 unused.append(name or f"(column without a name, {number})")

@@ -31,7 +31,7 @@ ALL_FLIPS = 12  # blocks
 
 @dataclass(frozen=True)
 class Column:
-    """One column of the test: which candidate, from which starting value, and which signs are physical.
+    """Whose column of the test it is, and which signs are physical; a candidate has one for each of its trials.
 
     Args:
         candidate: index of the candidate.

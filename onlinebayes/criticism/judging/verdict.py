@@ -30,11 +30,16 @@ AT_FLOOR = 1.2
 
 
 def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened: bool) -> dict[str, float]:
-    """Start-projected RMS at the rows over the floor, by signal; 1 on null sets.
+    """Start-projected RMS at the rows over the floor, by signal: about 1 where nothing but noise is left.
 
-    Replayed from each window's best start: the fit's own, or where its linearisation says that the best one is. The
-    integration error counts as floor where it cannot be helped, not where the step was chosen coarse because the misfit
-    is gross.
+    Replayed from each window's best start: the fit's own, or where its linearisation says that the best one is. A
+    signal without an observed row has 0.
+
+    Args:
+        fitted, windows: the model and what it was fitted to.
+        numerics: of its integration step; a larger error than the noise is the floor where it cannot be helped.
+        coarsened: whether the step was chosen, coarser than the model's own because the misfit is gross, or its own
+            though a finer one moves the replay: the floor is then the noise alone.
     """
     shift = start_shift(windows, fitted.lin, fitted.projected, torch.zeros_like(fitted.theta))
     candidates = fitted.lin.starts + torch.stack([torch.zeros_like(shift), shift])

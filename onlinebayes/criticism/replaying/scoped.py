@@ -213,7 +213,7 @@ def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, 
 
 
 def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
-    """What :func:`physics` of this simulator gets in a run; a run without values of its own has the typical ones."""
+    """What :func:`.around.innermost` of this simulator gets in a run; the typical theta where it has none."""
     if not isinstance(simulator, ScopedSimulator):
         return theta
     A, c = (x.to(theta) for x in simulator.affine(run))
