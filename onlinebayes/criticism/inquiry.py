@@ -19,7 +19,7 @@ from functools import cached_property
 
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.localise import in_a_sentence
-from onlinebayes.criticism.judging.verdict import rms_over_floor
+from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import Found, ground, search
 from onlinebayes.criticism.wiring.as_given import as_given
@@ -195,12 +195,6 @@ def _zeros(found: Found) -> dict[str, float]:
         if judged.effect.parameters["bias"].unit == "rad"
         and (address := f"{judged.effect.key}.bias") in judged.fitted.simulator.parameters
     }
-
-
-def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
-    """RMS over the floor by signal, of grounds whose step may be coarser than the simulator's own."""
-    meant = grounds.as_run or grounds.numerics.timestep > simulator.timestep
-    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, meant)
 
 
 def _structured(final: Grounds, simulator: Simulator, selection: Selection) -> bool:

@@ -11,7 +11,6 @@ from typing import Literal
 
 import torch
 
-from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
@@ -20,14 +19,14 @@ from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.opening import opened
 from onlinebayes.criticism.findings.ranking import rank, steps
 from onlinebayes.criticism.fitting.blocks import Blocks
+from onlinebayes.criticism.fitting.fit import residual_correlation_time
 from onlinebayes.criticism.fitting.heldout import replay_runs
 from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.inquiry import inquire, left_over, suspect
+from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.judging.held_starts import starts_note
 from onlinebayes.criticism.judging.localise import failures
-from onlinebayes.criticism.judging.verdict import decide, what_to_record
+from onlinebayes.criticism.judging.verdict import decide, left_over, what_to_record
 from onlinebayes.criticism.replaying.ladder import Rung
 from onlinebayes.criticism.results import (
     Criticism,
@@ -176,11 +175,10 @@ def _assemble(
     signals = tuple(signal.name for signal in fit_runs.signals)
     units = {signal.name: signal.unit for signal in fit_runs.signals}
     blocks = blocks_for(final.fitted, final.windows, selection.folds)
-    correlation = residual_tau(final)
+    correlation = residual_correlation_time(final.fitted, final.windows)
     say("comparing with its equals" if found.accepted else "weighing what is left")
     equal = alternatives(found.simulator(simulator), found, selection.folds)
     before, after = (left_over(grounds, simulator) for grounds in (base, final))
-    moves = bool(base.windows.observed.any())
     base_blocks = blocks_for(base.fitted, base.windows, selection.folds)
     verdict = decide(
         found.enough,
@@ -206,7 +204,6 @@ def _assemble(
     heldout_error, detail = opened(base_model, final_model, held, signals, units)
     flat = flat_directions(final.fitted, correlation, final.windows.bin_step)
     candidates = rank(found, equal, final_model.parameters)
-    lacking = verdict == "insufficient_data"
     return Criticism(
         command=question,
         verdict=verdict,
@@ -228,7 +225,7 @@ def _assemble(
         units=units,
         sensor_sd=dict(zip(signals, base.windows.noise.tolist(), strict=True)),
         selection=selection,
-        what_to_record=what_to_record(base_blocks.count, moves, base.windows, residual_tau(base)) if lacking else "",
+        what_to_record=_what_to_record(base, base_blocks) if verdict == "insufficient_data" else "",
         interrupted=found.interrupted,
         notes=(
             *task.notes,
@@ -243,6 +240,12 @@ def _assemble(
         wiring=None if fault is None else wiring_of(fault),
         changes=parameter_changes(found, final_model.parameters),
     )
+
+
+def _what_to_record(base: Grounds, blocks: Blocks) -> str:
+    """What would decide; see :func:`.judging.verdict.what_to_record`."""
+    moves = bool(base.windows.observed.any())
+    return what_to_record(blocks.count, moves, base.windows, residual_correlation_time(base.fitted, base.windows))
 
 
 def _carried_over(
@@ -261,12 +264,6 @@ def _carried_over(
     return (*worse_runs_note(detail.windows, units), *in_vain)
 
 
-def residual_tau(grounds: Grounds) -> float:
-    """Correlation time of the start-projected residual [s]."""
-    long = project(grounds.windows, grounds.fitted.lin)
-    return tau(long.measured_rows(long.residual), long.seen(), grounds.windows.bin_step)
-
-
 def _model(
     grounds: Grounds,
     step: float,
@@ -279,7 +276,7 @@ def _model(
     fitted = grounds.fitted
     model = Rung(step).of(fitted.simulator)
     covariance = covariance_of(fitted, blocks) + torch.outer(grounds.shift, grounds.shift)
-    flat = flat_directions(fitted, residual_tau(grounds), grounds.windows.bin_step)
+    flat = flat_directions(fitted, residual_correlation_time(fitted, grounds.windows), grounds.windows.bin_step)
     replays: list[ReplayedRun] = []
     for runs, held_out in ((fit_runs, False), (held_runs, True)):
         windows = windows_to_replay(model, runs, fitted.theta, selection.horizon_s, grounds.windows.noise)

@@ -17,8 +17,7 @@ from onlinebayes.criticism.fitting.descent import SLACK, bounded_step
 from onlinebayes.criticism.fitting.fit import improve, unfitted
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.fitting.numerics import Grounds, check
-from onlinebayes.criticism.inquiry import left_over
-from onlinebayes.criticism.judging.verdict import halved
+from onlinebayes.criticism.judging.verdict import halved, left_over
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import Found
 from onlinebayes.criticism.searching.stage import leaves_noise

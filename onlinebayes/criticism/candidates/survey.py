@@ -15,10 +15,9 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, opposites, trials
-from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, flip_groups, independent_parts, make_blocks, t_quantile
-from onlinebayes.criticism.fitting.fit import Fit
+from onlinebayes.criticism.fitting.fit import Fit, residual_correlation_time
 from onlinebayes.criticism.fitting.projection import noise_rows, project
 from onlinebayes.criticism.fitting.sensitivities import columns
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
@@ -78,7 +77,7 @@ class Survey:
 
 def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int | None) -> Survey:
     """Screen all effects against the current model."""
-    correlation = correlation_of(current, windows)
+    correlation = residual_correlation_time(current, windows)
     if slow := independent_parts(windows, correlation, folds) < FEWEST:
         correlation = 0.0
     blocks = make_blocks(windows, correlation, folds)
@@ -86,12 +85,6 @@ def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int
     return Survey(
         current, windows, blocks, slow, scores, screen(current, windows, effects, flip_groups(windows, correlation))
     )
-
-
-def correlation_of(fitted: Fit, windows: Windows) -> float:
-    """Correlation time of this fit's start-projected residual [s]."""
-    long = project(windows, fitted.lin)
-    return tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 
 def screen(

@@ -21,10 +21,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import grown, propose, trials
-from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.fitting.projection import Projected, project, signal_rms
 from onlinebayes.criticism.judging.acceptance import contained
@@ -157,7 +156,7 @@ def explanation(name: str, fitted: Fit, windows: Windows) -> Explanation:
     weight = _refreshed_weight(windows, fitted)
     fitted = fit(fitted.simulator, windows, fitted.theta, weight, fitted.lin.starts)
     long = fitted.projected
-    correlation = tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
+    correlation = residual_correlation_time(fitted, windows)
     share = windows.bin_step / correlation
     C = long.columns.flatten(0, 1)
     return Explanation(Hypothesis(name, fitted.simulator, fitted.theta), fitted, share * (C.T @ C), correlation)

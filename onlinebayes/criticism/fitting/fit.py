@@ -15,6 +15,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.descent import PATIENCE, STEPS, descend, difference_steps
 from onlinebayes.criticism.fitting.projection import Projected, project, row_weights
@@ -124,6 +125,12 @@ def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
             break
         found, crept = further, also
     return _descended(found, windows, hopeless, patience=STEPS)[0] if crept and found.converged else found
+
+
+def residual_correlation_time(fitted: Fit, windows: Windows) -> float:
+    """Correlation time tau of this fit's start-projected residual [s]; see :func:`.data.noise.tau`."""
+    long = project(windows, fitted.lin)
+    return tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 
 def _descended(begun: Fit, windows: Windows, hopeless: float, patience: int = PATIENCE) -> tuple[Fit, bool]:

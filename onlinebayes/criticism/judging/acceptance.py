@@ -1,4 +1,4 @@
-"""May this effect be added? Six rules, all of which must hold, the sixth for time effects; a failed one is put in words.
+"""May this effect be added? Six rules, all of which must hold, the sixth of time effects; each failed one in words.
 
 1. p of the maximum test below alpha, or that of the sign test: a gain in all B blocks, times the candidates that were
    tried, C 2^-B (Bonferroni). Screening is linear, and where contacts stick a straight line sees little of an effect.

@@ -19,11 +19,13 @@ import torch
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import APART, FEWEST
 from onlinebayes.criticism.fitting.fit import Fit
+from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.fitting.projection import row_weights, start_shift
 from onlinebayes.criticism.fitting.strays import best_starts
 from onlinebayes.criticism.judging.score import CrossValidated, parted
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict
+from onlinebayes.simulators.base import Simulator
 
 SAME = 0.01
 AT_FLOOR = 1.2
@@ -53,6 +55,17 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened:
     floor = windows.noise * max(1.0, 0.0 if math.isnan(error) or coarsened else error)
     names = [fitted.simulator.signals[c] for c in windows.columns]
     return dict(zip(names, (rms / floor).tolist(), strict=True))
+
+
+def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
+    """RMS over the floor by signal of a fitted model whose step may be coarser than the simulator's own.
+
+    Args:
+        grounds: the fitted model.
+        simulator: the base model at its own step.
+    """
+    coarsened = grounds.as_run or grounds.numerics.timestep > simulator.timestep
+    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened)
 
 
 def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:

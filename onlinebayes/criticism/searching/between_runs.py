@@ -21,12 +21,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.candidates.survey import correlation_of
 from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.fitting.descent import bounded_step
-from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.identifiability import covariance_of
 from onlinebayes.criticism.fitting.own import halves as halves_of_runs
 from onlinebayes.criticism.fitting.projection import project, replace_columns
@@ -171,7 +170,7 @@ def _judged(
         failed.append("all its values may be the same")
     if not _one_law(fitted, windows, columns, away, scores.tau):
         failed.append("its values differ within the runs, too")
-    if (count := independent_parts(windows, correlation_of(fitted, windows), selection.folds)) < FEWEST:
+    if (count := independent_parts(windows, residual_correlation_time(fitted, windows), selection.folds)) < FEWEST:
         failed.append(f"what it leaves is slow: {count} independent blocks, not {FEWEST}")
     return Differing(address, p, fitted, scores, gain, falls, stage.blocks, tuple(failed))
 

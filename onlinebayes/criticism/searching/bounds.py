@@ -19,7 +19,7 @@ from onlinebayes.criticism.fitting.fit import Fit, fit
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import STANDARD_ERRORS, cross_validate, score_gain
-from onlinebayes.criticism.judging.verdict import rms_over_floor
+from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.stage import Stage
 from onlinebayes.measurements import Measurement
@@ -85,9 +85,7 @@ def excluded(
         settled = settle(
             model, measurement, selection.horizon_s, base.windows.noise, fitted.theta, before=base, fitted=fitted
         )
-        coarsened = settled.numerics.timestep > simulator.timestep
-        left = rms_over_floor(settled.fitted, settled.windows, settled.numerics, coarsened or settled.as_run)
-        if max(left.values(), default=0.0) <= selection.tolerance:
+        if max(left_over(settled, simulator).values(), default=0.0) <= selection.tolerance:
             found.append((gain.gain, Widened(name, simulator.parameters[name], wider, settled)))
     return max(found, key=lambda item: item[0])[1] if found else None
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import Judged
-from onlinebayes.criticism.judging.verdict import AT_FLOOR, halved, rms_over_floor
+from onlinebayes.criticism.judging.verdict import AT_FLOOR, halved, left_over
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.between_runs import Differing, beats, differing, with_own_values
 from onlinebayes.criticism.searching.stage import Stage
@@ -72,13 +72,8 @@ def changed(
     own = with_own_values(simulator, measurement.runs, best.address)
     model, noise = grown(own, effects), current.windows.noise
     settled = settle(model, measurement, selection.horizon_s, noise, best.fitted.theta, current, best.fitted)
-    before, after = (_left(grounds, simulator) for grounds in (current, settled))
+    before, after = (left_over(grounds, simulator) for grounds in (current, settled))
     worst = max(after.values(), default=0.0)
     equals = tuple(one.address for one in admissible[1:] if not beats(best, one.scores, step))
     enough = worst <= AT_FLOOR or halved(before, after)
     return Changed(own, best, equals, settled, worst <= selection.tolerance, enough)
-
-
-def _left(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
-    coarsened = grounds.numerics.timestep > simulator.timestep
-    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened or grounds.as_run)

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 import torch
 
 from onlinebayes.criticism.candidates.longer import longer
-from onlinebayes.criticism.candidates.survey import Screened, Survey, correlation_of, survey
+from onlinebayes.criticism.candidates.survey import Screened, Survey, survey
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, independent_parts, make_blocks
-from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.projection import misfit, project
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contained, judge
 from onlinebayes.criticism.judging.score import CrossValidated
@@ -57,7 +57,7 @@ Added = tuple[Stage, Judged]
 
 def blocks_for(fitted: Fit, windows: Windows, folds: int | None) -> Blocks:
     """The blocks that the correlation of this fit's residual allows."""
-    return make_blocks(windows, correlation_of(fitted, windows), folds)
+    return make_blocks(windows, residual_correlation_time(fitted, windows), folds)
 
 
 def run_stage(
@@ -166,7 +166,7 @@ def leaves_noise(fitted: Fit, windows: Windows, tolerance: float) -> bool:
 
 def if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
-    count = independent_parts(windows, correlation_of(judged.fitted, windows), selection.folds)
+    count = independent_parts(windows, residual_correlation_time(judged.fitted, windows), selection.folds)
     if count >= FEWEST:
         return judged
     slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST}"

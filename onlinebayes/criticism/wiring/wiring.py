@@ -263,6 +263,7 @@ def _at_the_floor(grounds: Grounds | None, selection: Selection) -> bool:
     """Whether nothing but noise is left."""
     if grounds is None or not grounds.numerics.sufficient:
         return False
+    # A step that is fine enough is the simulator's own or as good: its error is floor only where it cannot be helped.
     rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, grounds.as_run)
     return max(rows.values()) <= selection.tolerance
 
