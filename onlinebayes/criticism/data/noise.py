@@ -20,8 +20,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.grid import RunGrid
-from onlinebayes.measurements import Signal
+from onlinebayes.criticism.data.grid import RunGrid, row_step, run_grids
+from onlinebayes.measurements import Measurement, Signal
 
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
 
@@ -68,6 +68,12 @@ def floors(signals: Sequence[Signal], grids: Sequence[RunGrid]) -> Float[Tensor,
         # A noise-free simulated record still has rounding: a floor of zero would divide by nothing.
         values.append(max(sd, quantum, 1e-9 * max(largest, 1e-3)))
     return torch.tensor(values, dtype=torch.float64)
+
+
+def measured_floors(measurement: Measurement) -> Float[Tensor, " S"]:
+    """Noise floor of each signal of a measurement [its unit], in the measurement's dtype and on its device."""
+    grids = run_grids(measurement, row_step(measurement))
+    return floors(measurement.signals, grids).to(measurement.data["signal"])
 
 
 def student_t(

@@ -102,6 +102,16 @@ class Windows:
         return self.observed.unflatten(1, (self.bins, self.bin_rows)).any(2)
 
     @property
+    def moving(self) -> Bool[Tensor, " W"]:
+        """Which windows hold an observation that is scored: in the others all joints rest."""
+        return self.observed.any(2).any(1)
+
+    @property
+    def free_starts(self) -> Bool[Tensor, "W J2"]:
+        """Which entries of the starts move: both of a joint that does."""
+        return torch.cat([self.free, self.free], -1)
+
+    @property
     def bin_noise(self) -> Float[Tensor, "W n S"]:
         """Sensor noise of each bin's average [SI]; of one row where nothing was observed."""
         count = self.observed.unflatten(1, (self.bins, self.bin_rows)).sum(2).clamp_min(1)

@@ -63,7 +63,7 @@ def make_blocks(windows: Windows, tau: float, folds: int | None = None) -> Block
         tau: correlation time of the current residual [s].
         folds: number of blocks asked for, or None; more than the data allow are not made.
     """
-    moving = windows.observed.any(2).any(1)
+    moving = windows.moving
     runs = torch.unique(windows.run[moving])
     W = windows.count
     if len(runs) >= FEWEST and (folds is None or folds >= len(runs)):
@@ -97,7 +97,7 @@ def flip_groups(windows: Windows, tau: float) -> Int[Tensor, " W"]:
         windows: the fit windows.
         tau: correlation time of the current residual [s].
     """
-    moving = windows.observed.any(2).any(1)
+    moving = windows.moving
     together = max(1, math.ceil(APART * tau / windows.horizon - 1e-9))
     count = max(1, min(MOST_GROUPS, int(moving.sum()) // together))
     order = moving.cumsum(0) - moving.long()

@@ -15,8 +15,7 @@ from dataclasses import replace
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.data.grid import row_step, run_grids
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
@@ -101,8 +100,7 @@ def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) 
 
 def _left(simulator: Simulator, fit_runs: Measurement, horizon: float) -> float:
     """What the model leaves when it is fitted [floors]; infinite where it diverges."""
-    noise = floors(fit_runs.signals, run_grids(fit_runs, row_step(fit_runs))).to(fit_runs.data["signal"])
     try:
-        return misfit(settle(simulator, fit_runs, horizon, noise).fitted.projected)
+        return misfit(settle(simulator, fit_runs, horizon, measured_floors(fit_runs)).fitted.projected)
     except BadInput:
         return math.inf

@@ -80,26 +80,14 @@ def project(
     seen, noise = windows.seen, windows.bin_noise
     n = windows.bins // pieces
     J2 = windows.start.shape[1]
-    scale = torch.where(seen, 1 / noise, torch.zeros_like(noise))
-    free = torch.cat([windows.free, windows.free], -1).to(scale)
-    looseness = start_looseness(windows)
-
-    def cut(rows: Tensor) -> Tensor:
-        """(W, bins, S, *) -> (W * pieces, n S, *)."""
-        return rows[:, : n * pieces].unflatten(1, (pieces, n)).flatten(0, 1).flatten(1, 2)
-
-    scaled = cut(scale)
-    starts = torch.cat(
-        [
-            cut(lin.by_start * free[:, None, None, :]) * scaled[..., None],
-            torch.diag_embed(1 / looseness).repeat_interleave(pieces, 0),
-        ],
-        dim=1,
-    )
+    scale = _cut(torch.where(seen, 1 / noise, torch.zeros_like(noise)), pieces)
+    by_start = _cut(lin.by_start * windows.free_starts.to(noise)[:, None, None, :], pieces) * scale[..., None]
+    priors = torch.diag_embed(1 / start_looseness(windows)).repeat_interleave(pieces, 0)
+    starts = torch.cat([by_start, priors], dim=1)
     basis, triangle = torch.linalg.qr(starts)
     # A piece has a start of its own, about which the long window's prior says nothing beyond its width.
     shift = start_misfit(windows, lin.starts) if pieces == 1 else windows.start.new_zeros(starts.shape[0], J2)
-    residual = torch.cat([cut(lin.residual) * scaled, shift], dim=1)
+    residual = torch.cat([_cut(lin.residual, pieces) * scale, shift], dim=1)
     row_weight = row_weights(windows, weight, pieces)
     projected = Projected(
         (residual - (basis @ (basis.mT @ residual[..., None]))[..., 0]) * row_weight,
@@ -114,18 +102,22 @@ def project(
     return replace_columns(projected, windows, lin.by_theta, pieces)
 
 
+def _cut(by_bin: Float[Tensor, "W bins S ..."], pieces: int) -> Float[Tensor, "V nS ..."]:
+    """Every window's bins in so many pieces of n bins each, those that are over left out: V = W * pieces."""
+    n = by_bin.shape[1] // pieces
+    return by_bin[:, : n * pieces].unflatten(1, (pieces, n)).flatten(0, 1).flatten(1, 2)
+
+
 def row_weights(windows: Windows, weight: Float[Tensor, " S"], pieces: int = 1) -> Float[Tensor, "V m"]:
     """What each row in noise units counts: its signal's weight where it was observed, the mean one for the priors."""
-    n = windows.bins // pieces
-    seen = (windows.seen * weight)[:, : n * pieces].unflatten(1, (pieces, n)).flatten(0, 1).flatten(1, 2)
+    seen = _cut(windows.seen * weight, pieces)
     return torch.cat([seen, weight.mean().expand(len(seen), windows.start.shape[1])], dim=1)
 
 
 def start_looseness(windows: Windows) -> Float[Tensor, "W J2"]:
     """Prior sd of the starts [SI]; 1 for those of still joints, which are not freed."""
-    free = torch.cat([windows.free, windows.free], -1)
     prior_sd = START_LOOSENESS * windows.start_sd
-    return torch.where(free, prior_sd, torch.ones_like(prior_sd))
+    return torch.where(windows.free_starts, prior_sd, torch.ones_like(prior_sd))
 
 
 def start_misfit(windows: Windows, starts: Float[Tensor, "*batch W J2"]) -> Float[Tensor, "*batch W J2"]:
@@ -136,8 +128,7 @@ def start_misfit(windows: Windows, starts: Float[Tensor, "*batch W J2"]) -> Floa
 def noise_rows(windows: Windows, by_theta: Float[Tensor, "W n S C"], pieces: int = 1) -> Float[Tensor, "V m C"]:
     """Sensitivities as rows in noise units with the priors' rows (zero: theta does not move a start's prior)."""
     scale = torch.where(windows.seen, 1 / windows.bin_noise, torch.zeros_like(windows.bin_noise))
-    n = windows.bins // pieces
-    rows = (by_theta * scale[..., None])[:, : n * pieces].unflatten(1, (pieces, n)).flatten(0, 1).flatten(1, 2)
+    rows = _cut(by_theta * scale[..., None], pieces)
     return torch.cat([rows, rows.new_zeros(rows.shape[0], windows.start.shape[1], rows.shape[2])], dim=1)
 
 
@@ -153,11 +144,10 @@ def start_shift(
 ) -> Float[Tensor, "W J2"]:
     """How the starts move when theta moves by ``step``: the least-squares starts of the linearised replay."""
     rows = noise_rows(windows, lin.residual[..., None] - (lin.by_theta @ step)[..., None])[..., 0]
-    free = torch.cat([windows.free, windows.free], -1)
     rows[:, -windows.start.shape[1] :] = start_misfit(windows, lin.starts)
     right = projected.basis.mT @ rows[..., None]
     shift = torch.linalg.solve_triangular(projected.triangle, right, upper=True)[..., 0]
-    return torch.where(free, shift, torch.zeros_like(shift))
+    return torch.where(windows.free_starts, shift, torch.zeros_like(shift))
 
 
 def signal_rms(projected: Projected) -> Float[Tensor, " S"]:

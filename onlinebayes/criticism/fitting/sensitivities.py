@@ -65,7 +65,7 @@ def linearise(
     steps = parameter_steps(simulator, theta, largest)
     P, world = len(theta), together(simulator).to(theta.device)
     Q = int(world.max()) + 1 if P else 0
-    moving = torch.cat([windows.free, windows.free], -1).any(0).nonzero()[:, 0]
+    moving = windows.free_starts.any(0).nonzero()[:, 0]
     F = len(moving)
     moved_starts = torch.cat([moved_one_by_one(windows, starts)[1 + moving], starts.expand(Q + 1, *starts.shape)])
     for _ in range(SHORTER):

@@ -73,7 +73,7 @@ def parts_of_runs(windows: Windows, owner: Int[Tensor, " W"], tau: float) -> Int
         owner: whose windows they are.
         tau: correlation time of the residual [s].
     """
-    moving = windows.observed.any(2).any(1)
+    moving = windows.moving
     together = max(1, math.ceil(APART * tau / windows.horizon - 1e-9))
     parts, first = torch.zeros_like(owner), 0
     for who in torch.unique(owner):

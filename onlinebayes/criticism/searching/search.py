@@ -10,8 +10,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.grid import row_step, run_grids
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.fitting.blocks import FEWEST, make_blocks
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import choose
@@ -105,8 +104,7 @@ class _Asked:
 
 def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
     """The base model fitted, with the noise floor of the fit runs."""
-    noise = floors(measurement.signals, run_grids(measurement, row_step(measurement)))
-    return settle(simulator, measurement, selection.horizon_s, noise.to(measurement.data["signal"]))
+    return settle(simulator, measurement, selection.horizon_s, measured_floors(measurement))
 
 
 def enough(base: Grounds, selection: Selection) -> bool:

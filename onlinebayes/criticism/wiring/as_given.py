@@ -8,8 +8,7 @@ The starts are not fitted yet, so that r may be larger than what the fitted mode
 from __future__ import annotations
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.data.grid import row_step, run_grids
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.replaying.ladder import ladder
 from onlinebayes.criticism.replaying.replay import replay
@@ -29,7 +28,7 @@ def as_given(simulator: Simulator, measurement: Measurement, selection: Selectio
     Raises:
         BadInput: the measurement does not suit the simulator.
     """
-    noise = floors(measurement.signals, run_grids(measurement, row_step(measurement))).to(measurement.data["signal"])
+    noise = measured_floors(measurement)
     coarse = ladder(simulator, selection.horizon_s)[0].of(simulator)
     windows = make_windows(coarse, measurement, selection.horizon_s, MEMORY * selection.horizon_s, noise)
     nominal = coarse.parameters.clamp(coarse.nominal.to(noise))

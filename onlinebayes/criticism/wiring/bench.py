@@ -10,9 +10,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.grid import row_step, run_grids
 from onlinebayes.criticism.data.motion import seen_by
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.data.windows import Windows, joint_names, make_windows
 from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.fitting.numerics import Grounds
@@ -129,8 +128,7 @@ class Bench:
 
     def floor(self, fault: Fault) -> Float[Tensor, " S"]:
         """The floor that the table has once the fault is put right [SI]."""
-        mended = fault.mended(self.measurement)
-        return floors(mended.signals, run_grids(mended, row_step(mended))).to(self.base.windows.noise)
+        return measured_floors(fault.mended(self.measurement)).to(self.base.windows.noise)
 
     def carried(self, fault: Fault) -> Float[Tensor, " S"]:
         """The table's floor as it stands, put right like the table [SI]: what errors are counted in."""

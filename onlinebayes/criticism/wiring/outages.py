@@ -121,7 +121,7 @@ def sudden(base: Grounds, coarse: Simulator, windows: Windows) -> bool:
 
 def _moving(windows: Windows) -> Windows:
     """Those in which something is scored: where all joints rest no model errs, and of many such the median is zero."""
-    return windows.select(torch.nonzero(windows.observed.any(2).any(1))[:, 0])
+    return windows.select(torch.nonzero(windows.moving)[:, 0])
 
 
 def _starts(base: Grounds, coarse: Simulator) -> tuple[Float[Tensor, " P"], ...]:
