@@ -32,7 +32,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 
-def halves(windows: Windows, of: Int[Tensor, " W"]) -> Int[Tensor, " W"]:
+def run_halves(windows: Windows, of: Int[Tensor, " W"]) -> Int[Tensor, " W"]:
     """0 in the first half of each run's windows of each block ``of``, 1 in the second."""
     half = torch.zeros_like(of)
     for block in torch.unique(of):
@@ -52,7 +52,7 @@ def lent(
         windows, blocks: what was fitted, and its blocks.
         without: theta_-b (see ``blocks.leave_one_out``), in which own values without other data stand as fitted.
     """
-    simulator, half = fitted.simulator, halves(windows, blocks.of)
+    simulator, half = fitted.simulator, run_halves(windows, blocks.of)
     both = without.expand(2, *without.shape).clone()
     if not isinstance(simulator, ScopedSimulator):
         return both, half
@@ -118,7 +118,7 @@ def held_out_model(
     """
     if not isinstance(simulator, ScopedSimulator) or not any(map(simulator.free_in, windows.runs)):
         return simulator, windows, theta
-    half = halves(windows, torch.zeros_like(windows.run))
+    half = run_halves(windows, torch.zeros_like(windows.run))
     names = tuple(run + suffix for run in windows.runs for suffix in HALVES)
     begin = tuple(instant for instant in windows.begin for _ in HALVES)
     pasts = tuple(past for past in windows.pasts for _ in HALVES)

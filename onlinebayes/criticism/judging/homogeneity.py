@@ -12,9 +12,10 @@ neighbourhood.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.motion import seen_by
@@ -37,18 +38,42 @@ def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, t
     size = fitted.theta[columns] - effect.neutral[first]
     if not bool(size.any()):
         return False
+    joint = effect.target if effect.target_kind == "joint" else None
+    return one_law(fitted, windows, columns, size, blocks.of, tau, joint)
+
+
+def one_law(
+    fitted: Fit,
+    windows: Windows,
+    columns: Sequence[int],
+    size: Float[Tensor, " C"],
+    parts: Int[Tensor, " W"],
+    tau: float,
+    joint: str | None = None,
+) -> bool:
+    """Whether the data ask for the same size of some parameters' deviations in every part and every half of the motion.
+
+    Args:
+        fitted, windows: the model and what it was fitted to.
+        columns: the parameters' places in theta.
+        size: by which they deviate from where they would be nothing [SI].
+        parts: number of the part of the data that each window belongs to, for the long horizon.
+        tau: correlation time of the residual [s].
+        joint: by whose motion the short windows are halved; see :func:`motion_halves`.
+    """
     spread = math.sqrt(max(tau / windows.bin_step, 1.0))
     long = project(windows, fitted.lin)
     rows, r = (size * long.columns[..., columns]).sum(-1), long.residual
     scale = float((r.square().sum() / (long.row_weight > 0).sum()).sqrt()) * spread
-    if not agree(blocks.sums((rows * r).sum(1)), blocks.sums(rows.square().sum(1)), scale):
+    empty = rows.new_zeros(int(parts.max()) + 1)
+    cross, square = (empty.index_add(0, parts, x.sum(1)) for x in (rows * r, rows.square()))
+    if not agree(cross, square, scale):
         return False
     short = project(windows, fitted.lin, pieces=PIECES)
     rows = short.measured_rows((size * short.columns[..., columns]).sum(-1))
     r = short.measured_rows(short.residual)
     scale = float((r.square().sum() / short.seen().sum()).sqrt()) * spread
-    joint = effect.target if effect.target_kind == "joint" else None
-    for half in halves(fitted, windows, joint):
+    for half in motion_halves(fitted, windows, joint):
         masks = torch.stack([half, ~half]) & short.seen()
         cross, square = ((x * masks).sum((1, 2, 3)) for x in (rows * r, rows.square()))
         if not agree(cross, square, scale):
@@ -91,7 +116,7 @@ def between_sd(alpha: Float[Tensor, " G"], w: Float[Tensor, " G"]) -> float:
     return math.sqrt(max(0.0, (q - (len(alpha) - 1)) / c)) if c > 0 else 0.0
 
 
-def halves(fitted: Fit, windows: Windows, joint: str | None = None) -> list[Bool[Tensor, "V n S"]]:
+def motion_halves(fitted: Fit, windows: Windows, joint: str | None = None) -> list[Bool[Tensor, "V n S"]]:
     """The three ways to halve the short windows' bins: by the sign of v, by abs(v), by q.
 
     An effect at a joint is halved by that ``joint``'s motion, one at an actuator by each signal's own joint. What was

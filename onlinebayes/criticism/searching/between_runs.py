@@ -27,13 +27,12 @@ from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, independent_par
 from onlinebayes.criticism.fitting.descent import bounded_step
 from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.identifiability import covariance_of
-from onlinebayes.criticism.fitting.own import halves as halves_of_runs
+from onlinebayes.criticism.fitting.own import run_halves
 from onlinebayes.criticism.fitting.projection import project, replace_columns
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.contrasts import contrast_p_values
-from onlinebayes.criticism.judging.homogeneity import agree, halves
+from onlinebayes.criticism.judging.homogeneity import one_law
 from onlinebayes.criticism.judging.score import (
-    PIECES,
     STANDARD_ERRORS,
     CrossValidated,
     Gain,
@@ -183,21 +182,5 @@ def _clear(fitted: Fit, blocks: Blocks, columns: list[int], away: Float[Tensor, 
 
 def _one_law(fitted: Fit, windows: Windows, columns: list[int], away: Float[Tensor, " R"], correlation: float) -> bool:
     """Whether each run's deviation holds in both halves of it, and in every half of its motion."""
-    spread = max(correlation / windows.bin_step, 1.0) ** 0.5
-    long = project(windows, fitted.lin)
-    rows, r = long.columns[..., columns] @ away, long.residual
-    scale = float((r.square().sum() / (long.row_weight > 0).sum()).sqrt()) * spread
-    part = 2 * windows.run + halves_of_runs(windows, torch.zeros_like(windows.run))
-    empty = rows.new_zeros(2 * len(windows.runs))
-    cross, square = (empty.index_add(0, part, x.sum(1)) for x in (rows * r, rows.square()))
-    if not agree(cross, square, scale):
-        return False
-    short = project(windows, fitted.lin, pieces=PIECES)
-    rows, r = short.measured_rows(short.columns[..., columns] @ away), short.measured_rows(short.residual)
-    scale = float((r.square().sum() / short.seen().sum()).sqrt()) * spread
-    for half in halves(fitted, windows):
-        masks = torch.stack([half, ~half]) & short.seen()
-        cross, square = ((x * masks).sum((1, 2, 3)) for x in (rows * r, rows.square()))
-        if not agree(cross, square, scale):
-            return False
-    return True
+    parts = 2 * windows.run + run_halves(windows, torch.zeros_like(windows.run))
+    return one_law(fitted, windows, columns, away, parts, correlation)
