@@ -18,11 +18,10 @@ from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.candidates.survey import Screened, survey
 from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.judging.acceptance import judge
 from onlinebayes.criticism.judging.score import cross_validate, score_gain
 from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Numerics, Selection
-from onlinebayes.criticism.searching.stage import PROMISING, Added, Stage, if_slow
+from onlinebayes.criticism.searching.stage import PROMISING, Added, Stage, judged_in
 from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators.effects import Effect
@@ -93,9 +92,7 @@ def _judged(
         p = next((s.p_value for s in found.screened if s.effect.key == one.effect.key), None)
         if p is None:  # the others do all that it does
             return []
-        tried = len(found.screened)
-        verdict = judge(one.effect, p, together, found.scores, windows, found.blocks, numerics, selection.alpha, tried)
-        verdict = if_slow(verdict, windows, selection) if found.slow else verdict
+        verdict = judged_in(found, one.effect, p, together, numerics, selection, selection.alpha)
         if not verdict.admissible:
             return []
         added.append((Stage(others, windows, found.blocks, found.scores, found.screened, (verdict,)), verdict))

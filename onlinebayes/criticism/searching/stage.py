@@ -130,7 +130,6 @@ def judged_stage(
 ) -> Stage:
     """The round in which these candidates are refitted and judged."""
     judged: list[Judged] = []
-    tried = len(found.screened)
     for k, candidate in enumerate(refits, 1):
         if interrupt is not None and interrupt.requested:
             break
@@ -144,8 +143,7 @@ def judged_stage(
             continue
         p = candidate.p_value or 0.0
         level = EVERY_P if explains(found.current, fitted, found.windows, selection) else selection.alpha
-        one = judge(effect, p, fitted, found.scores, found.windows, found.blocks, numerics, level, tried)
-        judged.append(if_slow(one, found.windows, selection) if found.slow else one)
+        judged.append(judged_in(found, effect, p, fitted, numerics, selection, level))
     return Stage(found.current, found.windows, found.blocks, found.scores, found.screened, tuple(judged))
 
 
@@ -164,7 +162,30 @@ def leaves_noise(fitted: Fit, windows: Windows, tolerance: float) -> bool:
     return misfit(project(windows, fitted.lin)) <= tolerance
 
 
-def if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
+def judged_in(
+    found: Survey,
+    effect: Effect,
+    p_value: float,
+    fitted: Fit,
+    numerics: Numerics,
+    selection: Selection,
+    level: float,
+) -> Judged:
+    """One effect of a survey, refitted, under all rules; where its model's residual is slow, under one more.
+
+    Args:
+        found: the model without the effect, all candidates screened.
+        effect, p_value: the effect, and its p of the screening.
+        fitted: the model with it.
+        numerics, selection: of the integration step, and how effects are judged.
+        level: which p must stay below.
+    """
+    windows, tried = found.windows, len(found.screened)
+    judged = judge(effect, p_value, fitted, found.scores, windows, found.blocks, numerics, level, tried)
+    return _if_slow(judged, windows, selection) if found.slow else judged
+
+
+def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
     count = independent_parts(windows, residual_correlation_time(judged.fitted, windows), selection.folds)
     if count >= FEWEST:
