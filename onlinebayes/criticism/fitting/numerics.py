@@ -78,46 +78,62 @@ def settle(
         fitted: a fit of this model to those grounds' windows, if there is one.
         soft_friction: dry friction as the engine has it from the first rung on.
     """
+    trial, afar = Trial(simulator, measurement, horizon), begin is None
+    rungs = _rungs(ladder(simulator, horizon), before, soft_friction)
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
-    rungs, afar = ladder(simulator, horizon), begin is None
-    if before is not None:
-        rungs = _from(before.rung, rungs)
-    elif soft_friction:
-        rungs = [replace(rung, soft_friction=True) for rung in rungs]
     for rung in rungs:
-        if grounds is not None and rung != rungs[-1] and _too_coarse(simulator, grounds, rung):
+        last, first = rung == rungs[-1], grounds is None
+        if grounds is not None and not last and _too_coarse(simulator, grounds, rung):
             continue
-        stepped = rung.of(simulator)
+        stepped, same = rung.of(simulator), before if before is not None and rung == before.rung else None
+        known = fitted if same is not None else None
         try:
-            if before is not None and rung == before.rung:
-                windows = before.windows
-            else:
-                windows, fitted = make_windows(stepped, measurement, horizon, MEMORY * horizon, noise), None
+            windows = same.windows if same else make_windows(stepped, measurement, horizon, MEMORY * horizon, noise)
             begin = starting_theta(stepped, windows) if begin is None else begin
             if starts is not None and starts.shape != windows.start.shape:
                 starts = None  # a finer clock fits another window into a run
-            here = fitted or unfitted(stepped, windows, begin, starts=starts)
+            here = known or unfitted(stepped, windows, begin, starts=starts)
         except BadInput:
             # Too coarse a step may not fit the windows, or make the model diverge; a finer one follows.
-            if rung == rungs[-1] and grounds is None:
+            if last and first:
                 raise
             continue
-        numerics, shift = check(simulator, measurement, windows, here)
+        grounds = _checked(trial, rung, windows, here)
         # A fit only lowers the residual: numerics that matter before it matter after it, and the rung is passed by.
-        first = before is None and grounds is None
-        if fitted is None and (numerics.sufficient or first or rung == rungs[-1]):
-            here = improve(here, windows)
-            if first and afar:
-                here = woken(from_elsewhere(here, windows, begin), windows)
-            if numerics.error_at_quarter_step >= NOTHING or _leaves_out(simulator, measurement, windows, here):
-                numerics, shift = check(simulator, measurement, windows, here)
-        begin, starts = here.theta, here.lin.starts
-        grounds = Grounds(windows, here, numerics, rung, shift)
-        if numerics.sufficient:
+        first = first and before is None
+        if known is None and (grounds.numerics.sufficient or first or last):
+            grounds = _improved(trial, grounds, begin if first and afar else None)
+        begin, starts = grounds.fitted.theta, grounds.fitted.lin.starts
+        if grounds.numerics.sufficient:
             break
     assert grounds is not None
-    return _as_run(simulator, measurement, horizon, grounds)
+    return _as_run(trial, grounds)
+
+
+def _rungs(rungs: Sequence[Rung], before: Grounds | None, soft_friction: bool) -> list[Rung]:
+    """The ladder from the rung of the grounds before on, with their friction; all of it without any."""
+    if before is not None:
+        return _from(before.rung, rungs)
+    return [replace(rung, soft_friction=True) for rung in rungs] if soft_friction else list(rungs)
+
+
+def _checked(trial: Trial, rung: Rung, windows: Windows, fitted: Fit) -> Grounds:
+    """A fit on one rung, with how fine that is."""
+    numerics, shift = check(trial.simulator, trial.measurement, windows, fitted)
+    return Grounds(windows, fitted, numerics, rung, shift)
+
+
+def _improved(trial: Trial, grounds: Grounds, begun: Float[Tensor, " P"] | None) -> Grounds:
+    """The model fitted to convergence on the same rung; from elsewhere too where ``begun`` is a searched theta [SI]."""
+    windows = grounds.windows
+    fitted = improve(grounds.fitted, windows)
+    if begun is not None:
+        fitted = woken(from_elsewhere(fitted, windows, begun), windows)
+    matters = grounds.numerics.error_at_quarter_step >= NOTHING
+    if matters or _leaves_out(trial.simulator, trial.measurement, windows, fitted):
+        return _checked(trial, grounds.rung, windows, fitted)
+    return replace(grounds, fitted=fitted)
 
 
 def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
@@ -126,19 +142,19 @@ def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
     return rungs[rungs.index(first) :] if first in rungs else [first, *rungs]
 
 
-def _as_run(simulator: Simulator, measurement: Measurement, horizon: float, grounds: Grounds) -> Grounds:
+def _as_run(trial: Trial, grounds: Grounds) -> Grounds:
     """These grounds, or those of the model run more like its own: see :mod:`.as_run`."""
-    judged = AsRun(grounds.rung, grounds.windows, grounds.fitted)
-    found = as_run(Trial(simulator, measurement, horizon), judged)
+    found = as_run(trial, AsRun(grounds.rung, grounds.windows, grounds.fitted))
     if found is None:
         return grounds
     if found.rung == replace(grounds.rung, soft_friction=True):
         # Less is left, and what is soft asks for another step.
-        return settle(simulator, measurement, horizon, found.windows.noise, found.fitted.theta, soft_friction=True)
-    numerics, shift = check(simulator, measurement, found.windows, found.fitted)
+        noise, begin = found.windows.noise, found.fitted.theta
+        return settle(trial.simulator, trial.measurement, trial.horizon, noise, begin, soft_friction=True)
+    own = _checked(trial, found.rung, found.windows, found.fitted)
     # The parameters are those of this step: what a finer one would make of them is no doubt about them.
-    certain, numerics = torch.zeros_like(shift), replace(numerics, sufficient=True)
-    return Grounds(found.windows, found.fitted, numerics, found.rung, certain, as_run=True)
+    certain, numerics = torch.zeros_like(own.shift), replace(own.numerics, sufficient=True)
+    return replace(own, numerics=numerics, shift=certain, as_run=True)
 
 
 def check(

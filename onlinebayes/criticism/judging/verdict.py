@@ -13,6 +13,8 @@ equals in explaining little: none of them is what is missing.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import torch
 
@@ -73,20 +75,9 @@ def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:
     return abs(a.rms_long - b.rms_long) < SAME * min(a.rms_long, b.rms_long) or not parted(a, b, bin_step)
 
 
-def decide(
-    enough: bool,
-    undecided: bool,
-    numerics: Numerics,
-    accepted: int,
-    tie: bool,
-    bounds: bool,
-    before: dict[str, float],
-    after: dict[str, float],
-    tolerance: float,
-    miswired: bool = False,
-    changed: bool = False,
-) -> Verdict:
-    """The first verdict that applies.
+@dataclass(frozen=True)
+class Evidence:
+    """What the verdict rests on.
 
     Args:
         enough: whether joints move, for at least 7 windows.
@@ -95,30 +86,49 @@ def decide(
         accepted: number of accepted effects.
         tie: whether the first of them can be swapped.
         bounds: whether a bound was found to exclude the truth.
-        before, after: rms_over_floor of the base and the final model.
-        tolerance: up to which a model is adequate.
+        before, after: RMS over the floor of the base and the final model, by signal.
         miswired: whether a wiring fault explains the misfit.
         changed: whether a parameter was given a value in every run.
     """
-    if miswired:
+
+    enough: bool
+    undecided: bool
+    numerics: Numerics
+    accepted: int
+    tie: bool
+    bounds: bool
+    before: Mapping[str, float]
+    after: Mapping[str, float]
+    miswired: bool = False
+    changed: bool = False
+
+
+def decide(found: Evidence, tolerance: float) -> Verdict:
+    """The first verdict that applies.
+
+    Args:
+        found: what it rests on.
+        tolerance: RMS over the floor up to which a model is adequate.
+    """
+    if found.miswired:
         return "data_problem"
-    if not enough or (undecided and not accepted):
+    if not found.enough or (found.undecided and not found.accepted):
         return "insufficient_data"
-    worst = max(after.values(), default=0.0)
-    if not numerics.sufficient:
+    worst = max(found.after.values(), default=0.0)
+    if not found.numerics.sufficient:
         # Where the integrator errs by less than the noise and no more than noise is left, nothing can be missing.
-        quiet = not accepted and worst <= tolerance and numerics.error_at_quarter_step <= 1.0
+        quiet = not found.accepted and worst <= tolerance and found.numerics.error_at_quarter_step <= 1.0
         return "adequate" if quiet else "unexplained"
-    if bounds:
+    if found.bounds:
         return "bounds_exclude_truth"
-    if accepted:
-        explains = halved(before, after) or worst <= AT_FLOOR
-        return ("tie" if tie else "missing_effect") if explains else "unexplained"
+    if found.accepted:
+        explains = halved(found.before, found.after) or worst <= AT_FLOOR
+        return ("tie" if found.tie else "missing_effect") if explains else "unexplained"
     # A change of a parameter is no effect, and a model that lacks it does not agree with the measurements.
-    return "adequate" if worst <= tolerance and not changed else "unexplained"
+    return "adequate" if worst <= tolerance and not found.changed else "unexplained"
 
 
-def halved(before: dict[str, float], after: dict[str, float]) -> bool:
+def halved(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
     """Whether at least half of the squared error above the floor is gone; by signal, in floors."""
     excess, left = (sum(max(0.0, value**2 - 1) for value in errors.values()) for errors in (before, after))
     return left <= 0.5 * excess

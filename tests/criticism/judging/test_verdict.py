@@ -4,26 +4,42 @@ import pytest
 import torch
 
 from onlinebayes.criticism.judging.score import CrossValidated
-from onlinebayes.criticism.judging.verdict import decide, tied
+from onlinebayes.criticism.judging.verdict import Evidence, decide, tied
 from onlinebayes.criticism.results import Numerics
 
 FINE = Numerics(0.01, 0.0, True)
 
 
+def verdict_of(
+    before: float,
+    after: float,
+    *,
+    enough: bool = True,
+    undecided: bool = False,
+    numerics: Numerics = FINE,
+    accepted: int = 0,
+    tie: bool = False,
+    bounds: bool = False,
+    miswired: bool = False,
+) -> str:
+    """The verdict on one signal's errors [floors]."""
+    errors = {"q": before}, {"q": after}
+    return decide(Evidence(enough, undecided, numerics, accepted, tie, bounds, *errors, miswired), 1.2)
+
+
 def test_a_bound_comes_before_a_tie_and_after_too_little_data() -> None:
-    assert decide(True, False, FINE, 1, True, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "bounds_exclude_truth"
-    assert decide(False, False, FINE, 0, False, True, {"q": 5.0}, {"q": 1.0}, 1.2) == "insufficient_data"
+    assert verdict_of(5.0, 1.0, accepted=1, tie=True, bounds=True) == "bounds_exclude_truth"
+    assert verdict_of(5.0, 1.0, enough=False, bounds=True) == "insufficient_data"
 
 
 def test_equals_in_explaining_little_are_no_tie() -> None:
-    assert decide(True, False, FINE, 1, True, False, {"q": 9.0}, {"q": 4.0}, 1.2) == "tie"
-    assert decide(True, False, FINE, 1, True, False, {"q": 9.0}, {"q": 8.0}, 1.2) == "unexplained"
+    assert verdict_of(9.0, 4.0, accepted=1, tie=True) == "tie"
+    assert verdict_of(9.0, 8.0, accepted=1, tie=True) == "unexplained"
 
 
 def test_a_wiring_fault_comes_before_everything() -> None:
     for enough, bounds in ((False, False), (True, True)):
-        verdict = decide(enough, False, FINE, 0, False, bounds, {"q": 5.0}, {"q": 5.0}, 1.2, miswired=True)
-        assert verdict == "data_problem"
+        assert verdict_of(5.0, 5.0, enough=enough, bounds=bounds, miswired=True) == "data_problem"
 
 
 @pytest.mark.parametrize(
@@ -44,8 +60,8 @@ def test_a_wiring_fault_comes_before_everything() -> None:
 )
 def test_the_first_that_applies(enough, undecided, fine, accepted, tie, before, after, verdict) -> None:
     numerics = replace(FINE, sufficient=fine)
-    before, after = {"q": before}, {"q": after}
-    assert decide(enough, undecided, numerics, accepted, tie, False, before, after, 1.2) == verdict
+    found = verdict_of(before, after, enough=enough, undecided=undecided, numerics=numerics, accepted=accepted, tie=tie)
+    assert found == verdict
 
 
 def scores(density: list[float], rms: float, tau: float = 0.5) -> CrossValidated:

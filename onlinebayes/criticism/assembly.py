@@ -1,0 +1,212 @@
+"""The answer put together: what the fit runs say, the held-out runs opened once, and what a reader should know.
+
+found in the fit runs -> verdict -> both models replayed over all runs -> error over the held-out runs -> notes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import torch
+
+from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.detail import Detail
+from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
+from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
+from onlinebayes.criticism.findings.fit_notes import fit_notes
+from onlinebayes.criticism.findings.log_notes import log_notes
+from onlinebayes.criticism.findings.opening import opened
+from onlinebayes.criticism.findings.ranking import rank, steps
+from onlinebayes.criticism.fitting.blocks import Blocks
+from onlinebayes.criticism.fitting.fit import residual_correlation_time
+from onlinebayes.criticism.fitting.heldout import replay_runs
+from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.criticism.fitting.numerics import Grounds
+from onlinebayes.criticism.judging.held_starts import starts_note
+from onlinebayes.criticism.judging.localise import failures
+from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
+from onlinebayes.criticism.replaying.ladder import Rung
+from onlinebayes.criticism.results import (
+    Candidate,
+    Criticism,
+    FittedModel,
+    FlatDirection,
+    HeldOutError,
+    Remainder,
+    ReplayedRun,
+)
+from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.stage import blocks_for
+from onlinebayes.criticism.searching.ties import alternatives
+from onlinebayes.criticism.task import Task
+from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.criticism.wiring.late_starts import windows_to_replay
+from onlinebayes.criticism.wiring.wiring import Suspicion
+
+Question = Literal["compare", "diagnose", "refine"]
+
+
+@dataclass(frozen=True)
+class _Opened:
+    """Both models replayed over all runs, and the error over the held-out ones.
+
+    Args:
+        base, final: the base model and the accepted one (the same object where nothing was accepted).
+        step: with which both are integrated [s].
+        held: windows of the held-out runs at every row.
+        error, detail: of both models over them.
+    """
+
+    base: FittedModel
+    final: FittedModel
+    step: float
+    held: Windows
+    error: HeldOutError
+    detail: Detail
+
+
+def assemble(question: Question, task: Task, found: Found, fault: Suspicion | None, stopwatch: Stopwatch) -> Criticism:
+    """The answer to a question.
+
+    Args:
+        question: which command asks.
+        task: the model and the runs.
+        found: what the search found in the fit runs.
+        fault: the wiring fault that explains more, if one does.
+        stopwatch: takes the stages, and has timed the earlier ones.
+    """
+    simulator, selection, base, final = task.simulator, task.selection, found.base, found.final
+    units = {signal.name: signal.unit for signal in task.fit_runs.signals}
+    signals = tuple(units)
+    blocks = blocks_for(base.fitted, base.windows, selection.folds)
+    stopwatch("comparing with its equals" if found.accepted else "weighing what is left")
+    equal = alternatives(found.simulator(simulator), found, selection.folds)
+    evidence = _evidence(question, task, found, fault, equal)
+    verdict = decide(evidence, selection.tolerance)
+    stopwatch("opening the held-out runs")
+    models = _opened(task, found, blocks, units)
+    candidates = rank(found, equal, models.final.parameters)
+    return Criticism(
+        command=question,
+        verdict=verdict,
+        accepted=tuple(judged.effect.key for _, judged in found.accepted),
+        remainder=_remainder(final, evidence.after, units, selection.tolerance),
+        heldout_error=models.error,
+        steps=steps(found),
+        candidates=candidates,
+        candidates_tried=len(found.effects),
+        holdout_looks=1,
+        failures=failures(base.fitted, base.windows, units),
+        parameters=models.final.parameters,
+        flat_directions=_flat(final),
+        numerics=final.numerics,
+        base=models.base,
+        final=models.final,
+        signals=signals,
+        commands=tuple(simulator.commands),
+        units=units,
+        sensor_sd=dict(zip(signals, base.windows.noise.tolist(), strict=True)),
+        selection=selection,
+        what_to_record=_what_to_record(base, blocks) if verdict == "insufficient_data" else "",
+        interrupted=found.interrupted,
+        notes=_notes(task, found, models, candidates, units),
+        widened=widened_bounds(found),
+        detail=models.detail,
+        timings=stopwatch.timings(),
+        wiring=None if fault is None else wiring_of(fault),
+        changes=parameter_changes(found, models.final.parameters),
+    )
+
+
+def _evidence(
+    question: Question, task: Task, found: Found, fault: Suspicion | None, equal: Mapping[str, tuple[str, ...]]
+) -> Evidence:
+    """What the verdict rests on."""
+    before, after = (left_over(grounds, task.simulator) for grounds in (found.base, found.final))
+    return Evidence(
+        enough=found.enough,
+        undecided=found.undecided,
+        numerics=found.base.numerics,
+        accepted=len(found.accepted),
+        tie=bool(found.accepted and equal[found.accepted[0][1].effect.key]),
+        bounds=found.widened is not None,
+        before=before,
+        after=after,
+        miswired=fault is not None and (fault.certain or question != "compare"),
+        changed=bool(found.changes),
+    )
+
+
+def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> _Opened:
+    """The held-out runs opened; ``blocks`` are the base model's."""
+    base, final, horizon = found.base, found.final, task.selection.horizon_s
+    # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
+    step = min(model.timestep for model in (task.simulator, base.fitted.simulator, final.fitted.simulator))
+    base_model = final_model = _model(base, step, blocks, task)
+    if final is not base:
+        final_model = _model(final, step, blocks_for(final.fitted, final.windows, task.selection.folds), task)
+    held = windows_to_replay(final_model.simulator, task.held_runs, final_model.theta, horizon, final.windows.noise)
+    return _Opened(base_model, final_model, step, held, *opened(base_model, final_model, held, tuple(units), units))
+
+
+def _model(grounds: Grounds, step: float, blocks: Blocks, task: Task) -> FittedModel:
+    """The fitted model integrated with ``step`` [s], with its replays at every row."""
+    fitted = grounds.fitted
+    model = Rung(step).of(fitted.simulator)
+    covariance = covariance_of(fitted, blocks) + torch.outer(grounds.shift, grounds.shift)
+    replays: list[ReplayedRun] = []
+    for runs, held_out in ((task.fit_runs, False), (task.held_runs, True)):
+        windows = windows_to_replay(model, runs, fitted.theta, task.selection.horizon_s, grounds.windows.noise)
+        replays += replay_runs(model, windows, fitted.theta, held_out)
+    return FittedModel(
+        model,
+        fitted.theta,
+        covariance,
+        estimates(fitted, covariance, blocks.count, _flat(grounds)),
+        tuple(effect.key for effect in model.effects),
+        tuple(replays),
+    )
+
+
+def _flat(grounds: Grounds) -> tuple[FlatDirection, ...]:
+    """The combinations of parameters that the fit runs do not determine."""
+    correlation = residual_correlation_time(grounds.fitted, grounds.windows)
+    return flat_directions(grounds.fitted, correlation, grounds.windows.bin_step)
+
+
+def _remainder(final: Grounds, after: Mapping[str, float], units: dict[str, str], tolerance: float) -> Remainder:
+    """What the final model leaves, and where."""
+    if max(after.values(), default=0.0) <= tolerance:
+        return Remainder("noise", after, "")
+    worst = failures(final.fitted, final.windows, units, most=1)
+    return Remainder("structured", after, worst[0].where if worst else "")
+
+
+def _what_to_record(base: Grounds, blocks: Blocks) -> str:
+    """What would decide; see :func:`.judging.verdict.what_to_record`."""
+    moves = bool(base.windows.observed.any())
+    return what_to_record(blocks.count, moves, base.windows, residual_correlation_time(base.fitted, base.windows))
+
+
+def _notes(
+    task: Task, found: Found, models: _Opened, candidates: tuple[Candidate, ...], units: dict[str, str]
+) -> tuple[str, ...]:
+    """What else a reader should know: of the task, the fit, the held-out runs and the log."""
+    parameters, simulator = models.final.parameters, task.simulator
+    return (
+        *task.notes,
+        *fit_notes(simulator, found, task.selection, parameters),
+        *(_carried_over(task, found, models, units) if found.accepted else ()),
+        *starts_note(models.final, models.held, models.error, task.selection.tolerance),
+        *log_notes(candidates, parameters, simulator.commands, tuple(units)),
+    )
+
+
+def _carried_over(task: Task, found: Found, models: _Opened, units: dict[str, str]) -> tuple[str, ...]:
+    """Notes on what was accepted and does not hold in the held-out runs."""
+    on_the_way = errors_on_the_way(found.accepted, models.step, task.held_runs, task.selection.horizon_s)
+    last = found.accepted[-1][1].effect.key
+    in_vain = in_vain_note(models.error.before, on_the_way, last, models.error.after, units)
+    return (*worse_runs_note(models.detail.windows, units), *in_vain)
