@@ -13,14 +13,18 @@ a tenth of a radian, are looked at as faults once effects explain them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+
+from jaxtyping import Float
+from torch import Tensor
 
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.localise import in_a_sentence
 from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import Found, ground, search
 from onlinebayes.criticism.wiring.as_given import as_given
 from onlinebayes.criticism.wiring.faults import Fault, misplaced
@@ -29,15 +33,15 @@ from onlinebayes.criticism.wiring.late_starts import delays
 from onlinebayes.criticism.wiring.shifts import late
 from onlinebayes.criticism.wiring.wiring import HALF, Leads, Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Interrupt
+from onlinebayes.runs import UNWATCHED, Watch
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import ActuatorDelay, Effect, SensorBias, SensorDelay
+from onlinebayes.simulators.effects import ActuatorDelay, SensorBias, SensorDelay
 
 MOST_LATE = 4  # signals that are tried as late in an actuator's place
 
 
 def suspect(
-    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
 ) -> Suspicion | None:
     """The wiring fault that explains the base model's misfit, if one does, no effect having been tried.
 
@@ -46,37 +50,30 @@ def suspect(
         simulator: the base model at its own step.
         measurement: the fit runs.
         selection: how faults are judged.
-        say: takes one line of progress.
+        watch: takes one line of progress.
     """
-    leads = look(base, simulator, measurement, selection, say)
+    leads = look(base, simulator, measurement, selection, watch)
     return leads.explain(selection) if leads is not None else None
 
 
-def inquire(
-    simulator: Simulator,
-    measurement: Measurement,
-    selection: Selection,
-    candidates: str | Sequence[str | Effect],
-    most: int,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None,
-) -> tuple[Found, Suspicion | None]:
+def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Found, Suspicion | None]:
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
     Arguments as :func:`onlinebayes.criticism.searching.search.search`. With a fault nothing is accepted and no
     bound widened: the final model is the base model.
     """
+    measurement, selection, watch = context.measurement, context.selection, context.watch
     if first := as_given(simulator, measurement, selection):
-        say(first)
-    say("fitting the base model")
+        watch.say(first)
+    watch.say("fitting the base model")
     base = ground(simulator, measurement, selection)
     if bool(base.windows.observed.any()):
         units = {signal.name: signal.unit for signal in measurement.signals}
-        say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
-    wiring = _Wiring(base, simulator, measurement, selection, say, look(base, simulator, measurement, selection, say))
+        watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
+    wiring = _Wiring(base, simulator, context, look(base, simulator, measurement, selection, watch))
     if (fault := wiring.beyond_doubt) is not None:
         return Found(base, base, (), (), ()), fault
-    found = search(simulator, measurement, selection, candidates, most, say, interrupt, base)
+    found = search(simulator, context, most, base)
     fault, share = wiring.beside(found)
     if fault is not None and fault.beats(found.final, selection, share):
         return replace(found, final=base, accepted=(), widened=None, changes=()), fault
@@ -89,21 +86,19 @@ class _Wiring:
 
     Args:
         base: the base model fitted to the measurement as it stands.
-        simulator, measurement, selection, say: as in :func:`inquire`.
+        simulator, context: as in :func:`inquire`.
         leads: faults that were screened in; None where the base model errs by too little.
     """
 
     base: Grounds
     simulator: Simulator
-    measurement: Measurement
-    selection: Selection
-    say: Callable[[str], None]
+    context: SearchContext
     leads: Leads | None
 
     @cached_property
     def fault(self) -> Suspicion | None:
         """The screened fault that explains the misfit."""
-        return None if self.leads is None else self.leads.explain(self.selection)
+        return None if self.leads is None else self.leads.explain(self.context.selection)
 
     @cached_property
     def late(self) -> Suspicion | None:
@@ -111,7 +106,7 @@ class _Wiring:
         lead = None if self.leads is None else late_column(self.leads.bench)
         if self.leads is None or lead is None:
             return None
-        found = explained([lead], self.base, self.simulator, self.measurement, self.selection)
+        found = self._explained([lead])
         if found is None or not found.certain:
             return None
         finer = replace(self.leads.bench, rung=found.grounds.rung)
@@ -120,7 +115,8 @@ class _Wiring:
     @cached_property
     def outage(self) -> Suspicion | None:
         """Actuators that were off for parts of runs."""
-        return outages(self.base, self.simulator, self.measurement, self.selection, self.say)
+        context = self.context
+        return outages(self.base, self.simulator, context.measurement, context.selection, context.watch)
 
     @property
     def beyond_doubt(self) -> Suspicion | None:
@@ -136,7 +132,7 @@ class _Wiring:
     def beside(self, found: Found) -> tuple[Suspicion | None, float]:
         """The fault that may explain more than what was found, and what share of its error it must not exceed."""
         room = self.leads is not None and not found.interrupted
-        structured = room and _structured(found.final, self.simulator, self.selection)
+        structured = room and _structured(found.final, self.simulator, self.context.selection)
         # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
         asked = structured or (room and found.widened is not None)
         fault = self.fault if asked or (self.leads is not None and self.leads.overwhelming) else None
@@ -149,11 +145,15 @@ class _Wiring:
 
     def _of_the_log(self, found: Found) -> tuple[Suspicion | None, float]:
         """What the log may have done where effects explain it, and what share of their error it must not exceed."""
-        log, share = _faults_of_the_log(found, self.simulator, self.measurement, self.selection)
+        context = self.context
+        log, share = _faults_of_the_log(found, self.simulator, context.measurement, context.selection)
         if not log:
             return None, 1.0
-        leads = [(fault, self.base.fitted.theta) for fault in log]
-        return explained(leads, self.base, self.simulator, self.measurement, self.selection), share
+        return self._explained([(fault, self.base.fitted.theta) for fault in log]), share
+
+    def _explained(self, leads: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> Suspicion | None:
+        """What the best of these faults explains, each begun at its theta [SI]."""
+        return explained(leads, self.base, self.simulator, self.context.measurement, self.context.selection)
 
 
 def _faults_of_the_log(

@@ -7,26 +7,24 @@ held-out runs: opened once, for the reported error (see ``assembly``)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 from onlinebayes.criticism.assembly import Question, assemble
 from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough, ground
 from onlinebayes.criticism.slow_effects import adds_to
 from onlinebayes.criticism.task import Task, prepared
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.wiring.as_given import as_given
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Interrupt, one_torch_thread
+from onlinebayes.runs import Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
 Say = Callable[[str], None]
-
-
-def _stopped(interrupt: Interrupt | None) -> bool:
-    return interrupt is not None and interrupt.requested
 
 
 @one_torch_thread()
@@ -56,18 +54,19 @@ def compare(
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
     """
-    say = Stopwatch(progress or _silent)
+    stopwatch = Stopwatch(progress)
+    watch = Watch(stopwatch, interrupt)
     task = prepared(simulator, measurement, holdout, selection, scope)
     if first := as_given(task.simulator, task.fit_runs, task.selection):
-        say(first)
-    say("fitting the base model")
+        watch.say(first)
+    watch.say("fitting the base model")
     base = ground(task.simulator, task.fit_runs, task.selection)
-    fault = None if _stopped(interrupt) else suspect(base, task.simulator, task.fit_runs, task.selection, say)
-    found = Found(base, base, (), (), (), interrupted=_stopped(interrupt), enough=enough(base, task.selection))
-    if fault is None and not _stopped(interrupt) and (longer := task.slower(found, say)) is not None:
+    fault = None if watch.stopped else suspect(base, task.simulator, task.fit_runs, task.selection, watch)
+    found = Found(base, base, (), (), (), interrupted=watch.stopped, enough=enough(base, task.selection))
+    if fault is None and not watch.stopped and (longer := task.slower(found, watch)) is not None:
         task, base = task.over(longer), ground(task.simulator, task.fit_runs, longer)
         found = Found(base, base, (), (), ())
-    return assemble("compare", task, found, fault, say)
+    return assemble("compare", task, found, fault, stopwatch)
 
 
 @one_torch_thread()
@@ -88,9 +87,9 @@ def diagnose(
         candidates: ``"all"``, or effect names, ``name@target`` keys and effects with bounds of their own.
         interrupt: stops the search after the fit in hand; what was found until then is returned.
     """
-    say = Stopwatch(progress or _silent)
+    stopwatch = Stopwatch(progress)
     task = prepared(simulator, measurement, holdout, selection, scope)
-    return _searched("diagnose", task, candidates, 1, say, interrupt)
+    return _searched("diagnose", task, candidates, 1, stopwatch, interrupt)
 
 
 @one_torch_thread()
@@ -106,9 +105,9 @@ def refine(
     interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
-    say = Stopwatch(progress or _silent)
+    stopwatch = Stopwatch(progress)
     task = prepared(simulator, measurement, holdout, selection, scope)
-    return _searched("refine", task, candidates, MOST_EFFECTS, say, interrupt)
+    return _searched("refine", task, candidates, MOST_EFFECTS, stopwatch, interrupt)
 
 
 def _searched(
@@ -116,20 +115,17 @@ def _searched(
     task: Task,
     candidates: str | Sequence[str | Effect],
     most: int,
-    say: Stopwatch,
+    stopwatch: Stopwatch,
     interrupt: Interrupt | None,
 ) -> Criticism:
     """The answer after a search for at most so many effects."""
-    found, fault = inquire(task.simulator, task.fit_runs, task.selection, candidates, most, say, interrupt)
-    stopped = _stopped(interrupt)
-    if fault is None and not stopped and (longer := task.slower(found, say)) is not None:
-        again, late_fault = inquire(task.simulator, task.fit_runs, longer, candidates, most, say, interrupt)
+    watch = Watch(stopwatch, interrupt)
+    context = SearchContext(task.fit_runs, task.selection, candidates, watch)
+    found, fault = inquire(task.simulator, context, most)
+    if fault is None and not watch.stopped and (longer := task.slower(found, watch)) is not None:
+        again, late_fault = inquire(task.simulator, replace(context, selection=longer), most)
         if late_fault is None and adds_to(again, found, task.simulator, longer):
             task, found = task.over(longer), again
         else:
             task = task.unexplained_over(longer)
-    return assemble(question, task, found, fault, say)
-
-
-def _silent(line: str) -> None:
-    del line
+    return assemble(question, task, found, fault, stopwatch)

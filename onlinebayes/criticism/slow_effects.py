@@ -9,7 +9,6 @@ to the first one, and leaves noise or at most half of the squared error above it
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
@@ -22,7 +21,7 @@ from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import Found
 from onlinebayes.criticism.searching.stage import leaves_noise
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.base import Simulator
 
 MOST = 10.0  # times H
@@ -31,7 +30,7 @@ WINDOWS = 8  # in the fit runs' whole time T: seven blocks, and something to spa
 
 
 def slower(
-    simulator: Simulator, measurement: Measurement, selection: Selection, found: Found, say: Callable[[str], None]
+    simulator: Simulator, measurement: Measurement, selection: Selection, found: Found, watch: Watch = UNWATCHED
 ) -> Selection | None:
     """The selection with the longer windows in which more than noise is left; None where none is, or none fit.
 
@@ -40,7 +39,7 @@ def slower(
         measurement: the fit runs.
         selection: how effects were judged; a horizon that the user asked for stands.
         found: what was found over the selection's horizon.
-        say: takes one line of progress.
+        watch: takes one line of progress.
     """
     final = found.final
     if not found.enough or found.widened is not None:
@@ -51,7 +50,7 @@ def slower(
     longest = min(MOST * selection.horizon_s, min(durations), sum(durations) / WINDOWS)
     if longest < LEAST * selection.horizon_s:
         return None
-    say("looking over longer windows")
+    watch.say("looking over longer windows")
     try:
         wanted = steady(simulator, measurement, replace(selection, horizon_s=float(f"{longest:.2g}")))
         if wanted.horizon_s < LEAST * selection.horizon_s:

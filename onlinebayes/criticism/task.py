@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
@@ -16,6 +16,7 @@ from onlinebayes.criticism.searching.search import Found
 from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_when_slow
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement
+from onlinebayes.runs import Watch
 from onlinebayes.simulators.base import Simulator
 
 
@@ -36,9 +37,9 @@ class Task:
     selection: Selection
     notes: tuple[str, ...]
 
-    def slower(self, found: Found, say: Callable[[str], None]) -> Selection | None:
+    def slower(self, found: Found, watch: Watch) -> Selection | None:
         """Longer windows over which more is left than over these; None without any."""
-        return slower(self.simulator, self.fit_runs, self.selection, found, say)
+        return slower(self.simulator, self.fit_runs, self.selection, found, watch)
 
     def over(self, longer: Selection) -> Task:
         """The task with longer windows, and a note that says so."""

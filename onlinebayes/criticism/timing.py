@@ -24,10 +24,10 @@ class Stopwatch:
     """Says a line on, and notes when.
 
     Args:
-        say: what takes the line.
+        say: what takes the line, if anything does.
     """
 
-    def __init__(self, say: Callable[[str], None]) -> None:
+    def __init__(self, say: Callable[[str], None] | None = None) -> None:
         self._say = say
         self._lines: list[tuple[str, float]] = []
 
@@ -35,7 +35,8 @@ class Stopwatch:
         """Say the line; where it is a stage, the one before it ends here."""
         if not line.endswith("."):
             self._lines.append((line, time.monotonic()))
-        self._say(line)
+        if self._say is not None:
+            self._say(line)
 
     def timings(self) -> tuple[Timing, ...]:
         """Every stage until now."""

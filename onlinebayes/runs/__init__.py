@@ -7,13 +7,16 @@ from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.seeds import generator, seed_everything
 from onlinebayes.runs.threads import one_torch_thread
+from onlinebayes.runs.watch import UNWATCHED, Watch
 
 __all__ = [
+    "UNWATCHED",
     "BadInput",
     "Interrupt",
     "Progress",
     "ResultTable",
     "Row",
+    "Watch",
     "atomic_path",
     "generator",
     "one_torch_thread",

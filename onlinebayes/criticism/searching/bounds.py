@@ -20,9 +20,8 @@ from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import STANDARD_ERRORS, cross_validate, score_gain
 from onlinebayes.criticism.judging.verdict import left_over
-from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Stage
-from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -47,15 +46,12 @@ class Widened:
     grounds: Grounds
 
 
-def excluded(
-    simulator: Simulator, measurement: Measurement, selection: Selection, base: Grounds, stage: Stage
-) -> Widened | None:
+def excluded(simulator: Simulator, context: SearchContext, base: Grounds, stage: Stage) -> Widened | None:
     """The bound that excludes the truth, if one does; of several the one that predicts best.
 
     Args:
         simulator: the base model at its own step.
-        measurement: the fit runs.
-        selection: how effects are judged.
+        context: of the search.
         base: the base model fitted.
         stage: the first round of the search, every leading effect judged.
     """
@@ -82,10 +78,9 @@ def excluded(
             if over.gain > STANDARD_ERRORS * over.se:
                 continue
         model = simulator.with_bounds(name, wider)
-        settled = settle(
-            model, measurement, selection.horizon_s, base.windows.noise, fitted.theta, before=base, fitted=fitted
-        )
-        if max(left_over(settled, simulator).values(), default=0.0) <= selection.tolerance:
+        horizon, noise = context.selection.horizon_s, base.windows.noise
+        settled = settle(model, context.measurement, horizon, noise, fitted.theta, before=base, fitted=fitted)
+        if max(left_over(settled, simulator).values(), default=0.0) <= context.selection.tolerance:
             found.append((gain.gain, Widened(name, simulator.parameters[name], wider, settled)))
     return max(found, key=lambda item: item[0])[1] if found else None
 

@@ -13,10 +13,9 @@ from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.verdict import AT_FLOOR, halved, left_over
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.between_runs import Differing, beats, differing, with_own_values
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Stage
-from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
@@ -44,8 +43,7 @@ class Changed:
 
 def changed(
     simulator: Simulator,
-    measurement: Measurement,
-    selection: Selection,
+    context: SearchContext,
     current: Grounds,
     stage: Stage,
     effects: Sequence[Effect],
@@ -55,13 +53,13 @@ def changed(
 
     Args:
         simulator: the base model at its own step.
-        measurement: the fit runs.
-        selection: how changes are judged.
+        context: of the search.
         current: the model as it stands.
         stage: its round of effects.
         effects: the accepted ones.
         rival: the admissible effect that would be added instead; None without any.
     """
+    measurement, selection = context.measurement, context.selection
     found = differing(current.fitted, current.windows, stage, measurement.runs, selection)
     admissible = [one for one in found if not one.failed]
     if not admissible:

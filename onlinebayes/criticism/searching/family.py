@@ -12,7 +12,7 @@ for one effect. Of several such laws the one that predicts best.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.candidates.survey import Screened, survey
@@ -20,10 +20,11 @@ from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.fit import Fit, fit
 from onlinebayes.criticism.judging.score import cross_validate, score_gain
 from onlinebayes.criticism.replaying.scoped import with_effect_values
-from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.criticism.results import Numerics
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import PROMISING, Added, Stage, judged_in
 from onlinebayes.criticism.searching.standing import carried
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
 MOST_LAWS = 2  # that are tried in a round
@@ -33,26 +34,24 @@ def family(
     stage: Stage,
     effects: Sequence[Effect],
     numerics: Numerics,
-    selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None = None,
+    context: SearchContext,
 ) -> list[Added]:
     """The effects of one name that need each other, the strongest first; none where no such law is admissible.
 
     Args:
         stage: a round without an admissible candidate.
         effects: all candidates of that round.
-        numerics, selection, say: as of that round.
-        interrupt: looked at between fits; what is left is then not tried.
+        numerics: as of that round.
+        context: of the search; its watch is looked at between fits, and what is left is then not tried.
     """
     found: list[tuple[float, list[Added]]] = []
-    for members in _laws(stage, selection.alpha)[:MOST_LAWS]:
-        if interrupt is not None and interrupt.requested:
+    for members in _laws(stage, context.selection.alpha)[:MOST_LAWS]:
+        if context.watch.stopped:
             break
-        say(f"{members[0].effect.name} at {len(members)} places at once")
+        context.watch.say(f"{members[0].effect.name} at {len(members)} places at once")
         try:
             together = _fitted(stage, members)
-            added = _judged(stage, members, together, effects, numerics, selection, interrupt)
+            added = _judged(stage, members, together, effects, numerics, context)
         except BadInput:  # without one of them, or from where screening would start them, the model diverges
             continue
         if added:
@@ -77,14 +76,14 @@ def _judged(
     together: Fit,
     effects: Sequence[Effect],
     numerics: Numerics,
-    selection: Selection,
-    interrupt: Interrupt | None,
+    context: SearchContext,
 ) -> list[Added]:
     """Every member judged beside the others; nothing as soon as one is refused."""
+    selection = context.selection
     windows, keys = stage.windows, {one.effect.key for one in members}
     added: list[Added] = []
     for one in members:
-        if interrupt is not None and interrupt.requested:
+        if context.watch.stopped:
             return []
         others = _without(stage, members, one, together)
         left = [effect for effect in effects if effect.key == one.effect.key or effect.key not in keys]

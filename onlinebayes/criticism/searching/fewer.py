@@ -10,7 +10,7 @@ what leaves noise, has no more parameters and predicts as well (the rules of :mo
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
@@ -19,62 +19,47 @@ from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.judging.score import cross_validate, parted
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.needless import needed
 from onlinebayes.criticism.searching.stage import Added, Stage, blocks_for, leaves_noise
 from onlinebayes.criticism.searching.standing import Standing, carried
-from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput
 
 MOST_EQUALS = 2  # of an effect, by gain
 HOPELESS = 2.0  # times the squared error of the model as it stands, which leaves noise
 
 
-def with_fewer(
-    standing: Standing,
-    measurement: Measurement,
-    selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None = None,
-) -> Standing:
+def with_fewer(standing: Standing, context: SearchContext) -> Standing:
     """The model with fewer effects that explains as much; itself where there is none.
 
     Args:
         standing: a model that leaves noise.
-        measurement: the fit runs.
-        selection: how effects are judged.
-        say: takes one line of progress.
-        interrupt: looked at between the fits; the model as it is then stands.
+        context: of the search; its watch is looked at between the fits, and the model as it is then stands.
     """
     while len(standing.accepted) > 1:
-        leaner = _with_one_less(standing, measurement, selection, say, interrupt)
+        leaner = _with_one_less(standing, context)
         if leaner is None:
             break
         standing = leaner
     return standing
 
 
-def _with_one_less(
-    standing: Standing,
-    measurement: Measurement,
-    selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None,
-) -> Standing | None:
+def _with_one_less(standing: Standing, context: SearchContext) -> Standing | None:
+    selection = context.selection
     current, windows = standing.grounds, standing.grounds.windows
     blocks = blocks_for(current.fitted, windows, selection.folds)
     present = cross_validate(current.fitted, windows, blocks)
     for kept, (stage, rival) in _accounts(standing):
-        if interrupt is not None and interrupt.requested:
+        if context.watch.stopped:
             break
-        say(f"looking whether {rival.effect.key} explains more than one of the effects")
+        context.watch.say(f"looking whether {rival.effect.key} explains more than one of the effects")
         fitted = _fitted(standing, kept, rival)
         if fitted is None or not leaves_noise(fitted, windows, selection.tolerance):
             continue
         if needed(present, cross_validate(fitted, windows, blocks), windows.bin_step):
             continue
         model = grown(standing.simulator, [*(judged.effect for _, judged in kept), rival.effect])
-        grounds = settle(model, measurement, selection.horizon_s, windows.noise, fitted.theta, current, fitted)
+        grounds = settle(model, context.measurement, selection.horizon_s, windows.noise, fitted.theta, current, fitted)
         return replace(standing, grounds=grounds, accepted=(*kept, (stage, rival)))
     return None
 

@@ -16,7 +16,7 @@ found and a thousand floors are left, none of these will leave noise, and they a
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
@@ -28,6 +28,7 @@ from onlinebayes.criticism.judging.acceptance import Judged, choose, contained
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted, score_gain
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.between_runs import HALF_LEVEL, may_change
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import (
     BEYOND,
     EVERY_P,
@@ -40,7 +41,6 @@ from onlinebayes.criticism.searching.stage import (
     leaves_noise,
     worth,
 )
-from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, ParameterStep
 
 MOST_REFITS = 2  # of a group
@@ -106,34 +106,31 @@ def _in_time(current: Grounds) -> Iterator[Group]:
 def tried_last(
     current: Grounds,
     groups: Sequence[Group],
-    selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None = None,
+    context: SearchContext,
 ) -> list[Stage]:
     """Each group's round, until one explains all that a number for every instant could.
 
     Args:
         current: the model as it stands.
         groups: of :func:`last_candidates`.
-        selection: how effects are judged.
-        say: takes one line of progress.
-        interrupt: looked at between the fits; what was tried until then is returned.
+        context: of the search; its watch is looked at between the fits, and what was tried until then is returned.
     """
+    selection, watch = context.selection, context.watch
     gross = misfit(current.fitted.projected) > GROSS_MISFIT
     level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
     stricter = replace(selection, alpha=level)
     tried: list[Stage] = []
     for what, effects in groups:
-        if interrupt is not None and interrupt.requested:
+        if watch.stopped:
             break
         found = last_found(current, tried, selection)
         if effects[0].target_kind == "parameter" and found is not None and found.believed:
             break  # an effect that explains all goes before a number for every instant
-        say(f"looking {what}")
+        watch.say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
         promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
-        tried.append(judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, say, interrupt))
+        tried.append(judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, watch))
     return tried
 
 
@@ -160,9 +157,7 @@ def found_beside(
     tried: Sequence[Stage],
     current: Grounds,
     groups: Sequence[Group],
-    selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None = None,
+    context: SearchContext,
 ) -> Last | None:
     """What leaves noise beside the significant candidate that gains most, of rounds in which none was admissible.
 
@@ -171,26 +166,20 @@ def found_beside(
 
     Args:
         tried: the rounds.
-        current, groups, selection, say, interrupt: as of :func:`tried_last`.
+        current, groups, context: as of :func:`tried_last`.
     """
-    leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < selection.alpha]
+    leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < context.selection.alpha]
     if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_MISFIT:
         return None
     lead = max(leads, key=lambda added: added[1].gain.gain)
-    say(f"looking beside {lead[1].effect.key}")
+    context.watch.say(f"looking beside {lead[1].effect.key}")
     beside = replace(current, fitted=lead[1].fitted)
     others = _without(groups, {lead[1].effect.key})
-    found = last_found(beside, tried_last(beside, others, selection, say, interrupt), selection)
+    found = last_found(beside, tried_last(beside, others, context), context.selection)
     return None if found is None or not found.believed else replace(found, lead=lead)
 
 
-def instead(
-    base: Grounds,
-    current: Grounds,
-    accepted: Sequence[Added],
-    selection: Selection,
-    say: Callable[[str], None],
-) -> Added | None:
+def instead(base: Grounds, current: Grounds, accepted: Sequence[Added], context: SearchContext) -> Added | None:
     """The one effect that explains alone what several do; None without any.
 
     One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
@@ -203,14 +192,15 @@ def instead(
     rivals += [effect for _, effects in _effects(base) for effect in effects if contained(effect) & several]
     if not rivals:
         return None
-    say(f"looking for one effect in place of {' and '.join(sorted(several))}")
+    selection = context.selection
+    context.watch.say(f"looking for one effect in place of {' and '.join(sorted(several))}")
     windows, step = current.windows, current.windows.bin_step
     screened = survey(
         fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
     )
     refits = worth(screened, selection.alpha, EVERY_P)[:MOST_REFITS]
     # Whether something is missing at all was decided before: screening's p, small or not, says nothing more.
-    stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), say)
+    stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), context.watch)
     present = cross_validate(current.fitted, windows, stage.blocks)
     quiet = [one for one in stage.judged if one.admissible and leaves_noise(one.fitted, windows, selection.tolerance)]
     better = [one for one in quiet if _better(one, current.fitted, present, step)]

@@ -17,23 +17,21 @@ from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, score_gain
-from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.standing import Standing, carried
-from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 
 
-def without_needless(standing: Standing, measurement: Measurement, selection: Selection) -> Standing:
+def without_needless(standing: Standing, context: SearchContext) -> Standing:
     """The model without any effect that it does not need; itself where all are needed.
 
     Args:
         standing: the model with all of them.
-        measurement: the fit runs.
-        selection: how effects are judged.
+        context: of the search.
     """
     while len(standing.accepted) > 1:
-        leaner = _without_one(standing, measurement, selection)
+        leaner = _without_one(standing, context)
         if leaner is None:
             break
         standing = leaner
@@ -45,10 +43,10 @@ def needed(present: CrossValidated, absent: CrossValidated, bin_step: float) -> 
     return score_gain(present, absent, bin_step).clear or present.rms_long < (1 - LEAST_FALL) * absent.rms_long
 
 
-def _without_one(standing: Standing, measurement: Measurement, selection: Selection) -> Standing | None:
+def _without_one(standing: Standing, context: SearchContext) -> Standing | None:
     """The model without the effect that it needs least; None where it needs them all."""
     current, windows = standing.grounds, standing.grounds.windows
-    blocks = blocks_for(current.fitted, windows, selection.folds)
+    blocks = blocks_for(current.fitted, windows, context.selection.folds)
     present = cross_validate(current.fitted, windows, blocks)
     least, leaner = math.inf, None
     for idle in standing.accepted[:-1]:
@@ -66,5 +64,6 @@ def _without_one(standing: Standing, measurement: Measurement, selection: Select
     if leaner is None:
         return None
     model, fitted, kept = leaner
-    grounds = settle(model, measurement, selection.horizon_s, windows.noise, fitted.theta, current, fitted)
+    horizon, noise = context.selection.horizon_s, windows.noise
+    grounds = settle(model, context.measurement, horizon, noise, fitted.theta, current, fitted)
     return replace(standing, grounds=grounds, accepted=kept)

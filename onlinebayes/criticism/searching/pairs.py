@@ -10,7 +10,7 @@ together only where either is significant beside the other.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 from onlinebayes.criticism.candidates.survey import Survey, survey
 from onlinebayes.criticism.fitting.fit import Fit
@@ -18,8 +18,9 @@ from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import cross_validate, parted, score_gain
 from onlinebayes.criticism.replaying.scoped import effect_values
 from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import MOST_REFITS, Added, Stage, judged_stage, refit, worth
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
 
@@ -27,9 +28,7 @@ def pair(
     stage: Stage,
     effects: Sequence[Effect],
     numerics: Numerics,
-    selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None = None,
+    context: SearchContext,
 ) -> tuple[Added, Added] | None:
     """The two effects that need each other and predict best together, the stronger one first; None without any.
 
@@ -39,14 +38,15 @@ def pair(
     Args:
         stage: a round without an admissible candidate; its judged ones are tried, the best gain first.
         effects: all candidates of that round.
-        numerics, selection, say: as of that round.
-        interrupt: looked at between screenings and between leads; what is left is then not tried.
+        numerics: as of that round.
+        context: of the search; its watch is looked at between screenings and leads, and what is left is not tried then.
     """
+    selection, watch = context.selection, context.watch
     beside: dict[str, Survey] = {}
     for lead in sorted(stage.judged, key=lambda judged: -judged.gain.gain):
-        if interrupt is not None and interrupt.requested:
+        if watch.stopped:
             return None
-        say(f"screening beside {lead.effect.key}")
+        watch.say(f"screening beside {lead.effect.key}")
         beside[lead.effect.key] = _beside(lead.fitted, lead.effect, stage, effects, selection)
     found: dict[frozenset[str], tuple[Added, Added]] = {}
     for lead in sorted(stage.judged, key=lambda judged: -judged.gain.gain):
@@ -55,10 +55,10 @@ def pair(
             for s in worth(beside[lead.effect.key], selection.alpha, selection.alpha)
             if s.effect.key not in beside or _wants(beside[s.effect.key], lead.effect, selection)
         ][:MOST_REFITS]
-        if not wanted or (interrupt is not None and interrupt.requested):
+        if not wanted or watch.stopped:
             continue
-        say(f"pairs with {lead.effect.key}")
-        both = judged_stage(beside[lead.effect.key], wanted, numerics, selection, _silent, interrupt)
+        watch.say(f"pairs with {lead.effect.key}")
+        both = judged_stage(beside[lead.effect.key], wanted, numerics, selection, watch.quiet)
         for second in (judged for judged in both.judged if judged.admissible):
             keys = frozenset((lead.effect.key, second.effect.key))
             if keys not in found and _needs(stage, lead, second, beside, effects, numerics, selection):
@@ -92,7 +92,7 @@ def _needs(
             return False
         survey = _beside(alone, second.effect, stage, effects, selection)
     wanted = [s for s in worth(survey, selection.alpha, selection.alpha) if s.effect.key == lead.effect.key]
-    back = judged_stage(survey, wanted, numerics, selection, _silent)
+    back = judged_stage(survey, wanted, numerics, selection)
     return any(judged.admissible for judged in back.judged)
 
 
@@ -108,7 +108,3 @@ def _beside(fitted: Fit, held: Effect, stage: Stage, effects: Sequence[Effect], 
     """All other candidates, screened on top of the model that holds one effect already."""
     rest = [effect for effect in effects if effect.key != held.key]
     return survey(fitted, stage.windows, rest, selection.folds)
-
-
-def _silent(line: str) -> None:
-    del line

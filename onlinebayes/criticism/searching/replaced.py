@@ -16,20 +16,19 @@ from onlinebayes.criticism.judging.acceptance import contained
 from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.standing import Standing
-from onlinebayes.measurements import Measurement
 
 WORSE = 1.01  # times the cross-validated error with both
 
 
-def replaced(standing: Standing, measurement: Measurement, selection: Selection) -> Standing | None:
+def replaced(standing: Standing, context: SearchContext) -> Standing | None:
     """The model without the effects that its newest one contains; None where there is none, or it is worse.
 
     Args:
         standing: the model with all of them.
-        measurement: the fit runs.
-        selection: how effects are judged.
+        context: of the search.
     """
     current, accepted = standing.grounds, standing.accepted
     newest, fitted = accepted[-1][1].effect, current.fitted
@@ -45,7 +44,8 @@ def replaced(standing: Standing, measurement: Measurement, selection: Selection)
                 if short in newest.absorbs:
                     values[name] = values[name] + values[simpler[0]]
     theta = fitted.theta.new_tensor([float(values[name]) for name in model.parameters])
-    alone = settle(model, measurement, selection.horizon_s, current.windows.noise, theta, current)
+    selection = context.selection
+    alone = settle(model, context.measurement, selection.horizon_s, current.windows.noise, theta, current)
     if _error(alone, selection) > WORSE * _error(current, selection):
         return None
     return replace(standing, grounds=alone, accepted=kept)

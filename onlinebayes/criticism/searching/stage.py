@@ -7,7 +7,7 @@ may be what is slow. Then it is taken as uncorrelated, and only a candidate is a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
@@ -23,7 +23,7 @@ from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contain
 from onlinebayes.criticism.judging.score import CrossValidated
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.results import Numerics, Selection
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.effects import Effect
 
 REFIT_BELOW = 0.1
@@ -66,9 +66,8 @@ def run_stage(
     effects: Sequence[Effect],
     numerics: Numerics,
     selection: Selection,
-    say: Callable[[str], None],
+    watch: Watch = UNWATCHED,
     thorough: bool = True,
-    interrupt: Interrupt | None = None,
 ) -> Stage:
     """Screen all effects against the current model, refit the leading ones and judge them.
 
@@ -76,19 +75,18 @@ def run_stage(
         current, windows, numerics: the model as it stands, and what it was fitted on.
         effects: the candidates.
         selection: how they are judged.
-        say: takes one line of progress.
+        watch: looked at between the refits; those that are left are then not judged.
         thorough: refit two at least and all below p = .1, for ties and the report; else those that may be accepted.
-        interrupt: looked at between the refits; those that are left are then not judged.
     """
     found = survey(current, windows, effects, selection.folds)
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
     refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
-    stage = judged_stage(found, refits, numerics, selection, say, interrupt)
+    stage = judged_stage(found, refits, numerics, selection, watch)
     more = [s for s in unlikely(found) if s not in refits]
     if not more or _any_admissible(stage):
         return stage
-    rest = judged_stage(found, more, numerics, selection, say, interrupt)
+    rest = judged_stage(found, more, numerics, selection, watch)
     # What is neither likely nor explains anything leads no pairs: each lead costs a screening of all and refits.
     return replace(stage, judged=(*stage.judged, *rest.judged)) if _any_admissible(rest) else stage
 
@@ -125,15 +123,14 @@ def judged_stage(
     refits: Sequence[Screened],
     numerics: Numerics,
     selection: Selection,
-    say: Callable[[str], None],
-    interrupt: Interrupt | None = None,
+    watch: Watch = UNWATCHED,
 ) -> Stage:
     """The round in which these candidates are refitted and judged."""
     judged: list[Judged] = []
     for k, candidate in enumerate(refits, 1):
-        if interrupt is not None and interrupt.requested:
+        if watch.stopped:
             break
-        say(f"refitting {k} of {len(refits)}: {candidate.effect.key}")
+        watch.say(f"refitting {k} of {len(refits)}: {candidate.effect.key}")
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
             fitted, effect = refit(

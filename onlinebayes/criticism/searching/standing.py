@@ -18,10 +18,9 @@ from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.judging.acceptance import contained, interval
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.changes import Changed
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Added, blocks_for
-from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
@@ -58,22 +57,21 @@ class Standing:
 
 
 def with_effects(
-    standing: Standing, added: Sequence[Added], measurement: Measurement, selection: Selection, *, alone: bool = False
+    standing: Standing, added: Sequence[Added], context: SearchContext, *, alone: bool = False
 ) -> Standing:
     """The model with these effects, the last of which was fitted with all the others.
 
     Args:
         standing: the model.
         added: what enters.
-        measurement: the fit runs.
-        selection: how effects are judged.
+        context: of the search.
         alone: whether they take the place of what was accepted before.
     """
     accepted = (*(() if alone else standing.accepted), *added)
     model, best = grown(standing.simulator, [judged.effect for _, judged in accepted]), added[-1][1].fitted
-    before = standing.grounds
+    before, horizon = standing.grounds, context.selection.horizon_s
     noise = before.windows.noise
-    grounds = settle(model, measurement, selection.horizon_s, noise, best.theta, before=before, fitted=best)
+    grounds = settle(model, context.measurement, horizon, noise, best.theta, before=before, fitted=best)
     return replace(standing, grounds=grounds, accepted=accepted)
 
 
@@ -83,11 +81,10 @@ def with_change(standing: Standing, change: Changed) -> Standing:
     return replace(standing, simulator=change.simulator, grounds=change.grounds, changes=changes)
 
 
-def without_idle(
-    standing: Standing, earlier: Sequence[Added], measurement: Measurement, selection: Selection
-) -> Standing | None:
+def without_idle(standing: Standing, earlier: Sequence[Added], context: SearchContext) -> Standing | None:
     """The model without an ``earlier`` effect that may now be nothing; None where all are needed."""
     fitted, windows = standing.grounds.fitted, standing.grounds.windows
+    selection = context.selection
     blocks = blocks_for(fitted, windows, selection.folds)
     for idle in earlier:
         effect = idle[1].effect
@@ -96,7 +93,8 @@ def without_idle(
             kept = tuple(item for item in standing.accepted if item is not idle)
             model = grown(standing.simulator, [judged.effect for _, judged in kept])
             theta = carried(fitted.simulator, fitted.theta, model)
-            grounds = settle(model, measurement, selection.horizon_s, windows.noise, theta, standing.grounds)
+            noise, before = windows.noise, standing.grounds
+            grounds = settle(model, context.measurement, selection.horizon_s, noise, theta, before)
             return replace(standing, grounds=grounds, accepted=kept)
     return None
 

@@ -11,7 +11,6 @@ A zero error that would have to be larger than the bound is none, and its rival 
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.survey import survey
@@ -19,7 +18,8 @@ from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.criticism.results import Numerics
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Stage, judged_stage
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import SensorBias
@@ -29,23 +29,22 @@ PROMISING = 0.3  # of the fall that the effect gives
 AT_BOUND = 1e-3  # of the bound
 
 
-def beside_zeros(
-    stage: Stage, best: Judged, numerics: Numerics, selection: Selection, say: Callable[[str], None]
-) -> Stage:
+def beside_zeros(stage: Stage, best: Judged, numerics: Numerics, context: SearchContext) -> Stage:
     """The round with the zero errors judged that could stand in the place of its best effect.
 
     Args:
         stage: the round.
         best: its admissible effect that would be added.
-        numerics, selection, say: as of that round.
+        numerics, context: as of that round.
     """
     known = {judged.effect.key for judged in stage.judged}
     biases = [bias for bias in zero_errors(stage.current, stage.windows) if bias.key not in known]
     if best.effect.name == SensorBias.name or not biases:
         return stage
-    found = survey(stage.current, stage.windows, biases, selection.folds)
+    found = survey(stage.current, stage.windows, biases, context.selection.folds)
     rivals = [s for s in found.screened if s.p_value is not None and s.promise >= PROMISING * best.falls[0]]
-    judged = judged_stage(found, rivals, numerics, selection, say).judged
+    # All of them: the effect would enter before a rival that was left out.
+    judged = judged_stage(found, rivals, numerics, context.selection, context.watch.unstoppable).judged
     return replace(stage, judged=(*stage.judged, *(one for one in judged if _inside(one))))
 
 

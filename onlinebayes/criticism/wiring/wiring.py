@@ -19,7 +19,7 @@ A base model within three floors is not looked at: no fault of this kind is that
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
@@ -38,7 +38,7 @@ from onlinebayes.criticism.wiring.bench import Bench, total
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.wiring.outages import outage, sudden
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.base import Simulator
 
 GROSS = 3.0  # floors
@@ -121,7 +121,7 @@ class Leads:
 
 
 def look(
-    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
 ) -> Leads | None:
     """Screen every hypothesis by replay alone; None where the base model errs by too little for such a fault.
 
@@ -130,12 +130,12 @@ def look(
         simulator: the base model at its own step.
         measurement: the fit runs.
         selection: how effects are judged.
-        say: takes one line of progress.
+        watch: takes one line of progress.
     """
     rms = misfit(base.fitted.projected)
     if rms <= max(GROSS, selection.tolerance):
         return None
-    say("checking signs, units and columns")
+    watch.say("checking signs, units and columns")
     return _promising(Bench(simulator, measurement, selection.horizon_s, base))
 
 
@@ -157,12 +157,12 @@ def explained(
 
 
 def outages(
-    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, say: Callable[[str], None]
+    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
 ) -> Suspicion | None:
     """Actuators that were off for parts of runs, if that explains the misfit; arguments as :func:`look`."""
     if not simulator.commands:
         return None
-    say("looking for actuators that were off for a while")
+    watch.say("looking for actuators that were off for a while")
     bench = Bench(simulator, measurement, selection.horizon_s, base)
     seen: list[Suspicion] = []
     for part in PARTS:

@@ -70,6 +70,6 @@ def unseen(effects: dict[Effect, tuple[float, ...]]) -> tuple[Grounds, Judged]:
     base = ground(model(), measure(effects, runs=8), Selection())
     found = survey(base.fitted, base.windows, [DELAY], None)
     blind = [replace(found.screened[0], p_value=0.99)]
-    stage = judged_stage(replace(found, screened=found.screened * 1000), blind, base.numerics, Selection(), print)
+    stage = judged_stage(replace(found, screened=found.screened * 1000), blind, base.numerics, Selection())
     (one,) = stage.judged
     return base, one

@@ -28,14 +28,10 @@ FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
 SELECTION = Selection()
 
 
-def quiet(line: str) -> None:
-    del line
-
-
 def judged(data: Measurement, effects: tuple = ()) -> tuple:
     """What is said of the slide's parameters, beside these effects."""
     base = ground(model(), data, SELECTION)
-    stage = run_stage(base.fitted, base.windows, effects, base.numerics, SELECTION, quiet)
+    stage = run_stage(base.fitted, base.windows, effects, base.numerics, SELECTION)
     return differing(base.fitted, base.windows, stage, data.runs, SELECTION)
 
 
@@ -108,7 +104,7 @@ def test_what_is_cut_into_runs_is_the_same_fit() -> None:
     assert isinstance(apart.simulator, ScopedSimulator)
     assert apart.theta.tolist() == base.fitted.theta[[0, 0, 0, 1]].tolist()
     torch.testing.assert_close(apart.projected.columns[..., :3].sum(-1), base.fitted.projected.columns[..., 0])
-    stage = run_stage(base.fitted, base.windows, (), base.numerics, SELECTION, quiet)
+    stage = run_stage(base.fitted, base.windows, (), base.numerics, SELECTION)
     first_order = cross_validate(apart, base.windows, stage.blocks)
     assert first_order.rms_long < 0.5 * stage.scores.rms_long
 

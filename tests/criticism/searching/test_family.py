@@ -13,9 +13,10 @@ from onlinebayes.criticism import Selection
 from onlinebayes.criticism.fitting.projection import signal_rms
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.criticism.searching import search as searching
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.family import family
 from onlinebayes.criticism.searching.search import search
-from onlinebayes.runs import Interrupt
+from onlinebayes.runs import Interrupt, Watch
 from tests.criticism.hovering import measure, model
 
 LAG = 0.04
@@ -23,14 +24,10 @@ LAGS = {f"actuator_lag@rotor{k}" for k in range(4)}
 LAWS = ["actuator_lag", "actuator_gain"]
 
 
-def silent(line: str) -> None:
-    del line
-
-
 @pytest.mark.long
 def test_four_rotors_that_lag_are_found_together() -> None:
     simulator, flights = charted(model(), measure(LAG))
-    found = search(simulator, flights, Selection(), LAWS, 6, silent, None)
+    found = search(simulator, SearchContext(flights, Selection(), LAWS), 6)
     stage, final = found.stages[0], found.final.fitted
     assert not any(judged.admissible for judged in stage.judged)
     assert {judged.effect.key for _, judged in found.accepted} == LAGS
@@ -39,16 +36,17 @@ def test_four_rotors_that_lag_are_found_together() -> None:
         assert float(final.theta[column]) == pytest.approx(LAG, rel=0.05)
     stopped = Interrupt()
     stopped.requested = True
-    assert family(stage, found.effects, found.base.numerics, Selection(), silent, stopped) == []
+    context = SearchContext(flights, Selection(), LAWS)
+    assert family(stage, found.effects, found.base.numerics, replace(context, watch=Watch(interrupt=stopped))) == []
     alone = replace(stage, screened=stage.screened[:1])
-    assert family(alone, found.effects, found.base.numerics, Selection(), silent) == []
+    assert family(alone, found.effects, found.base.numerics, context) == []
 
 
 @pytest.mark.long
 def test_pairs_of_lags_come_to_the_same_model(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(searching, "family", lambda *_: [])
     simulator, flights = charted(model(), measure(LAG))
-    found = searching.search(simulator, flights, Selection(), LAWS, 6, silent, None)
+    found = searching.search(simulator, SearchContext(flights, Selection(), LAWS), 6)
     assert {judged.effect.key for _, judged in found.accepted} == LAGS
     assert float(signal_rms(found.final.fitted.projected).max()) < 1.2
 
@@ -56,5 +54,5 @@ def test_pairs_of_lags_come_to_the_same_model(monkeypatch: pytest.MonkeyPatch) -
 @pytest.mark.slow
 def test_rotors_that_follow_at_once_have_no_lag() -> None:
     simulator, flights = charted(model(), measure(0.0))
-    found = search(simulator, flights, Selection(), LAWS, 6, silent, None)
+    found = search(simulator, SearchContext(flights, Selection(), LAWS), 6)
     assert found.accepted == ()

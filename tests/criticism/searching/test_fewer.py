@@ -13,13 +13,14 @@ from torch import Tensor
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.judging.acceptance import Judged, judge
 from onlinebayes.criticism.judging.score import cross_validate
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.fewer import with_fewer
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import Stage, blocks_for, refit
 from onlinebayes.criticism.searching.standing import Standing, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import Interrupt
+from onlinebayes.runs import Interrupt, Watch
 from onlinebayes.simulators.effects import ConstantLoad, Effect, JointStiffness, QuadraticDrag
 from onlinebayes.simulators.effects.base import Scales, Seen
 from tests.criticism.cases import refined
@@ -73,7 +74,7 @@ def added(standing: Standing, effect: Effect, rival: Effect, measurement: Measur
     scores = cross_validate(now.fitted, windows, blocks)
     one = judged(standing, effect)
     stage = Stage(now.fitted, windows, blocks, scores, (), (one, judged(standing, rival)))
-    return with_effects(standing, [(stage, one)], measurement, Selection())
+    return with_effects(standing, [(stage, one)], SearchContext(measurement, Selection()))
 
 
 @pytest.mark.parametrize(
@@ -87,9 +88,9 @@ def test_one_law_that_is_two_takes_their_place(rival: Effect, left: list[str]) -
     assert [effect.key for effect in standing.effects] == [LOAD.key, DRAG.key]
     stopped = Interrupt()
     stopped.requested = True
-    assert with_fewer(standing, measurement, Selection(), print, stopped) is standing
+    assert with_fewer(standing, SearchContext(measurement, Selection(), watch=Watch(print, stopped))) is standing
     said: list[str] = []
-    leaner = with_fewer(standing, measurement, Selection(), said.append)
+    leaner = with_fewer(standing, SearchContext(measurement, Selection(), watch=Watch(said.append)))
     assert [effect.key for effect in leaner.effects] == left
     assert leaner.at_floor(1.2)
     if rival.key in left:

@@ -6,6 +6,7 @@ import pytest
 
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.last import Last, last_candidates, last_found, tried_last
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import refit
@@ -25,7 +26,7 @@ def found(data) -> Last | None:
         *("for cogging", "for wind"),
         *(f"for changes of {name} in time" for name in ("body.cart.mass", DAMPING)),
     ]
-    return last_found(base, tried_last(base, groups, Selection(), lambda line: None), Selection())
+    return last_found(base, tried_last(base, groups, SearchContext(data, Selection())), Selection())
 
 
 def test_a_drift_is_found() -> None:

@@ -7,6 +7,7 @@ import pytest
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.judging.acceptance import judge
 from onlinebayes.criticism.judging.score import cross_validate
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.needless import without_needless
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import Stage, blocks_for, refit
@@ -30,7 +31,7 @@ def added(standing: Standing, effect: Effect, measurement: Measurement) -> Stand
     fitted, _ = refit(now.fitted, windows, effect, {effect.magnitude: 0.05})
     judged = judge(effect, 0.0, fitted, scores, windows, blocks, now.numerics, 0.03)
     stage = Stage(now.fitted, windows, blocks, scores, (), (judged,))
-    return with_effects(standing, [(stage, judged)], measurement, Selection())
+    return with_effects(standing, [(stage, judged)], SearchContext(measurement, Selection()))
 
 
 @pytest.mark.parametrize("hidden", [(DRAG,), pytest.param((DRY, DRAG), marks=pytest.mark.slow)], ids=["one", "both"])
@@ -40,7 +41,7 @@ def test_what_is_there_stays_and_nothing_else(hidden) -> None:
     for effect in (DRY, DRAG):
         standing = added(standing, effect, measurement)
     assert standing.effects == [DRY, DRAG]
-    leaner = without_needless(standing, measurement, Selection())
+    leaner = without_needless(standing, SearchContext(measurement, Selection()))
     assert leaner.effects == list(hidden)
     assert leaner.at_floor(1.2)
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.candidates.candidates import propose
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.pairs import pair
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import run_stage
 from onlinebayes.parameters import Parameter
-from onlinebayes.runs import Interrupt
+from onlinebayes.runs import Interrupt, Watch
 from onlinebayes.simulators.effects import ActuatorDelay, ConstantLoad, Effect, JointStiffness
 from tests.criticism.rigs import measure, model
 
@@ -27,14 +30,15 @@ def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float
     selection = Selection()
     base = ground(model(), hidden, selection)
     effects = propose(base.fitted.simulator, base.windows, FEW)
-    stage = run_stage(base.fitted, base.windows, effects, base.numerics, selection, lambda _line: None)
+    stage = run_stage(base.fitted, base.windows, effects, base.numerics, selection)
     assert not any(judged.admissible for judged in stage.judged)
-    found = pair(stage, effects, base.numerics, selection, lambda _line: None)
+    context = SearchContext(hidden, selection)
+    found = pair(stage, effects, base.numerics, context)
     assert found is not None
     assert {judged.effect.key for _, judged in found} == {effect.key, DELAY.key}
     stopped = Interrupt()
     stopped.requested = True
-    assert pair(stage, effects, base.numerics, selection, lambda _line: None, stopped) is None
+    assert pair(stage, effects, base.numerics, replace(context, watch=Watch(interrupt=stopped))) is None
     result = refine(model(), hidden, holdout=["run9", "run8"], candidates=FEW)
     assert result.verdict == "missing_effect"
     assert set(result.accepted) == {effect.key, DELAY.key}

@@ -10,6 +10,7 @@ import pytest
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.searching import search as search_module
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import ground, search
 from tests.criticism.rigs import measure, model
 
@@ -31,6 +32,6 @@ def test_it_goes_on_after_one_effect_took_anothers_place_and_not_in_circles(monk
     monkeypatch.setattr(search_module, "_extended", extended)
     data = measure(runs=8)
     base = ground(model(), data, Selection())
-    found = search(model(), data, Selection(), ["dry_friction"], 6, lambda _line: None, None, base)
+    found = search(model(), SearchContext(data, Selection(), ["dry_friction"]), 6, base)
     assert taken == [["a"], ["b"], ["b", "c"], ["b"]]
     assert [judged.effect.key for _, judged in found.accepted] == ["b"]

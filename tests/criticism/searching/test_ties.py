@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import search
 from onlinebayes.criticism.searching.ties import alternatives
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -28,7 +29,7 @@ def test_an_equal_that_its_round_did_not_refit_is_found_at_the_final_model() -> 
     effects = ["viscous_friction", "back_emf", "dry_friction", "quadratic_drag"]
     model = MujocoSimulator(PENDULUM.xml, MASS, threads=1)
     measurement = PENDULUM.measure(RUBBING, runs=10)
-    found = search(model, measurement, Selection(), effects, 1, lambda _: None, None)
+    found = search(model, SearchContext(measurement, Selection(), effects), 1)
     ((stage, first),) = found.accepted
     alone = replace(stage, judged=(first,))
     (others,) = alternatives(model, replace(found, stages=(alone,), accepted=((alone, first),)), None).values()

@@ -68,7 +68,7 @@ def test_an_outage_that_strikes_every_window_shows_in_quarters_of_them() -> None
     off = Outage(("motor",), tuple((f"run{r}", 0.8, 1.2) for r in range(8)))
     measured, simulator, selection = PENDULUM.measure(off=off, seconds=2.0), PENDULUM.model(), Selection()
     base = ground(simulator, measured, selection)
-    suspicion = outages(base, simulator, measured, selection, lambda line: None)
+    suspicion = outages(base, simulator, measured, selection)
     assert suspicion is not None
     assert isinstance(suspicion.fault, Outage)
     assert {run for run, *_ in suspicion.fault.spans} == {f"run{r}" for r in range(8)}

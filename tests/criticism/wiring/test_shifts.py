@@ -42,7 +42,7 @@ def test_a_table_put_right_shows_what_happened() -> None:
 def test_signals_ahead_are_found() -> None:
     simulator, selection = PENDULUM.model(), Selection()
     table = ahead(PENDULUM.measure(), 5)
-    found = suspect(ground(simulator, table, selection), simulator, table, selection, lambda _line: None)
+    found = suspect(ground(simulator, table, selection), simulator, table, selection)
     assert found is not None
     assert found.certain
     assert found.fault.says == "the signals run 0.05 s (5 rows) ahead of the commands"
@@ -65,7 +65,7 @@ def with_torque(measured: Measurement, early: bool, factor: float = 1.0) -> Meas
 
 def found_with(table: Measurement) -> Suspicion | None:
     simulator, selection = MujocoSimulator(PENDULUM.xml, PENDULUM.free, threads=1, sensors=("qfrc.hinge",)), Selection()
-    return suspect(ground(simulator, table, selection), simulator, table, selection, lambda _line: None)
+    return suspect(ground(simulator, table, selection), simulator, table, selection)
 
 
 def test_a_sensor_that_is_read_under_the_next_command_is_found() -> None:

@@ -19,6 +19,7 @@ from onlinebayes.criticism.wiring.hypotheses import hypotheses
 from onlinebayes.criticism.wiring.wiring import Suspicion, explained
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
+from onlinebayes.runs import Watch
 from onlinebayes.simulators.effects import ActuatorDelay, ActuatorGain, ConstantLoad, DryFriction
 from tests.criticism.wired import ARM, NOISE, PENDULUM, Rig
 
@@ -28,7 +29,7 @@ POSITION = "qpos.hinge"
 def suspected(rig: Rig, measurement: Measurement) -> Suspicion | None:
     simulator, selection = rig.model(), Selection()
     base = ground(simulator, measurement, selection)
-    return suspect(base, simulator, measurement, selection, lambda _line: None)
+    return suspect(base, simulator, measurement, selection)
 
 
 def sign(kind: str, *names: str) -> Rescaled:
@@ -144,7 +145,7 @@ def test_nothing_is_simulated_where_the_model_agrees() -> None:
     simulator, measurement = PENDULUM.model(), PENDULUM.measure()
     base = ground(simulator, measurement, Selection())
     said: list[str] = []
-    assert suspect(base, simulator, measurement, Selection(), said.append) is None
+    assert suspect(base, simulator, measurement, Selection(), Watch(said.append)) is None
     assert said == []
 
 
@@ -183,9 +184,7 @@ def test_parameters_that_differ_between_runs_do_not_hide_a_fault() -> None:
     damping = "joint.hinge.damping"
     measurement = sign("signal", POSITION).mended(PENDULUM.measure())
     simulator = scoped(PENDULUM.model(), Scope(per_run=(damping,)), measurement, measurement.runs)
-    found = suspect(
-        ground(simulator, measurement, Selection()), simulator, measurement, Selection(), lambda _line: None
-    )
+    found = suspect(ground(simulator, measurement, Selection()), simulator, measurement, Selection())
     assert found is not None
     assert found.fault == sign("signal", POSITION)
     assert found.certain

@@ -1,0 +1,24 @@
+"""What long work keeps an eye on."""
+
+from onlinebayes.runs import UNWATCHED, Interrupt, Watch
+
+
+def test_nobody_watches_by_default() -> None:
+    UNWATCHED.say("a line")
+    assert not UNWATCHED.stopped
+    with UNWATCHED.giving_up():
+        pass
+
+
+def test_it_says_and_stops_as_it_is_asked() -> None:
+    said: list[str] = []
+    interrupt = Interrupt()
+    watch = Watch(said.append, interrupt)
+    assert not watch.stopped
+    interrupt.requested = True
+    watch.say("one")
+    watch.quiet.say("two")
+    assert said == ["one"]
+    assert (watch.stopped, watch.quiet.stopped, watch.unstoppable.stopped) == (True, True, False)
+    with watch.giving_up():
+        raise KeyboardInterrupt
