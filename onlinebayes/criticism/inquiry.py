@@ -31,13 +31,17 @@ from onlinebayes.criticism.wiring.faults import Fault, misplaced
 from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
 from onlinebayes.criticism.wiring.late_starts import delays
 from onlinebayes.criticism.wiring.shifts import late
-from onlinebayes.criticism.wiring.wiring import HALF, Leads, Suspicion, explained, look, outages
+from onlinebayes.criticism.wiring.wiring import Leads, Suspicion, explained, look, outages
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, Watch
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay, SensorBias, SensorDelay
 
-MOST_LATE = 4  # signals that are tried as late in an actuator's place
+MOST_LATE = 4
+"""So many signals are tried as late in an actuator's place."""
+
+TWICE_AS_GOOD = 0.5
+"""Share of the error of actuators' delays that a late log may leave, as the two are much alike."""
 
 
 def suspect(
@@ -172,7 +176,7 @@ def _faults_of_the_log(
         tried.append(late(measurement, late_by, bool(worst)))
     elif late_by := _delays(found, ActuatorDelay):
         tried += [late(measurement, {name: max(late_by.values())}, loosely=True) for name in worst[:MOST_LATE]]
-        share = HALF
+        share = TWICE_AS_GOOD
     return list(dict.fromkeys(fault for fault in tried if fault is not None)), share
 
 

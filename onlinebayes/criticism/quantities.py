@@ -15,7 +15,7 @@ from dataclasses import dataclass
 _THOUSANDS = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
 _PREFIXED = ("m", "rad", "s", "m/s", "rad/s", "V", "A")
 _MISSING = "–"
-NOTHING = 1e-13
+MEANINGLESS_BELOW = 1e-13
 """SI value below which no parameter of a machine means anything."""
 _EXPONENT = re.compile(r"(?<=[a-z])[23]\b")
 _RAISED = {"2": "²", "3": "³"}
@@ -72,7 +72,7 @@ def with_error(mean: float, sd: float, unit: str) -> str:
     """``mean ± sd unit``, both to the last digit that the sd decides (two digits of it where they start with 1)."""
     if not (math.isfinite(mean) and math.isfinite(sd)):
         return _MISSING
-    if max(abs(mean), sd) < NOTHING:  # rounding, of what lies at a bound of zero
+    if max(abs(mean), sd) < MEANINGLESS_BELOW:  # rounding, of what lies at a bound of zero
         return f"0 {scale_for(0.0, unit).unit}".strip()
     if sd <= 0:
         return text(mean, unit, 4)

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.descent import SLACK, bounded_step
+from onlinebayes.criticism.fitting.descent import LEAST_GAIN, bounded_step
 from onlinebayes.criticism.fitting.fit import improve, unfitted
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.fitting.numerics import Grounds, check
@@ -76,7 +76,7 @@ def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Gr
         return None
     fitted = improve(begun, windows, hopeless=0.0)
     _, promised = bounded_step(model, fitted.projected, fitted.theta, 0.0)
-    ended = fitted.converged or promised <= SLACK * fitted.projected.objective
+    ended = fitted.converged or promised <= LEAST_GAIN * fitted.projected.objective
     if not ended or leaves_noise(fitted, windows, wanted.tolerance):
         return None
     numerics, shift = check(model, measurement, windows, fitted)

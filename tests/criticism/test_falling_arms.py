@@ -9,7 +9,7 @@ import torch
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.wiring.bench import PARTS, Bench, replay_rms, replay_rms_of_parts
+from onlinebayes.criticism.wiring.bench import SCREENED_PARTS, Bench, replay_rms, replay_rms_of_parts
 from tests.criticism.cases import refined
 from tests.criticism.wired import ARM
 
@@ -20,7 +20,7 @@ def test_the_error_over_a_part_is_that_of_windows_which_end_there() -> None:
     windows, thetas = bench.whole, bench.thetas()[:3]
     found = replay_rms_of_parts(bench.coarse, windows, thetas, windows.noise)
     assert torch.equal(found[0], replay_rms(bench.coarse, windows, thetas, windows.noise))
-    for part, errors in zip(PARTS, found, strict=True):
+    for part, errors in zip(SCREENED_PARTS, found, strict=True):
         rows = round(part * windows.rows)
         ends = windows.observed.clone()
         ends[:, rows:] = False

@@ -16,12 +16,19 @@ from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, opposites, trials
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, flip_groups, independent_parts, make_blocks, t_quantile
+from onlinebayes.criticism.fitting.blocks import (
+    FEWEST_BLOCKS,
+    Blocks,
+    flip_groups,
+    independent_parts,
+    make_blocks,
+    t_quantile,
+)
 from onlinebayes.criticism.fitting.fit import Fit, residual_correlation_time
 from onlinebayes.criticism.fitting.projection import noise_rows, project
 from onlinebayes.criticism.fitting.sensitivities import columns
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
-from onlinebayes.criticism.judging.score import PIECES, CrossValidated, cross_validate
+from onlinebayes.criticism.judging.score import SHORT_WINDOWS, CrossValidated, cross_validate
 from onlinebayes.criticism.judging.screening import Column, Scores, block_scores, observed, p_values, promise
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 from onlinebayes.criticism.replaying.timed import instants
@@ -78,7 +85,7 @@ class Survey:
 def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int | None) -> Survey:
     """Screen all effects against the current model."""
     correlation = residual_correlation_time(current, windows)
-    if slow := independent_parts(windows, correlation, folds) < FEWEST:
+    if slow := independent_parts(windows, correlation, folds) < FEWEST_BLOCKS:
         correlation = 0.0
     blocks = make_blocks(windows, correlation, folds)
     scores = cross_validate(current, windows, blocks)
@@ -133,7 +140,7 @@ def _sensitivities(
     if isinstance(current.simulator, ScopedSimulator):
         raw, tried = _run_by_run(current.simulator, windows, groups, effects, raw, tried)
     horizons = []
-    for pieces in (1, PIECES):
+    for pieces in (1, SHORT_WINDOWS):
         projected = project(windows, current.lin, current.projected.weight, pieces)
         c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
         horizons.append(block_scores(projected, c, groups.repeat_interleave(pieces), int(groups.max()) + 1))
@@ -156,7 +163,7 @@ def _run_by_run(
     own = [k for k, t in enumerate(tried) if _owned(simulator, effects[t.candidate])]
     owner = simulator.owner_of(windows)
     masks = [owner == who for who in range(len(simulator.owners))]
-    masks = [mask for mask in masks if len(torch.unique(groups[mask])) >= FEWEST]
+    masks = [mask for mask in masks if len(torch.unique(groups[mask])) >= FEWEST_BLOCKS]
     alone = [raw[own] * mask.to(raw)[:, None, None] for mask in masks]
     return torch.cat([raw, *alone]), (*tried, *(tried[k] for _ in masks for k in own))
 

@@ -27,7 +27,7 @@ from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
 from onlinebayes.criticism.experiment.remedies import PARTED, loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
-from onlinebayes.criticism.fitting.blocks import APART, FEWEST
+from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, one_torch_thread
@@ -111,7 +111,9 @@ def _affordable(rivals: Rivals, limits: Limits) -> int:
 def _least_seconds(rivals: Rivals) -> float:
     """What enough independent blocks need [s], as correlated as the residual is now."""
     longest = max(pair.other.tau for pair in rivals.pairs)
-    return (FEWEST + 1) * max(rivals.windows.horizon, min(APART * longest, 10 * rivals.windows.horizon))
+    return (FEWEST_BLOCKS + 1) * max(
+        rivals.windows.horizon, min(BLOCK_CORRELATION_TIMES * longest, 10 * rivals.windows.horizon)
+    )
 
 
 def _compared(rivals: Rivals, inputs: Inputs, payload: Payload | None, measurement: Measurement) -> _Trials:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from onlinebayes.criticism.results import Candidate, Estimate
 
 UNIT = {"sensor_bias": "bias", "sensor_scale": "scale", "sensor_delay": "delay", "actuator_delay": "delay"}
-APART = 3.0  # standard errors between the delays of two actuators
+PARTED_STANDARD_ERRORS = 3.0  # standard errors between the delays of two actuators
 
 
 @dataclass(frozen=True)
@@ -82,4 +82,4 @@ def _late(late: Sequence[_Named], signals: Sequence[str]) -> str:
 def _alike(sizes: Sequence[Estimate]) -> bool:
     """Whether all delays may be one."""
     means = [size.mean for size in sizes]
-    return max(means) - min(means) <= APART * max(size.sd for size in sizes) or len(sizes) == 1
+    return max(means) - min(means) <= PARTED_STANDARD_ERRORS * max(size.sd for size in sizes) or len(sizes) == 1

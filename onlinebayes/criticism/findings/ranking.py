@@ -11,7 +11,7 @@ from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.results import NOT_NEEDED, STOPPED, Candidate, Estimate, Step
 from onlinebayes.criticism.searching.search import Found
-from onlinebayes.criticism.searching.stage import PROMISING, REFIT_BELOW, Stage
+from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, REFIT_BELOW, Stage
 
 
 def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str, Estimate]) -> tuple[Candidate, ...]:
@@ -103,7 +103,7 @@ def _not_refitted(screened: Screened) -> tuple[str, ...]:
     if screened.p_value is None:
         return ()
     if screened.p_value < REFIT_BELOW:
-        why = "too weak" if screened.promise < PROMISING else "not refitted"
+        why = "too weak" if screened.promise < LEAST_PROMISED_FALL else "not refitted"
         return (f"{why}: it would lower the error by {100 * screened.promise:.1f} % (p = {screened.p_value:.2g})",)
     return (f"not significant (p = {screened.p_value:.2g})",)
 

@@ -22,9 +22,9 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
-NOISE = 1.2  # floors
+NOISE_FLOORS = 1.2  # floors
 FAR_BETTER = 2 / 3
-PROMISING = 0.95  # as far as it is fitted
+PROMISING_RATIO = 0.95  # as far as it is fitted
 STEPS_A_ROW = (1, 2, 4, 5, 10, 20, 40)  # of simulators that write logs
 
 
@@ -67,13 +67,13 @@ def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
     """
     best, tried = judged, {judged.rung}
     for changed in (_soft, _own, _finer, _finer):
-        if misfit(best.fitted.projected) <= NOISE:
+        if misfit(best.fitted.projected) <= NOISE_FLOORS:
             break
         for rung in changed(trial, best):
             if rung not in tried:
                 tried.add(rung)
                 best = _better(trial, best, rung) or best
-    most = max(NOISE, FAR_BETTER * misfit(judged.fitted.projected))
+    most = max(NOISE_FLOORS, FAR_BETTER * misfit(judged.fitted.projected))
     return best if best is not judged and misfit(best.fitted.projected) <= most else None
 
 
@@ -106,7 +106,7 @@ def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
             left = float(current.project(rows[0][..., None]).square().sum())
             error[rung] = left if bool(valid.all()) else float("inf")
     rung = min(error, key=error.__getitem__, default=best.rung)
-    if error.get(rung, float("inf")) < PROMISING**2 * current.objective:
+    if error.get(rung, float("inf")) < PROMISING_RATIO**2 * current.objective:
         yield rung
 
 

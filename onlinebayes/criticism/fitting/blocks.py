@@ -26,10 +26,17 @@ from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.projection import Projected
 from onlinebayes.criticism.replaying.bounded import bounded_least_squares
 
-FEWEST = 7
-MOST = 12
+FEWEST_BLOCKS = 7
+"""Fewer independent blocks do not tell a law from chance; so many runs are blocks of their own."""
+
+MOST_BLOCKS = 12
+"""Runs are cut into so many blocks at most."""
+
 MOST_GROUPS = 24
-APART = 4.0  # correlation times
+"""The significance test flips the signs of so many groups of windows at most."""
+
+BLOCK_CORRELATION_TIMES = 4.0
+"""Parts of the data that last so many correlation times of the residual count as independent."""
 
 
 @dataclass(frozen=True)
@@ -66,17 +73,20 @@ def make_blocks(windows: Windows, tau: float, folds: int | None = None) -> Block
     moving = windows.moving
     runs = torch.unique(windows.run[moving])
     W = windows.count
-    if len(runs) >= FEWEST and (folds is None or folds >= len(runs)):
+    if len(runs) >= FEWEST_BLOCKS and (folds is None or folds >= len(runs)):
         of = torch.searchsorted(runs, windows.run.contiguous()).clamp_max(len(runs) - 1)
         train = of[None] != torch.arange(len(runs), device=of.device)[:, None]
         return Blocks(of, train)
     duration = float(moving.sum()) * windows.horizon
-    possible = min(MOST if folds is None else folds, int(duration / max(windows.horizon, APART * tau) + 1e-9))
+    possible = min(
+        MOST_BLOCKS if folds is None else folds,
+        int(duration / max(windows.horizon, BLOCK_CORRELATION_TIMES * tau) + 1e-9),
+    )
     B = max(1, min(possible, W))
     # Windows are shared out by how many of those before them hold an observation.
     order = moving.cumsum(0) - moving.long()
     of = (order * B // max(int(moving.sum()), 1)).clamp_max(B - 1)
-    if len(runs) >= FEWEST:  # fewer folds than runs: whole runs together
+    if len(runs) >= FEWEST_BLOCKS:  # fewer folds than runs: whole runs together
         rank = torch.searchsorted(runs, windows.run.contiguous()).clamp_max(len(runs) - 1)
         of = rank * B // len(runs)
         return Blocks(of, of[None] != torch.arange(B, device=of.device)[:, None])
@@ -98,7 +108,7 @@ def flip_groups(windows: Windows, tau: float) -> Int[Tensor, " W"]:
         tau: correlation time of the current residual [s].
     """
     moving = windows.moving
-    together = max(1, math.ceil(APART * tau / windows.horizon - 1e-9))
+    together = max(1, math.ceil(BLOCK_CORRELATION_TIMES * tau / windows.horizon - 1e-9))
     count = max(1, min(MOST_GROUPS, int(moving.sum()) // together))
     order = moving.cumsum(0) - moving.long()
     return (order * count // max(int(moving.sum()), 1)).clamp_max(count - 1)

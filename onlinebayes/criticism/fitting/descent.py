@@ -30,16 +30,35 @@ from onlinebayes.criticism.replaying.bounded import bounded_least_squares
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.simulators.base import Simulator
 
-STEPS = 40
-TOLERANCE = 1e-5  # of the objective: what the last step may promise
-SLACK = 1e-3  # and what it may give; kinked effects give more than a linearisation promises
-CREEP = 0.05  # of the objective: what a step gains at least where there is hope
-LITTLE = 0.02  # of the objective: what damped steps gain that creep
-PATIENCE = 2  # of them in a row
-DIFFERENCE = 30.0  # sd of a parameter that a finite difference may span
-FAR = 0.05  # of the objective: what a step promises where the fit is not to be given up
-PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
+MOST_STEPS = 40
+"""A descent ends after so many steps."""
+
+LEAST_PROMISE = 1e-5
+"""A step that promises a smaller share of the objective is the last one."""
+
+LEAST_GAIN = 1e-3
+"""A last step gains no larger share of the objective; kinked effects give more than a linearisation promises."""
+
+HOPEFUL_GAIN = 0.05
+"""Where the objective is hopeless, a step that gains no larger share of it ends the descent."""
+
+CREEPING_GAIN = 0.02
+"""A damped step that gains no larger share of the objective creeps."""
+
+PATIENCE = 2
+"""A descent ends after so many creeping steps in a row."""
+
+DIFFERENCE_SD = 30.0
+"""A finite difference spans so many sd of its parameter at most."""
+
+HOPEFUL_PROMISE = 0.05
+"""Where the undamped step promises a larger share of the objective, parts of it are tried before the fit ends."""
+
+STEP_PARTS = (0.0, 0.01, 0.03, 0.1, 0.2, 0.4, 0.7)
+"""Parts of the undamped step of theta and starts that are tried together; none first."""
+
 DAMPINGS = (1e-3, 1e-2, 1e-1, 0.3, 1.0, 3.0, 1e1, 1e2)
+"""Levenberg's lambdas that are tried beside no damping."""
 
 
 @dataclass(frozen=True)
@@ -68,29 +87,29 @@ def descend(
         patience: damped steps in a row that may gain little.
     """
     centred, searching, slow = False, False, 0
-    for _ in range(STEPS):
+    for _ in range(MOST_STEPS):
         total = current.objective
         step, promised = bounded_step(simulator, current, lin.theta, 0.0)
         damped = False
         if searching:
             step, damped = best_damped(simulator, windows, lin, current)
-        there = step_to(simulator, windows, lin, current, step, chord=promised <= TOLERANCE * total)
+        there = step_to(simulator, windows, lin, current, step, chord=promised <= LEAST_PROMISE * total)
         if there is not None and there[1].objective <= total:
             moved, trial = there
             gained, centred = total - trial.objective, True
             lin, current = moved, trial
-            if gained <= SLACK * total and (searching or promised <= TOLERANCE * total):
+            if gained <= LEAST_GAIN * total and (searching or promised <= LEAST_PROMISE * total):
                 return Descent(lin, current, "converged")
-            if gained <= CREEP * total and trial.objective > hopeless:
+            if gained <= HOPEFUL_GAIN * total and trial.objective > hopeless:
                 return Descent(lin, current, "given up")
-            slow = slow + 1 if damped and gained <= LITTLE * total else 0
+            slow = slow + 1 if damped and gained <= CREEPING_GAIN * total else 0
             if slow >= patience:
                 return Descent(lin, current, "crept")
             searching = damped
-        elif promised <= TOLERANCE * total and centred:
+        elif promised <= LEAST_PROMISE * total and centred:
             return Descent(lin, current, "converged")
         elif searching:
-            back = backtracked(simulator, windows, lin, current) if promised > FAR * total else None
+            back = backtracked(simulator, windows, lin, current) if promised > HOPEFUL_PROMISE * total else None
             if back is None:
                 return Descent(lin, current, "converged")
             lin, current = back
@@ -132,12 +151,12 @@ def backtracked(
     """
     step, _ = bounded_step(simulator, projected, lin.theta, 0.0)
     shift = start_shift(windows, lin, projected, step)
-    part = lin.theta.new_tensor(PARTS)
+    part = lin.theta.new_tensor(STEP_PARTS)
     theta = simulator.parameters.clamp(lin.theta + part[:, None] * step)
     starts = lin.starts + part[:, None, None] * shift
     error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
     best = int(error.argmin())
-    if best == 0 or not bool(error[best] < (1 - SLACK) * error[0]):
+    if best == 0 or not bool(error[best] < (1 - LEAST_GAIN) * error[0]):
         return None
     moved = linearise(simulator, windows, theta[best], starts[best], difference_steps(projected))
     return (moved, project(windows, moved, projected.weight)) if moved.valid else None
@@ -212,7 +231,7 @@ def difference_steps(projected: Projected) -> Float[Tensor, " P"]:
     """Longest steps for finite differences [SI]: 30 sd of each parameter, were it alone."""
     rows = (projected.row_weight > 0).sum().clamp_min(1)
     scale = (projected.residual.square().sum() / rows).sqrt()
-    return DIFFERENCE * scale / projected.columns.flatten(0, 1).norm(dim=0).clamp_min(1e-300)
+    return DIFFERENCE_SD * scale / projected.columns.flatten(0, 1).norm(dim=0).clamp_min(1e-300)
 
 
 def bounded_step(

@@ -17,7 +17,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.descent import PATIENCE, STEPS, descend, difference_steps
+from onlinebayes.criticism.fitting.descent import MOST_STEPS, PATIENCE, descend, difference_steps
 from onlinebayes.criticism.fitting.projection import Projected, project, row_weights
 from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.criticism.fitting.strays import best_starts, misfits, settled_starts
@@ -124,7 +124,7 @@ def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
         if float(misfits(windows, further.lin, further.projected.row_weight).sum()) > after:
             break
         found, crept = further, also
-    return _descended(found, windows, hopeless, patience=STEPS)[0] if crept and found.converged else found
+    return _descended(found, windows, hopeless, patience=MOST_STEPS)[0] if crept and found.converged else found
 
 
 def residual_correlation_time(fitted: Fit, windows: Windows) -> float:

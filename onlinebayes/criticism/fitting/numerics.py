@@ -32,12 +32,23 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
-SHARE = 0.1
-LEAST = 0.1  # noise: a residual smaller than that asks for no finer step
-NOTHING = 0.1 * SHARE * LEAST  # noise: an error that no fit makes matter
-SURELY = 2.0  # times the largest admissible error: what is expected of a rung that is passed by unseen
-PLAIN = 1e-6  # singular value over the largest, below which a direction is flat
-FAR = 10.0  # residual over noise above which rows may be left out
+STEP_ERROR_SHARE = 0.1
+"""The integration error may be this share of the residual."""
+
+LEAST_RESIDUAL = 0.1
+"""A residual of less noise than this asks for no finer step."""
+
+IMMATERIAL_ERROR = 0.1 * STEP_ERROR_SHARE * LEAST_RESIDUAL
+"""An integration error of less noise than this matters after no fit."""
+
+SURELY_TOO_COARSE = 2.0
+"""A rung of which so many times the admissible error is expected is passed by unseen."""
+
+FLAT_BELOW = 1e-6
+"""A direction whose singular value over the largest is less than this is flat."""
+
+ROWS_MATTER_BELOW = 10.0
+"""While the residual is more noise than this, measured rows may be left out."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +141,7 @@ def _improved(trial: Trial, grounds: Grounds, begun: Float[Tensor, " P"] | None)
     fitted = improve(grounds.fitted, windows)
     if begun is not None:
         fitted = woken(from_elsewhere(fitted, windows, begun), windows)
-    matters = grounds.numerics.error_at_quarter_step >= NOTHING
+    matters = grounds.numerics.error_at_quarter_step >= IMMATERIAL_ERROR
     if matters or _leaves_out(trial.simulator, trial.measurement, windows, fitted):
         return _checked(trial, grounds.rung, windows, fitted)
     return replace(grounds, fitted=fitted)
@@ -180,8 +191,8 @@ def check(
     moved = step_difference(measurement, windows, fitted, timestep / 4)
     rows = long.project(noise_rows(windows, moved[..., None]))
     error = float((rows.square().sum() / count).sqrt())
-    too_few_rows = rms < FAR and _leaves_out(simulator, measurement, windows, fitted)
-    sufficient = error < SHARE * max(rms, LEAST) and not too_few_rows
+    too_few_rows = rms < ROWS_MATTER_BELOW and _leaves_out(simulator, measurement, windows, fitted)
+    sufficient = error < STEP_ERROR_SHARE * max(rms, LEAST_RESIDUAL) and not too_few_rows
     return Numerics(timestep, error, sufficient), _shift(long.columns.flatten(0, 1), rows.flatten())
 
 
@@ -201,7 +212,7 @@ def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:
     if rung.runge_kutta or coarser.rung.runge_kutta or not first_order(simulator):
         return False
     expected = coarser.numerics.error_at_quarter_step * rung.timestep / coarser.rung.timestep
-    return expected > SURELY * SHARE * max(_rms(coarser.fitted.projected), LEAST)
+    return expected > SURELY_TOO_COARSE * STEP_ERROR_SHARE * max(_rms(coarser.fitted.projected), LEAST_RESIDUAL)
 
 
 def _shift(columns: Float[Tensor, "N P"], moved: Float[Tensor, " N"]) -> Float[Tensor, " P"]:
@@ -209,7 +220,7 @@ def _shift(columns: Float[Tensor, "N P"], moved: Float[Tensor, " N"]) -> Float[T
     scale = columns.norm(dim=0).clamp_min(1e-300)
     if not columns.shape[1] or not bool(torch.isfinite(moved).all()):
         return torch.zeros_like(scale)
-    asked = torch.linalg.pinv(columns / scale, rtol=PLAIN) @ moved
+    asked = torch.linalg.pinv(columns / scale, rtol=FLAT_BELOW) @ moved
     return 4 / 3 * asked / scale
 
 

@@ -30,7 +30,7 @@ NOTICED = 0.01  # of the whole misfit
 CONSPICUOUS = 2.0  # times the median misfit
 OWN_STEPS = 6
 FINER, FINEST = 10.0, 3  # differences, from one such step to the next, and how often
-PARTS = (0.0, 1.0, 0.3, 0.1, 0.03)  # none first: where all diverge a start stays
+START_STEP_PARTS = (0.0, 1.0, 0.3, 0.1, 0.03)  # none first: where all diverge a start stays
 
 
 def strays(before: Projected, after: Projected) -> Bool[Tensor, " W"]:
@@ -72,7 +72,7 @@ def settled_starts(
         return lin.starts, before, before
     part, twice = windows.select(worst), windows.select(worst.repeat(2))
     weight = row_weight[worst].repeat(2, 1)
-    part_of_step = theta.new_tensor(PARTS)[:, None, None]
+    part_of_step = theta.new_tensor(START_STEP_PARTS)[:, None, None]
     starts = torch.cat([lin.starts[worst], part.start])
     for k in range(OWN_STEPS):
         here = linearise_starts(simulator, twice, theta, starts, FINER ** min(k, FINEST))

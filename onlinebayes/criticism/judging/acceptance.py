@@ -27,7 +27,7 @@ from onlinebayes.criticism.results import Numerics
 from onlinebayes.simulators.effects import Effect
 
 LEAST_FALL = 0.05
-ALIKE = 0.01  # standard errors between two effects that are the same motion
+ALIKE_STANDARD_ERRORS = 0.01  # standard errors between two effects that are the same motion
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def judge(
     if not min(p_value, gain.sign_p(tried)) < alpha:
         failed.append(f"may be chance: p = {p_value:.3g} is not below {alpha:g}")
     if falls[0] < LEAST_FALL:
-        fall = f"falls by {100 * falls[0]:.1f} %, not by 5 %" if falls[0] > 0 else "does not fall"
+        fall = f"falls by {100 * falls[0]:.1f} %, not by {100 * LEAST_FALL:g} %" if falls[0] > 0 else "does not fall"
         failed.append(f"brings too little: the cross-validated error {fall}")
     if not gain.clear:
         lost = f"{gain.blocks - gain.better} of {gain.blocks} blocks lose"
@@ -142,7 +142,7 @@ def choose(admissible: list[Judged], bin_step: float) -> Judged:
         judged
         for judged in rivals
         if len(judged.fitted.theta) == len(first.fitted.theta)
-        and first.gain.gain - judged.gain.gain <= ALIKE * first.gain.se
+        and first.gain.gain - judged.gain.gain <= ALIKE_STANDARD_ERRORS * first.gain.se
     ]
     return min(alike, key=lambda judged: judged.effect.target_kind not in ("joint", "actuator"))
 

@@ -19,10 +19,10 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import APART, MOST_GROUPS
+from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, MOST_GROUPS
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.judging.score import PIECES
+from onlinebayes.criticism.judging.score import SHORT_WINDOWS
 from onlinebayes.criticism.judging.screening import Scores, block_scores, flips
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 from onlinebayes.simulators.base import Simulator
@@ -48,7 +48,7 @@ def contrast_p_values(current: Fit, windows: Windows, addresses: Sequence[str], 
     signs = flips(int(parts.max()) + 1, current.theta)
     own = torch.stack(masks, -1).to(current.theta)
     found = signs.new_zeros(len(addresses), len(signs))
-    for pieces in (1, PIECES):
+    for pieces in (1, SHORT_WINDOWS):
         projected = project(windows, current.lin, current.projected.weight, pieces)
         for k, address in enumerate(addresses):
             column = projected.columns[..., current.simulator.parameters.index(address)]
@@ -74,7 +74,7 @@ def parts_of_runs(windows: Windows, owner: Int[Tensor, " W"], tau: float) -> Int
         tau: correlation time of the residual [s].
     """
     moving = windows.moving
-    together = max(1, math.ceil(APART * tau / windows.horizon - 1e-9))
+    together = max(1, math.ceil(BLOCK_CORRELATION_TIMES * tau / windows.horizon - 1e-9))
     parts, first = torch.zeros_like(owner), 0
     for who in torch.unique(owner):
         mine = owner == who

@@ -23,12 +23,15 @@ from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.criticism.fitting.blocks import Blocks
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.judging.score import PIECES
+from onlinebayes.criticism.judging.score import SHORT_WINDOWS
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.simulators.effects import Effect
 
-SHARE = 0.8
-SPREAD = 0.5
+SAME_SIGN_SHARE = 0.8
+"""One law has the mean's sign in this share of the parts at least."""
+
+MOST_SPREAD = 0.5
+"""The sizes of one law differ between parts by an sd of this share of their mean at most."""
 
 
 def homogeneous(fitted: Fit, windows: Windows, blocks: Blocks, effect: Effect, tau: float) -> bool:
@@ -69,7 +72,7 @@ def one_law(
     cross, square = (empty.index_add(0, parts, x.sum(1)) for x in (rows * r, rows.square()))
     if not agree(cross, square, scale):
         return False
-    short = project(windows, fitted.lin, pieces=PIECES)
+    short = project(windows, fitted.lin, pieces=SHORT_WINDOWS)
     rows = short.measured_rows((size * short.columns[..., columns]).sum(-1))
     r = short.measured_rows(short.residual)
     scale = float((r.square().sum() / short.seen().sum()).sqrt()) * spread
@@ -105,7 +108,7 @@ def agree(cross: Float[Tensor, " G"], square: Float[Tensor, " G"], scale: float)
     alpha, w = alpha[sharp], w[sharp]
     mean = float((w * alpha).sum() / w.sum())
     share = float(((alpha > 0) == (mean > 0)).to(alpha).mean())
-    return share >= SHARE and between_sd(alpha, w) <= SPREAD * abs(mean)
+    return share >= SAME_SIGN_SHARE and between_sd(alpha, w) <= MOST_SPREAD * abs(mean)
 
 
 def between_sd(alpha: Float[Tensor, " G"], w: Float[Tensor, " G"]) -> float:
@@ -124,7 +127,7 @@ def motion_halves(fitted: Fit, windows: Windows, joint: str | None = None) -> li
     """
     names = joint_names(fitted.simulator)
     signals = [fitted.simulator.signals[c] for c in windows.columns]
-    n = windows.bins // PIECES
+    n = windows.bins // SHORT_WINDOWS
     motion = windows.bin(windows.value)
     found: list[list[Tensor]] = [[], [], []]
     for name in signals:
@@ -135,5 +138,5 @@ def motion_halves(fitted: Fit, windows: Windows, joint: str | None = None) -> li
         fast = v.abs() > v.abs()[seen].median() if bool(seen.any()) else seen
         far = q > q[seen].median() if bool(seen.any()) else seen
         for part, mask in zip(found, (v > 0, fast, far), strict=True):
-            part.append(mask[:, : n * PIECES].unflatten(1, (PIECES, n)).flatten(0, 1))
+            part.append(mask[:, : n * SHORT_WINDOWS].unflatten(1, (SHORT_WINDOWS, n)).flatten(0, 1))
     return [torch.stack(part, -1) for part in found]

@@ -17,7 +17,7 @@ from onlinebayes.criticism.data.motion import seen_by
 from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.judging.score import PIECES
+from onlinebayes.criticism.judging.score import SHORT_WINDOWS
 from onlinebayes.criticism.judging.verdict import AT_FLOOR
 from onlinebayes.criticism.results import Failure
 
@@ -35,7 +35,7 @@ class Region:
 
 def failures(fitted: Fit, windows: Windows, units: dict[str, str], most: int = 3) -> tuple[Failure, ...]:
     """The regions in which each signal's error concentrates, worst first; at most ``most`` a signal."""
-    short = project(windows, fitted.lin, pieces=PIECES)
+    short = project(windows, fitted.lin, pieces=SHORT_WINDOWS)
     square = short.measured_rows(short.residual).square()
     n = square.shape[1]
     found: list[Failure] = []
@@ -48,7 +48,7 @@ def failures(fitted: Fit, windows: Windows, units: dict[str, str], most: int = 3
             continue
         mine = []
         for region in regions:
-            mask = region.bins[:, : n * PIECES].unflatten(1, (PIECES, n)).flatten(0, 1) & seen
+            mask = region.bins[:, : n * SHORT_WINDOWS].unflatten(1, (SHORT_WINDOWS, n)).flatten(0, 1) & seen
             share, part = float(error[mask].sum()) / total, float(mask.sum()) / time
             if part > 0 and share >= LEAST_SHARE and share >= LEAST_LIFT * part:
                 mine.append(Failure(signal, region.where, share, part))

@@ -26,10 +26,19 @@ from onlinebayes.criticism.fitting.projection import Projected, project
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 
 STANDARD_ERRORS = 2.0
+"""A gain is clear, and two models are parted, from so many standard errors on."""
+
 SIGN_LEVEL = 0.01
-SHORT_TAU = 5.0  # bins
+"""A gain in all blocks is clear where that comes about by chance with no larger probability."""
+
+SHORT_TAU = 5.0
+"""Two models may be parted bin by bin where the better one's residual is correlated over at most so many bins."""
+
 ROW_Z = 4.0
-PIECES = 3  # short windows per long one: H_s = H / 3
+"""Two models are parted by their bins' densities from so many standard errors on."""
+
+SHORT_WINDOWS = 3
+"""Each long window is cut into so many short ones: H_s = H / 3."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +107,7 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
     """Leave each block out in turn (see :mod:`onlinebayes.criticism.fitting.blocks`)."""
     without = leave_one_out(fitted, blocks)
     long = project(windows, fitted.lin)
-    short = project(windows, fitted.lin, pieces=PIECES)
+    short = project(windows, fitted.lin, pieces=SHORT_WINDOWS)
     rows = _judged_rows(long, fitted, windows, blocks, without)
     seen = long.seen()
     test = (blocks.of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None] & seen
@@ -111,7 +120,7 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
         counts = test[..., s] & known.any(1)[:, None, None]
         density += torch.where(counts, log_t(r, scale[:, None], nu[:, None]).view_as(density), 0.0)
     short_rows = _judged_rows(short, fitted, windows, blocks, without)
-    short_of = blocks.of.repeat_interleave(PIECES)
+    short_of = blocks.of.repeat_interleave(SHORT_WINDOWS)
     short_test = (short_of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None]
     square = torch.where(test, rows, 0.0).square()
     return CrossValidated(

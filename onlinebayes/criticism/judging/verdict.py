@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import torch
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import APART, FEWEST
+from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.fitting.projection import row_weights, start_shift
@@ -140,9 +140,9 @@ def what_to_record(blocks: int, moves: bool, windows: Windows, tau: float) -> st
         return (
             "record runs in which the joints move: nothing here moves by more than 8 standard deviations of its sensor"
         )
-    block = max(windows.horizon, APART * tau)
-    needed = FEWEST * block
+    block = max(windows.horizon, BLOCK_CORRELATION_TIMES * tau)
+    needed = FEWEST_BLOCKS * block
     return (
-        f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST} separate runs: these data hold "
-        f"{blocks} independent blocks of {block:.3g} s and {FEWEST} are needed to tell a law from chance"
+        f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST_BLOCKS} separate runs: these data hold "
+        f"{blocks} independent blocks of {block:.3g} s and {FEWEST_BLOCKS} are needed to tell a law from chance"
     )

@@ -17,7 +17,7 @@ from torch import Tensor
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.simulators.base import Simulator
 
-PIECES = 8
+PIECES_OF_A_WINDOW = 8
 
 Rows = tuple[int, int]
 """From and to which of a window's rows."""
@@ -26,7 +26,7 @@ Rows = tuple[int, int]
 def pieces(simulator: Simulator, windows: Windows) -> list[Rows]:
     """The rows of each piece; all as one where nothing changes in time."""
     changes = any(effect.target_kind == "parameter" for effect in simulator.effects)
-    edges = torch.linspace(0, windows.rows, PIECES + 1 if changes else 2).round().long().tolist()
+    edges = torch.linspace(0, windows.rows, PIECES_OF_A_WINDOW + 1 if changes else 2).round().long().tolist()
     return [(first, last) for first, last in pairwise(edges) if last > first]
 
 

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.noise import tau
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, independent_parts, t_quantile
+from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.fitting.descent import bounded_step
 from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.identifiability import covariance_of
@@ -46,8 +46,11 @@ from onlinebayes.criticism.searching.stage import Stage
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
-MOST_REFITS = 3
+MOST_CHANGES_REFITTED = 3
+"""So many parameters are refitted with a value a run at most."""
+
 HALF_LEVEL = 0.5
+"""Share of the level that is left for what is asked after the effects."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +101,7 @@ def differing(
                 tried.append((gain.gain, p, apart, address))
     tried.sort(key=lambda one: -one[0])
     judged = []
-    for _, p, apart, address in tried[:MOST_REFITS]:
+    for _, p, apart, address in tried[:MOST_CHANGES_REFITTED]:
         try:
             fitted = fit(apart.simulator, windows, apart.theta, current.projected.weight, current.lin.starts)
         except BadInput:  # some run's value makes it diverge
@@ -160,7 +163,7 @@ def _judged(
     away = fitted.theta[columns] - shared
     failed = []
     if falls[0] < LEAST_FALL:
-        failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by 5 %")
+        failed.append(f"the cross-validated error falls by {100 * falls[0]:.1f} %, not by {100 * LEAST_FALL:g} %")
     if not gain.clear:
         failed.append(f"score gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each)")
     if falls[1] <= 0:
@@ -169,8 +172,10 @@ def _judged(
         failed.append("all its values may be the same")
     if not _one_law(fitted, windows, columns, away, scores.tau):
         failed.append("its values differ within the runs, too")
-    if (count := independent_parts(windows, residual_correlation_time(fitted, windows), selection.folds)) < FEWEST:
-        failed.append(f"what it leaves is slow: {count} independent blocks, not {FEWEST}")
+    if (
+        count := independent_parts(windows, residual_correlation_time(fitted, windows), selection.folds)
+    ) < FEWEST_BLOCKS:
+        failed.append(f"what it leaves is slow: {count} independent blocks, not {FEWEST_BLOCKS}")
     return Differing(address, p, fitted, scores, gain, falls, stage.blocks, tuple(failed))
 
 

@@ -22,7 +22,7 @@ from onlinebayes.criticism.judging.score import cross_validate, score_gain
 from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.stage import PROMISING, Added, Stage, judged_in
+from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, Added, Stage, judged_in
 from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
@@ -64,7 +64,7 @@ def _laws(stage: Stage, alpha: float) -> list[list[Screened]]:
     """The significant and promising candidates by name, of each name two or more; what promises most in sum first."""
     by_name: dict[str, list[Screened]] = {}
     for one in stage.screened:
-        if one.p_value is not None and one.p_value < alpha and one.promise >= PROMISING:
+        if one.p_value is not None and one.p_value < alpha and one.promise >= LEAST_PROMISED_FALL:
             by_name.setdefault(one.effect.name, []).append(one)
     several = [members for members in by_name.values() if len(members) > 1]
     return sorted(several, key=lambda members: -sum(one.promise for one in members))

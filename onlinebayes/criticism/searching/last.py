@@ -30,10 +30,10 @@ from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.between_runs import HALF_LEVEL, may_change
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import (
-    BEYOND,
     EVERY_P,
-    GROSS_MISFIT,
-    LEAST_PROMISE,
+    GROSS_FLOORS,
+    LEAST_PROMISE_OF_GROSS,
+    MOST_FLOORS,
     REFIT_BELOW,
     Added,
     Stage,
@@ -43,8 +43,11 @@ from onlinebayes.criticism.searching.stage import (
 )
 from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, ParameterStep
 
-MOST_REFITS = 2  # of a group
-LEAST_FALL = 0.3  # of a gross error, for a trial
+MOST_REFITS_OF_A_GROUP = 2
+"""So many candidates of one group are refitted at most."""
+
+LEAST_FALL_ON_TRIAL = 0.3
+"""What lowers a gross error by this share is taken on trial though it leaves more than noise."""
 
 Group = tuple[str, tuple[Effect, ...]]
 
@@ -72,7 +75,7 @@ class Last:
 
 def last_candidates(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Group, ...]:
     """What is left to try beyond all and ``found``, in groups, each with what is being looked for."""
-    if found and misfit(current.fitted.projected) > BEYOND:
+    if found and misfit(current.fitted.projected) > MOST_FLOORS:
         return ()
     return _without((*_effects(current), *_in_time(current)), {effect.key for effect in found})
 
@@ -116,7 +119,7 @@ def tried_last(
         context: of the search; its watch is looked at between the fits, and what was tried until then is returned.
     """
     selection, watch = context.selection, context.watch
-    gross = misfit(current.fitted.projected) > GROSS_MISFIT
+    gross = misfit(current.fitted.projected) > GROSS_FLOORS
     level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
     stricter = replace(selection, alpha=level)
     tried: list[Stage] = []
@@ -128,9 +131,9 @@ def tried_last(
             break  # an effect that explains all goes before a number for every instant
         watch.say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
-        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE]
+        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE_OF_GROSS]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
-        tried.append(judged_stage(screened, refits[:MOST_REFITS], current.numerics, stricter, watch))
+        tried.append(judged_stage(screened, refits[:MOST_REFITS_OF_A_GROUP], current.numerics, stricter, watch))
     return tried
 
 
@@ -142,12 +145,12 @@ def last_found(current: Grounds, tried: Sequence[Stage], selection: Selection) -
         tried: of :func:`tried_last`.
         selection: how effects are judged.
     """
-    gross = misfit(current.fitted.projected) > GROSS_MISFIT
+    gross = misfit(current.fitted.projected) > GROSS_FLOORS
     found: list[Last] = []
     for stage in tried:
         admissible = [judged for judged in stage.judged if judged.admissible]
         quiet = [judged for judged in admissible if leaves_noise(judged.fitted, current.windows, selection.tolerance)]
-        lowering = [judged for judged in admissible if gross and judged.falls[0] >= LEAST_FALL]
+        lowering = [judged for judged in admissible if gross and judged.falls[0] >= LEAST_FALL_ON_TRIAL]
         if quiet or lowering:
             found.append(Last(stage, choose(quiet or lowering, current.windows.bin_step), bool(quiet)))
     return max(found, key=lambda last: (last.believed, last.judged.gain.gain), default=None)
@@ -169,7 +172,7 @@ def found_beside(
         current, groups, context: as of :func:`tried_last`.
     """
     leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < context.selection.alpha]
-    if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_MISFIT:
+    if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_FLOORS:
         return None
     lead = max(leads, key=lambda added: added[1].gain.gain)
     context.watch.say(f"looking beside {lead[1].effect.key}")
@@ -198,7 +201,7 @@ def instead(base: Grounds, current: Grounds, accepted: Sequence[Added], context:
     screened = survey(
         fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
     )
-    refits = worth(screened, selection.alpha, EVERY_P)[:MOST_REFITS]
+    refits = worth(screened, selection.alpha, EVERY_P)[:MOST_REFITS_OF_A_GROUP]
     # Whether something is missing at all was decided before: screening's p, small or not, says nothing more.
     stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), context.watch)
     present = cross_validate(current.fitted, windows, stage.blocks)

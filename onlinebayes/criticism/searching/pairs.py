@@ -19,7 +19,7 @@ from onlinebayes.criticism.judging.score import cross_validate, parted, score_ga
 from onlinebayes.criticism.replaying.scoped import effect_values
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.stage import MOST_REFITS, Added, Stage, judged_stage, refit, worth
+from onlinebayes.criticism.searching.stage import MOST_REFITS_OF_A_ROUND, Added, Stage, judged_stage, refit, worth
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
@@ -54,7 +54,7 @@ def pair(
             s
             for s in worth(beside[lead.effect.key], selection.alpha, selection.alpha)
             if s.effect.key not in beside or _wants(beside[s.effect.key], lead.effect, selection)
-        ][:MOST_REFITS]
+        ][:MOST_REFITS_OF_A_ROUND]
         if not wanted or watch.stopped:
             continue
         watch.say(f"pairs with {lead.effect.key}")

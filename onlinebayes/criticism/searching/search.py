@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.data.noise import measured_floors
-from onlinebayes.criticism.fitting.blocks import FEWEST, make_blocks
+from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, make_blocks
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import choose
 from onlinebayes.criticism.results import Selection
@@ -85,7 +85,7 @@ def ground(simulator: Simulator, measurement: Measurement, selection: Selection)
 def enough(base: Grounds, selection: Selection) -> bool:
     """Whether joints move, for as many blocks as it takes to tell a law from chance."""
     moves = bool(base.windows.observed.any())
-    return moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST
+    return moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST_BLOCKS
 
 
 def search(simulator: Simulator, context: SearchContext, most: int, base: Grounds | None = None) -> Found:

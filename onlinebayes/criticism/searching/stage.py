@@ -16,7 +16,7 @@ from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.survey import Screened, Survey, survey
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.asleep import woken
-from onlinebayes.criticism.fitting.blocks import FEWEST, Blocks, independent_parts, make_blocks
+from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, make_blocks
 from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.projection import misfit, project
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contained, judge
@@ -27,16 +27,31 @@ from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.effects import Effect
 
 REFIT_BELOW = 0.1
-FEWEST_REFITS, MOST_REFITS = 2, 5
-GROSS = 4.0
-"""Squared error over that of an admissible model above which a rival's fit is not waited for where it creeps."""
-GROSS_MISFIT = 3.0  # floors
-BEYOND = 1000.0  # floors: what is left of a real machine's motion when the effects that it has were found
+"""In a thorough round candidates whose p lies below this are refitted, for ties and the report."""
+
+FEWEST_REFITS, MOST_REFITS_OF_A_ROUND = 2, 5
+"""A thorough round refits so many candidates at least, and any round so many at most."""
+
+HOPELESS_RATIO = 4.0
+"""A rival's fit that creeps is given up above so many times the squared error of an admissible model."""
+
+GROSS_FLOORS = 3.0
+"""A misfit above so many floors is gross: something is missing for certain."""
+
+MOST_FLOORS = 1000.0
+"""A misfit above so many floors remains of a real machine whose own effects were found: no other leaves noise of it."""
+
 EVERY_P = math.inf
-PROMISING = 0.4 * LEAST_FALL
-"""To first order; what lowers the error by less will not lower it by what acceptance asks for."""
-LEAST_PROMISE = 0.1  # of a gross misfit, for a refit whatever p
-LEFT = 0.25  # of a gross misfit, by what needs no p
+"""The level at which nothing is refused for its p."""
+
+LEAST_PROMISED_FALL = 0.4 * LEAST_FALL
+"""What promises to lower the error by a smaller share, to first order, will not lower it as acceptance asks."""
+
+LEAST_PROMISE_OF_GROSS = 0.1
+"""A candidate that promises to lower a gross misfit by this share is worth a refit, whatever its p."""
+
+LEFT_OF_GROSS = 0.25
+"""A candidate that leaves no more than this share of a gross misfit needs no p."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +96,7 @@ def run_stage(
     found = survey(current, windows, effects, selection.folds)
     fewest, below = (FEWEST_REFITS, REFIT_BELOW) if thorough else (0, selection.alpha)
     leading, promising = _leading(found, selection.alpha), worth(found, selection.alpha, below)
-    refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS]
+    refits = [s for k, s in enumerate(leading) if k < fewest or s in promising][:MOST_REFITS_OF_A_ROUND]
     stage = judged_stage(found, refits, numerics, selection, watch)
     more = [s for s in unlikely(found) if s not in refits]
     if not more or _any_admissible(stage):
@@ -107,15 +122,15 @@ def _leading(found: Survey, alpha: float) -> list[Screened]:
 
 def unlikely(found: Survey) -> list[Screened]:
     """Those that promise most of a gross misfit, whatever their p: screening is linear, and sees little of a limit."""
-    if not GROSS_MISFIT < misfit(found.current.projected) <= BEYOND:
+    if not GROSS_FLOORS < misfit(found.current.projected) <= MOST_FLOORS:
         return []
-    promising = [s for s in _leading(found, 0.0) if s.promise >= LEAST_PROMISE]
+    promising = [s for s in _leading(found, 0.0) if s.promise >= LEAST_PROMISE_OF_GROSS]
     return sorted(promising, key=lambda s: -s.promise)[:FEWEST_REFITS]
 
 
 def worth(found: Survey, alpha: float, below: float) -> list[Screened]:
     """Those of p under ``below`` that promise to lower the error."""
-    return [s for s in _leading(found, alpha) if (s.p_value or 0.0) < below and s.promise >= PROMISING]
+    return [s for s in _leading(found, alpha) if (s.p_value or 0.0) < below and s.promise >= LEAST_PROMISED_FALL]
 
 
 def judged_stage(
@@ -134,7 +149,7 @@ def judged_stage(
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
             fitted, effect = refit(
-                found.current, found.windows, candidate.effect, candidate.start, GROSS * best, candidate.others
+                found.current, found.windows, candidate.effect, candidate.start, HOPELESS_RATIO * best, candidate.others
             )
         except BadInput:  # it diverges from where screening would start it
             continue
@@ -150,8 +165,8 @@ def explains(current: Fit, fitted: Fit, windows: Windows, selection: Selection) 
     Screening's p says nothing more then: it is linear, and sees little of a limit, or of a spring whose centre is free.
     """
     gross = misfit(current.projected)
-    most = max(selection.tolerance, LEFT * gross)
-    return gross > GROSS_MISFIT and misfit(project(windows, fitted.lin)) <= most
+    most = max(selection.tolerance, LEFT_OF_GROSS * gross)
+    return gross > GROSS_FLOORS and misfit(project(windows, fitted.lin)) <= most
 
 
 def leaves_noise(fitted: Fit, windows: Windows, tolerance: float) -> bool:
@@ -185,9 +200,9 @@ def judged_in(
 def _if_slow(judged: Judged, windows: Windows, selection: Selection) -> Judged:
     """The judgement, with a failure more where what the candidate leaves is as slow as what it found."""
     count = independent_parts(windows, residual_correlation_time(judged.fitted, windows), selection.folds)
-    if count >= FEWEST:
+    if count >= FEWEST_BLOCKS:
         return judged
-    slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST}"
+    slow = f"what it leaves is slow: {count} independent blocks, not {FEWEST_BLOCKS}"
     return replace(judged, failed=(*judged.failed, slow), undecided=not judged.failed)
 
 

@@ -19,14 +19,17 @@ from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.judging.verdict import tied
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.search import Found
-from onlinebayes.criticism.searching.stage import GROSS, blocks_for
+from onlinebayes.criticism.searching.stage import HOPELESS_RATIO, blocks_for
 from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
-NEAR = 1.5  # times the error of the one that was accepted: what a rival may leave at a coarser step
-SHARE = 0.5  # of the accepted effect's z: what a candidate that looks like it had in the same round
+NEAR_ERROR_RATIO = 1.5
+"""At a coarser step a rival may leave so many times the error of the one that was accepted."""
+
+LOOKALIKE_Z_SHARE = 0.5
+"""What looks like the accepted effect had this share of its z in the same round at least."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
         if k > 0 or (len(found.accepted) == 1 and not anew):
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
         elif len(found.accepted) == 1:
-            near = [r for r in rivals if r.scores.rms_long < NEAR * judged.scores.rms_long]
+            near = [r for r in rivals if r.scores.rms_long < NEAR_ERROR_RATIO * judged.scores.rms_long]
             equal[judged.effect.key] = _swapped(base, found, [_judged_rival(r) for r in near], folds)
         else:
             equal[judged.effect.key] = _swapped(base, found, [_judged_rival(r) for r in rivals], folds)
@@ -86,7 +89,7 @@ def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]
         effect
         for effect in found.effects
         if effect.key not in seen
-        and z.get(effect.key, 0.0) >= SHARE * z[first.effect.key]
+        and z.get(effect.key, 0.0) >= LOOKALIKE_Z_SHARE * z[first.effect.key]
         and effect.target_kind != "parameter"
         and _is_rival(first.effect, effect, accepted)
     ]
@@ -111,7 +114,7 @@ def _swapped(base: Simulator, found: Found, rivals: list[Rival], folds: int | No
         for address, value in rival.start.items():
             theta[model.parameters.index(address)] = value
         try:
-            beyond = GROSS * final.projected.objective
+            beyond = HOPELESS_RATIO * final.projected.objective
             fitted = fit(model, windows, theta, final.projected.weight, hopeless=beyond)
         except BadInput:
             continue

@@ -24,9 +24,14 @@ from onlinebayes.criticism.searching.stage import Stage, judged_stage
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import SensorBias
 
-LOOSE = 20.0  # floors; what a window's start may be off its smoothed one, too
-PROMISING = 0.3  # of the fall that the effect gives
-AT_BOUND = 1e-3  # of the bound
+LARGEST_ZERO_FLOORS = 20.0
+"""A zero error is at most so many floors of its signal, as much as a window's start may be off its smoothed one."""
+
+LEAST_SHARE_OF_FALL = 0.3
+"""A zero error that promises this share of what the effect gives is refitted."""
+
+AT_BOUND = 1e-3
+"""A value within this share of the bound lies on it."""
 
 
 def beside_zeros(stage: Stage, best: Judged, numerics: Numerics, context: SearchContext) -> Stage:
@@ -42,7 +47,7 @@ def beside_zeros(stage: Stage, best: Judged, numerics: Numerics, context: Search
     if best.effect.name == SensorBias.name or not biases:
         return stage
     found = survey(stage.current, stage.windows, biases, context.selection.folds)
-    rivals = [s for s in found.screened if s.p_value is not None and s.promise >= PROMISING * best.falls[0]]
+    rivals = [s for s in found.screened if s.p_value is not None and s.promise >= LEAST_SHARE_OF_FALL * best.falls[0]]
     # All of them: the effect would enter before a rival that was left out.
     judged = judged_stage(found, rivals, numerics, context.selection, context.watch.unstoppable).judged
     return replace(stage, judged=(*stage.judged, *(one for one in judged if _inside(one))))
@@ -56,7 +61,7 @@ def zero_errors(current: Fit, windows: Windows) -> list[SensorBias]:
     for column, floor in zip(windows.columns, windows.noise.tolist(), strict=True):
         name = current.simulator.signals[column]
         unit = "m" if current.simulator.joint_kinds.get(name.partition(".")[2]) == "slide" else "rad"
-        bias = SensorBias(name, Parameter(-LOOSE * floor, LOOSE * floor, unit))
+        bias = SensorBias(name, Parameter(-LARGEST_ZERO_FLOORS * floor, LARGEST_ZERO_FLOORS * floor, unit))
         if name.startswith("qpos.") and name in targets and bias.key not in present:
             found.append(bias)
     return found

@@ -27,7 +27,7 @@ from onlinebayes.simulators.base import Simulator
 DRAWS = 32  # of one parameter; of P parameters a P-th of them
 FEWEST_DRAWS = 4
 MOST_WINDOWS = 8  # that screening looks at
-PARTS = (1.0, 0.5, 0.25)
+SCREENED_PARTS = (1.0, 0.5, 0.25)
 MOVING = 0.5  # of what is scored in the table as it stands: a mended one in which less moves is a stilled one
 
 
@@ -69,7 +69,7 @@ class Bench:
         return replay_rms(self.model(fault), windows, thetas, windows.noise)
 
     def screened(self, fault: Fault, thetas: Float[Tensor, "M P"]) -> Float[Tensor, "C M"]:
-        """The same over the first rows of a window, as many as each of :data:`PARTS` says, mean over the excerpt."""
+        """The same over the first rows of a window, as :data:`SCREENED_PARTS` says, mean over the excerpt."""
         windows = self._mended(fault, self._part, self.excerpt)
         return replay_rms_of_parts(self.model(fault), windows, thetas, windows.noise).mean(-1)
 
@@ -169,7 +169,7 @@ def replay_rms(
 def replay_rms_of_parts(
     simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
 ) -> Float[Tensor, "C M W"]:
-    """The same over the first rows of each window, as many as each of :data:`PARTS` says.
+    """The same over the first rows of each window, as many as each of :data:`SCREENED_PARTS` says.
 
     What diverges later holds its last finite values, and counts with them in the parts before.
     """
@@ -177,7 +177,7 @@ def replay_rms_of_parts(
     signals, valid = replay(simulator, windows, thetas, starts)
     wrong = torch.where(windows.observed, (windows.value - signals) / floor, torch.zeros_like(signals)).square()
     found = []
-    for part in PARTS:
+    for part in SCREENED_PARTS:
         rows = max(1, round(part * windows.rows))
         seen = windows.observed[:, :rows].sum((1, 2)).clamp_min(1)
         rms = (wrong[:, :, :rows].sum((2, 3)) / seen).sqrt()

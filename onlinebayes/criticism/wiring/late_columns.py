@@ -26,7 +26,7 @@ from onlinebayes.criticism.replaying.charted import courses_of
 from onlinebayes.criticism.wiring.bench import Bench, replay_rms, total
 from onlinebayes.criticism.wiring.faults import AsItStands
 from onlinebayes.criticism.wiring.shifts import FEWEST_ROWS, WHOLE, Shifted, late_joints
-from onlinebayes.criticism.wiring.wiring import EQUAL, PROMISING
+from onlinebayes.criticism.wiring.wiring import EQUAL_ERROR_RATIO, SCREENED_SHARE
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import ActuatorDelay
@@ -73,7 +73,7 @@ def _screened(bench: Bench) -> Lead | None:
         return None
     thetas = bench.thetas()
     own = bench.screened(AsItStands(), thetas).amin(1, keepdim=True)
-    least, found = PROMISING, None
+    least, found = SCREENED_SHARE, None
     for fault in late_joints(bench.measurement):
         shares = (bench.screened(fault, thetas) / own).nan_to_num(math.inf)
         if float(shares.min()) < least:
@@ -125,4 +125,4 @@ def _motor_as_late(bench: Bench, fault: Shifted, theta: Float[Tensor, " P"], err
         fitted = fit(models[replayed.index(min(replayed))], windows, begin)
     except BadInput:  # it diverges
         return False
-    return total(signal_rms(fitted.projected)) <= EQUAL * error
+    return total(signal_rms(fitted.projected)) <= EQUAL_ERROR_RATIO * error

@@ -27,7 +27,7 @@ from onlinebayes.simulators.base import Simulator
 GRID = 0.08  # of a window: the first moves
 REACH = 8  # of them
 PASSES = 6
-HALF = 0.5
+STRUCK_SHARE = 0.5
 
 Stretch = tuple[int, int, int]
 """A run, and the rows of its grid from which and to which an actuator is off."""
@@ -144,4 +144,6 @@ def _needed(stretches: Sequence[Stretch], trial: _Trial) -> list[Stretch]:
     """The stretches without which some window errs twice as much."""
     own = trial.rms(stretches)
     rest = ([*stretches[:k], *stretches[k + 1 :]] for k in range(len(stretches)))
-    return [one for one, without in zip(stretches, rest, strict=True) if (own < HALF * trial.rms(without)).any()]
+    return [
+        one for one, without in zip(stretches, rest, strict=True) if (own < STRUCK_SHARE * trial.rms(without)).any()
+    ]

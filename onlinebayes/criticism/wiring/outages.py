@@ -28,14 +28,29 @@ from onlinebayes.criticism.wiring.outage_edges import Stretch, settled
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 
-APART = 3.0  # times the median error
-SUDDEN = 30.0
-HALF = 0.5
+STRUCK_MEDIANS = 3.0
+"""A window that errs by more than so many times the median error may be struck."""
+
+SUDDEN_MEDIANS = 30.0
+"""No law is as sudden as an error of so many times the median."""
+
+STRUCK_SHARE = 0.5
+"""A window is struck where being off leaves less than this share of its error."""
+
 EIGHTHS = 8
+"""Edges are looked for on so many parts of a window first."""
+
 FINER = 8
-MOST_STRUCK = 24  # windows
-DIVERGED = 1e6  # floors: the error of a window in which the model diverges
+"""Edges are then looked for on so many parts of each of these."""
+
+MOST_STRUCK = 24
+"""So many windows are looked at, the worst ones."""
+
+DIVERGED = 1e6
+"""The error of a window in which the model diverges [floors]."""
+
 CONCENTRATIONS = 3
+"""Parameters are fitted to the better half of the windows so often."""
 
 Spans = tuple[tuple[str, float, float], ...]
 
@@ -92,13 +107,13 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, 
     own = _errors(coarse, windows, theta).clamp(max=DIVERGED)
     if not _some_stand_out(own):
         return None
-    apart = torch.nonzero(own > APART * own.median())[:, 0]
+    apart = torch.nonzero(own > STRUCK_MEDIANS * own.median())[:, 0]
     suspects = apart[own[apart].argsort(descending=True)[:MOST_STRUCK]].sort().values
     part, before = windows.select(suspects), own[suspects]
     found = []
     for columns in _sets(len(coarse.commands)):
         edges, after = _best_edges(coarse, part, theta, columns)
-        struck = after < HALF * before
+        struck = after < STRUCK_SHARE * before
         if bool(struck.any()):
             found.append((float(torch.where(struck, after, before).square().sum()), columns, edges, struck))
     if not found:
@@ -116,7 +131,7 @@ def sudden(base: Grounds, coarse: Simulator, windows: Windows) -> bool:
     Arguments as :func:`outage`.
     """
     windows = _moving(windows)
-    return any(_some_stand_out(_errors(coarse, windows, theta), SUDDEN) for theta in _starts(base, coarse))
+    return any(_some_stand_out(_errors(coarse, windows, theta), SUDDEN_MEDIANS) for theta in _starts(base, coarse))
 
 
 def _moving(windows: Windows) -> Windows:
@@ -129,7 +144,7 @@ def _starts(base: Grounds, coarse: Simulator) -> tuple[Float[Tensor, " P"], ...]
     return base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))
 
 
-def _some_stand_out(errors: Float[Tensor, " W"], apart: float = APART) -> bool:
+def _some_stand_out(errors: Float[Tensor, " W"], apart: float = STRUCK_MEDIANS) -> bool:
     """Whether a few windows err by far more than the others; more than half of them cannot (see the median)."""
     return bool((errors > apart * errors.median()).any())
 

@@ -41,16 +41,35 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.base import Simulator
 
-GROSS = 3.0  # floors
-PROMISING = 0.8
-HALF = 0.5
-EQUAL = 1.05
-OFF = 0.5  # of a run's error: what an actuator that was off there must leave at most
-PARTS = (1.0, 0.25)  # of a window: where runs are short, an outage in each may strike every whole one
+LEAST_FLOORS = 3.0
+"""A base model that errs by fewer floors has no such fault."""
+
+SCREENED_SHARE = 0.8
+"""A fault whose replay leaves less than this share of the error of the table as it stands is screened in."""
+
+EXPLAINED_SHARE = 0.5
+"""A fault that explains the misfit leaves this share of the base model's error at most."""
+
+EQUAL_ERROR_RATIO = 1.05
+"""Faults that leave up to so many times the error of the best one explain as much."""
+
+IDLE_SHARE = 0.5
+"""An actuator was off in a run whose error falls below this share without it."""
+
+OUTAGE_WINDOW_PARTS = (1.0, 0.25)
+"""Outages are looked for in windows of these parts of H: in short runs one in each may strike every whole window."""
+
 OVERWHELMING = 0.5
-DECISIVE = 0.1  # of the error: what an outage must leave where no effect was tried
+"""A fault whose replay leaves less than this share of the error is fitted before any effect is."""
+
+DECISIVE = 0.1
+"""An outage that leaves this share of the error at most needs no effect to be tried."""
+
 MOST_FITS = 4
-NEAR = 3.0  # of the best screened fault's error: what another may have to be fitted
+"""So many screened faults are fitted at most."""
+
+NEAR_BEST_RATIO = 3.0
+"""A fault is fitted only where its share of the error is at most so many times that of the best one."""
 
 
 @dataclass(frozen=True)
@@ -111,13 +130,13 @@ class Leads:
 
     def explain(self, selection: Selection) -> Suspicion | None:
         """The fault that explains the base model's misfit once the parameters are fitted anew, if one does."""
-        limit = HALF * total(signal_rms(self.bench.base.fitted.projected))
+        limit = EXPLAINED_SHARE * total(signal_rms(self.bench.base.fitted.projected))
         fits = [(self.bench.refitted(fault, theta), fault) for fault, theta in self.faults]
         found = [(fitted[0], fault) for fitted, fault in fits if fitted is not None and fitted[0] <= limit]
         if not found:
             return None
         best = min(error for error, _ in found)
-        return _judged([fault for error, fault in found if error <= EQUAL * best], self.bench, selection)
+        return _judged([fault for error, fault in found if error <= EQUAL_ERROR_RATIO * best], self.bench, selection)
 
 
 def look(
@@ -133,7 +152,7 @@ def look(
         watch: takes one line of progress.
     """
     rms = misfit(base.fitted.projected)
-    if rms <= max(GROSS, selection.tolerance):
+    if rms <= max(LEAST_FLOORS, selection.tolerance):
         return None
     watch.say("checking signs, units and columns")
     return _promising(Bench(simulator, measurement, selection.horizon_s, base))
@@ -165,7 +184,7 @@ def outages(
     watch.say("looking for actuators that were off for a while")
     bench = Bench(simulator, measurement, selection.horizon_s, base)
     seen: list[Suspicion] = []
-    for part in PARTS:
+    for part in OUTAGE_WINDOW_PARTS:
         try:
             short = make_windows(bench.coarse, measurement, part * selection.horizon_s, 0.0, base.windows.noise)
             found = outage(base, bench.coarse, short)
@@ -212,9 +231,13 @@ def _promising(bench: Bench) -> Leads:
 
 def _best(screened: Sequence[_Screened]) -> list[_Screened]:
     """Those worth a fit, in the order of the hypotheses."""
-    promising = [one for one in screened if one.share < PROMISING]
+    promising = [one for one in screened if one.share < SCREENED_SHARE]
     ranked = sorted(promising, key=lambda one: (one.share, one.error))[:MOST_FITS]
-    return [one for one in promising if any(one is other for other in ranked) and one.share <= NEAR * ranked[0].share]
+    return [
+        one
+        for one in promising
+        if any(one is other for other in ranked) and one.share <= NEAR_BEST_RATIO * ranked[0].share
+    ]
 
 
 def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor, "M W"]) -> list[SwitchedOff]:
@@ -225,7 +248,9 @@ def _switched_off(bench: Bench, thetas: Float[Tensor, "M P"], own: Float[Tensor,
         with_it, without = (e.new_zeros(len(e), len(runs)).index_add(1, bench.whole.run, e) for e in (own, off))
         best = int(torch.minimum(with_it, without).sum(1).argmin())
         idle = [
-            run for run, a, b in zip(runs, with_it[best].tolist(), without[best].tolist(), strict=True) if b < OFF * a
+            run
+            for run, a, b in zip(runs, with_it[best].tolist(), without[best].tolist(), strict=True)
+            if b < IDLE_SHARE * a
         ]
         if idle:
             found.append(SwitchedOff(actuator, tuple(idle)))
@@ -243,7 +268,7 @@ def _judged(alike: Sequence[Fault], bench: Bench, selection: Selection) -> Suspi
     before = total(cross_validated(bench.base, selection))
     after = total(cross_validated(grounds, selection), floor / carried)
     left = total(cross_validated(grounds, selection))
-    if max(after, left) > HALF * before:
+    if max(after, left) > EXPLAINED_SHARE * before:
         return None
     certain = _at_the_floor(grounds, selection) or _at_the_floor(_steadied(fault, floor, bench, selection), selection)
     return Suspicion(fault, tuple(alike[1:]), before, after, left, certain, grounds)

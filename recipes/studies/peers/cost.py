@@ -20,7 +20,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-from onlinebayes.criticism.fitting.descent import TOLERANCE
+from onlinebayes.criticism.fitting.descent import LEAST_PROMISE
 from onlinebayes.criticism.fitting.fit import fit
 from recipes.studies.peers.sysid import Problem
 from recipes.studies.peers.sysid_parameters import Freed, setter
@@ -114,5 +114,5 @@ def _to_tolerance(problem: Problem, residual: Any) -> float:
         iter_callback=lambda log: marks.append((time.process_time() - began, float(log[-1].objective))),
     )
     # An entry is written after the step that leaves its point: that point was reached when the entry before was.
-    near = next(k for k, (_, objective) in enumerate(marks) if objective <= marks[-1][1] * (1 + TOLERANCE))
+    near = next(k for k, (_, objective) in enumerate(marks) if objective <= marks[-1][1] * (1 + LEAST_PROMISE))
     return marks[max(near - 1, 0)][0]

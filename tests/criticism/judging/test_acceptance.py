@@ -15,7 +15,7 @@ from onlinebayes.criticism.judging.acceptance import Judged, judge
 from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.searching.stage import GROSS_MISFIT, judged_stage, leaves_noise
+from onlinebayes.criticism.searching.stage import GROSS_FLOORS, judged_stage, leaves_noise
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
 from tests.criticism.rigs import measure, model
@@ -51,7 +51,7 @@ def test_a_refusal_says_how_many_blocks_lose() -> None:
 @pytest.mark.parametrize(("delay", "refused"), [(0.03, False), (0.001, True)])
 def test_what_leaves_noise_of_a_gross_misfit_needs_no_p(delay: float, refused: bool) -> None:
     base, one = unseen({DELAY: (delay,)})
-    assert (misfit(base.fitted.projected) > GROSS_MISFIT) != refused
+    assert (misfit(base.fitted.projected) > GROSS_FLOORS) != refused
     assert leaves_noise(one.fitted, base.windows, 1.2)
     assert one.failed == (("may be chance: p = 0.99 is not below 0.03",) if refused else ())
 

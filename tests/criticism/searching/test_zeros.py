@@ -8,7 +8,7 @@ from envs.driven_pendulum.sets import Encoder, Protocol, record
 from onlinebayes.criticism import Criticism, Scope, refine
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.searching.zeros import LOOSE, zero_errors
+from onlinebayes.criticism.searching.zeros import LARGEST_ZERO_FLOORS, zero_errors
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -75,7 +75,7 @@ def test_zeros_are_bounded_by_the_floor() -> None:
     base = ground(model(), measure(runs=2), Selection())
     (bias,) = zero_errors(base.fitted, base.windows)
     assert bias.key == "sensor_bias@qpos.rail"
-    assert bias.bias == Parameter(-LOOSE * NOISE, LOOSE * NOISE, "m")
+    assert bias.bias == Parameter(-LARGEST_ZERO_FLOORS * NOISE, LARGEST_ZERO_FLOORS * NOISE, "m")
     grown = model().with_effect(bias)
     fitted = ground(grown, measure(runs=2), Selection()).fitted
     assert zero_errors(fitted, base.windows) == []
