@@ -1,6 +1,7 @@
-"""Criticism: where a simulator disagrees with measurements, which physical effect is missing, and is it better with it.
+"""Model criticism: a simulator is fitted to measured runs, the misfit is located, and a missing effect is identified.
 
-Functions on built objects: ``compare``, ``diagnose``, ``refine``; nothing here reads files.
+``compare`` fits and locates the misfit, ``diagnose`` ranks the physical effects that could explain it, ``refine`` adds
+them until the model predicts held-out runs as well as it can. All take built objects; nothing here reads files.
 """
 
 from onlinebayes.criticism.detail import Detail, HorizonError, Profile, WindowError

@@ -5,7 +5,7 @@
 
 Faults are screened by replays alone, which costs little. Their fits cost as much as an effect's, so that they wait for
 the search: where effects leave nothing but noise, no fault can leave less. A fault whose replay leaves less than half
-of the error goes first, for effects that ape it (a load for a weight that is carried) might reach the noise too. So
+of the error goes first, for effects that mimic it (a load for a weight that is carried) might reach the noise too. So
 does one joint's column that is late by whole rows and leaves nothing but noise, and an outage where few windows err
 thirty times as much as the others: no law is that sudden. Sensor delays beside other misfits, and a zero that is off by
 a tenth of a radian, are looked at as faults once effects explain them.

@@ -1,4 +1,4 @@
-"""The three questions: where is the model wrong, what is missing, and how good is it with what was missing.
+"""The public functions ``compare``, ``diagnose`` and ``refine``, each from built objects to a :class:`.Criticism`.
 
 fit runs: base model -> wiring and effects (see ``inquiry``) -> final model
 held-out runs: opened once, for the reported error (see ``assembly``)
@@ -14,7 +14,7 @@ from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough, ground
+from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough_motion, ground
 from onlinebayes.criticism.slow_effects import adds_to
 from onlinebayes.criticism.task import Task, prepared
 from onlinebayes.criticism.timing import Stopwatch
@@ -62,7 +62,7 @@ def compare(
     watch.say("fitting the base model")
     base = ground(task.simulator, task.fit_runs, task.selection)
     fault = None if watch.stopped else suspect(base, task.simulator, task.fit_runs, task.selection, watch)
-    found = Found(base, base, (), (), (), interrupted=watch.stopped, enough=enough(base, task.selection))
+    found = Found(base, base, (), (), (), interrupted=watch.stopped, enough=enough_motion(base, task.selection))
     if fault is None and not watch.stopped and (longer := task.slower(found, watch)) is not None:
         task, base = task.over(longer), ground(task.simulator, task.fit_runs, longer)
         found = Found(base, base, (), (), ())

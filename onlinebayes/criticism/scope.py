@@ -51,7 +51,7 @@ class Scope:
         return address in self.per_run or ("@" in address and address.rpartition(".")[0] in self.per_run)
 
     def owner(self, run: str) -> str:
-        """Who has the run's own values: the glob of its group, which a part of it shares, or the run itself."""
+        """The key of a run's own values: the glob of its group, or of the run it is a part of; else its name."""
         name = origin(run)
         return next((glob for glob in self.groups if name == glob or fnmatchcase(name, glob)), run)
 

@@ -1,4 +1,4 @@
-"""What is asked, made ready: the model on the log's clock, the runs parted, windows as long as the model allows."""
+"""A user's arguments prepared for fitting: model and runs on one clock, runs split, the window length chosen."""
 
 from __future__ import annotations
 

@@ -238,7 +238,7 @@ class TorchSimulator(Simulator):
                 f"{effect.key} has no form in torch",
                 "a torch system has joints, actuators and signals, and the laws that its equations hold",
             )
-        if effect.needs_servo or effect.weighs:
+        if effect.needs_servo or effect.changes_inertia:
             raise BadInput(f"{effect.key} has no form in torch", "the inertia of a torch system is in its equations")
         known = self.targets(effect.target_kind)
         if effect.target not in known:

@@ -11,7 +11,7 @@ from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.fitting.blocks import leave_one_out, make_blocks
 from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.fitting.heldout import replay_runs
-from onlinebayes.criticism.fitting.own import held_out_model, lent
+from onlinebayes.criticism.fitting.per_run_values import held_out_model, lent
 from onlinebayes.criticism.fitting.sensitivities import linearise
 from onlinebayes.criticism.replaying.charted import ChartedSimulator
 from onlinebayes.criticism.replaying.replay import replay

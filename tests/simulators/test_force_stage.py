@@ -153,7 +153,7 @@ def test_both_backends_compute_one_physics(effect: Effect, truth: list[float], l
     command, theta = _command(300), torch.tensor([truth], dtype=torch.float64)
     ours, theirs = (_roll(_backend(kind, effect), theta, command) for kind in ("mujoco", "torch"))
     # Forces alone agree to rounding; MuJoCo's friction is softer by its impedance, 1e-4, at each change of sign.
-    atol = 2e-4 if effect.rubs else 1e-12
+    atol = 2e-4 if effect.bounds_friction else 1e-12
     torch.testing.assert_close(ours["qpos"], theirs["qpos"], rtol=0.0, atol=atol)
     if effect.memory:
         heat = ("effects", effect.key, "heat")

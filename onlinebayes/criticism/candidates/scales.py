@@ -1,4 +1,4 @@
-"""Typical sizes at a target, from what the measurements show: what bounds and trials of an effect there are made of.
+"""Characteristic scales at a target (inertia, force, speed, time), which set an effect's bounds and trial values.
 
     I    = dt / (d v / d f)        effective inertia, from one step of the simulator with and without a load
     F    = max(I max abs(dv/dt), I max abs(u) (d v / d u) / dt)      largest force in play at the joint

@@ -1,4 +1,4 @@
-"""How a run moved and was driven: what hidden states of force stages follow from, wherever in the run a window starts.
+"""A run's motion and commands before any of its windows, from which the effects' hidden states are integrated.
 
     knots t_k, half a half-window apart:   (q_k, v_k) of the smoother's local cubic
     between two of them:                   Hermite's cubic through both; a straight line where knots between are missing

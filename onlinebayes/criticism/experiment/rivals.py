@@ -1,4 +1,4 @@
-"""Who is still in the race: hypotheses that may be true, and models that might explain what a true one would do.
+"""The hypotheses that the next recording must separate: each possible truth, and the models that could mimic it.
 
     effects accepted    the final model, and the same with an accepted effect swapped for one that it cannot be told
                         from, or where there is none for the next by score: each against each

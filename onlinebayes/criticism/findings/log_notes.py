@@ -1,4 +1,4 @@
-"""Effects that may be the log's own doing: a zero, a scale, a lateness, and the line of the problem file for each.
+"""Accepted effects that a recording error could equally cause (offset, scale, latency), with the line that corrects it.
 
     sensor_bias     y = q + b          offset = -b
     sensor_scale    y = (1 + s) q      scale = 1 / (1 + s)

@@ -4,8 +4,9 @@
     floor^2 = noise^2 + mean over rows of sum_j (d sim / d s_j)^2 sd(s_j)^2
 
 Here a start is a measurement, as a user would give one, so its uncertainty belongs to the floor. A held-out run's own
-values, where parameters differ between runs, are lent from one half of the run to the other (see ``own``). The same
-error is also given window by window, and by the time for which the model has run freely.
+values, where parameters differ between runs, are lent from one half of the run to the other (see
+:mod:`.fitting.per_run_values`). The same error is also given window by window, and by the time for which the model has
+run freely.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from torch import Tensor
 from onlinebayes.criticism.data.chart import POSE
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.detail import HorizonError, WindowError
-from onlinebayes.criticism.fitting.own import held_out_model
+from onlinebayes.criticism.fitting.per_run_values import held_out_model
 from onlinebayes.criticism.replaying.replay import replay, rollout, shown
 from onlinebayes.criticism.results import ReplayedRun
 from onlinebayes.simulators.base import Simulator

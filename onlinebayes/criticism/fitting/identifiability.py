@@ -5,7 +5,7 @@
 C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual's variance times its correlation. A
 parameter is identifiable when less than a tenth of it lies in flat directions. Intervals are the leave-one-block-out
 jackknife's, widened by what the time step moves theta (see ``numerics``), Student's t with B - 1 degrees of freedom,
-cut at the bounds; a run's own value adds the spread between its windows (see ``own``).
+cut at the bounds; a run's own value adds the spread between its windows (see :mod:`.fitting.per_run_values`).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.fitting.blocks import Blocks, jackknife, leave_one_out, t_quantile
 from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.own import own_covariance
+from onlinebayes.criticism.fitting.per_run_values import own_covariance
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 from onlinebayes.criticism.results import Estimate, FlatDirection
 from onlinebayes.parameters import Parameter

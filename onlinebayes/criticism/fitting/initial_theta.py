@@ -1,4 +1,4 @@
-"""Where a first fit begins in the box of parameters, and whether it had better begun elsewhere."""
+"""The starting point of a first fit: the best of several points within the bounds, with restarts where much is left."""
 
 from __future__ import annotations
 

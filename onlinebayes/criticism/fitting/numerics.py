@@ -21,8 +21,8 @@ from torch import Tensor
 from onlinebayes.criticism.data.grid import even_step
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
-from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
+from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
 from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project
 from onlinebayes.criticism.replaying.ladder import Rung, adjustable, first_order, ladder
@@ -140,7 +140,7 @@ def _improved(trial: Trial, grounds: Grounds, begun: Float[Tensor, " P"] | None)
     windows = grounds.windows
     fitted = improve(grounds.fitted, windows)
     if begun is not None:
-        fitted = woken(from_elsewhere(fitted, windows, begun), windows)
+        fitted = restart_inactive_effects(from_elsewhere(fitted, windows, begun), windows)
     matters = grounds.numerics.error_at_quarter_step >= IMMATERIAL_ERROR
     if matters or _leaves_out(trial.simulator, trial.measurement, windows, fitted):
         return _checked(trial, grounds.rung, windows, fitted)

@@ -1,4 +1,4 @@
-"""Starts that a step has led astray, brought back, and starts that no step of all windows together moves.
+"""Initial states of single windows, re-estimated where a joint Gauss-Newton step left them far from their optimum.
 
     s_w = argmin over candidates s of |r_w(theta, s)|^2
 

@@ -16,7 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.own import held_out_model
+from onlinebayes.criticism.fitting.per_run_values import held_out_model
 from onlinebayes.criticism.fitting.projection import project, signal_rms, start_shift
 from onlinebayes.criticism.fitting.sensitivities import linearise_starts
 from onlinebayes.criticism.results import FittedModel, HeldOutError

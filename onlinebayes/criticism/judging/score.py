@@ -21,7 +21,7 @@ from onlinebayes.criticism.data.noise import log_t, student_t, tau
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import Blocks, held_out_rows, leave_one_out
 from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.own import lent
+from onlinebayes.criticism.fitting.per_run_values import lent
 from onlinebayes.criticism.fitting.projection import Projected, project
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 
@@ -140,7 +140,10 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
 def _judged_rows(
     projected: Projected, fitted: Fit, windows: Windows, blocks: Blocks, without: Float[Tensor, "B P"]
 ) -> Float[Tensor, "B V n S"]:
-    """Every window's residual under theta_-b, a left-out run's own values lent from half to half (see ``own``)."""
+    """Every window's residual under theta_-b, a left-out run's own values lent from half to half.
+
+    See :mod:`.fitting.per_run_values`.
+    """
     if not isinstance(fitted.simulator, ScopedSimulator):
         return projected.measured_rows(held_out_rows(projected, fitted.theta, without))
     both, half = lent(fitted, windows, blocks, without)

@@ -35,7 +35,7 @@ def plain(effect: str) -> str:
 
 
 def together(effects: Sequence[str], last: str = "and") -> str:
-    """``dry friction and constant load at carriage, actuator delay at left and right``: what alike has is said once."""
+    """``dry friction and constant load at carriage, actuator delay at left and right``, grouped by target."""
     by_target: dict[str, list[str]] = {}
     for effect in effects:
         name, _, target = effect.partition("@")

@@ -3,9 +3,10 @@
 A mass that was changed, a floor, a supply voltage: no law is missing, the model has one value too few. Such a change is
 held to what an effect is held to (see ``acceptance``): (i) p of :mod:`.judging.contrasts`, the maximum over all
 parameters, at half the level, for effects have taken theirs; (ii) cross-validated RMS at H down by 5 %, at H_s too,
-score gain of two standard errors, every left-out run judged with the value that its other half gives (``own``); (iii)
-one run's value is off the shared one, at a level shared out among the runs; (iv) one law within the runs: the same
-deviations in both halves of each, at either sign of v, for abs(v) and q above and below their medians.
+score gain of two standard errors, every left-out run judged with the value that its other half gives
+(:mod:`.fitting.per_run_values`); (iii) one run's value is off the shared one, at a level shared out among the runs;
+(iv) one law within the runs: the same deviations in both halves of each, at either sign of v, for abs(v) and q above
+and below their medians.
 
 Beside an admissible effect, which has fewer parameters, it must predict better by two paired standard errors and leave
 no more than noise. Where nothing is admissible it must remove half of the squared error above the floor.
@@ -27,7 +28,7 @@ from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independ
 from onlinebayes.criticism.fitting.descent import bounded_step
 from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.identifiability import covariance_of
-from onlinebayes.criticism.fitting.own import run_halves
+from onlinebayes.criticism.fitting.per_run_values import run_halves
 from onlinebayes.criticism.fitting.projection import project, replace_columns
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.contrasts import contrast_p_values

@@ -16,8 +16,8 @@ from collections.abc import Sequence
 
 from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.candidates.survey import Screened, survey
-from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.judging.score import cross_validate, score_gain
 from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Numerics
@@ -105,7 +105,8 @@ def _fitted(stage: Stage, members: Sequence[Screened]) -> Fit:
     theta = carried(current.simulator, current.theta, model)
     for one in members:
         theta = with_effect_values(model, theta, one.effect, one.start)
-    return woken(fit(model, stage.windows, theta, current.projected.weight, current.lin.starts), stage.windows)
+    fitted = fit(model, stage.windows, theta, current.projected.weight, current.lin.starts)
+    return restart_inactive_effects(fitted, stage.windows)
 
 
 def _without(stage: Stage, members: Sequence[Screened], left_out: Screened, together: Fit) -> Fit:

@@ -19,7 +19,7 @@ from onlinebayes.criticism.searching.changes import Changed, changed
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.family import family
 from onlinebayes.criticism.searching.fewer import with_fewer
-from onlinebayes.criticism.searching.last import (
+from onlinebayes.criticism.searching.flexible_candidates import (
     Group,
     Last,
     found_beside,
@@ -82,7 +82,7 @@ def ground(simulator: Simulator, measurement: Measurement, selection: Selection)
     return settle(simulator, measurement, selection.horizon_s, measured_floors(measurement))
 
 
-def enough(base: Grounds, selection: Selection) -> bool:
+def enough_motion(base: Grounds, selection: Selection) -> bool:
     """Whether joints move, for as many blocks as it takes to tell a law from chance."""
     moves = bool(base.windows.observed.any())
     return moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST_BLOCKS
@@ -102,7 +102,7 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
         watch.say("fitting the base model")
         base = ground(simulator, context.measurement, selection)
     effects = propose(base.fitted.simulator, base.windows, context.candidates)
-    if not enough(base, selection):
+    if not enough_motion(base, selection):
         return Found(base, base, effects, (), (), watch.stopped, enough=False)
     standing = Standing(simulator, base)
     stages: list[Stage] = []

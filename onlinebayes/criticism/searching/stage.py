@@ -15,9 +15,9 @@ import torch
 from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.survey import Screened, Survey, survey
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.asleep import woken
 from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, make_blocks
 from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
+from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.projection import misfit, project
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contained, judge
 from onlinebayes.criticism.judging.score import CrossValidated
@@ -217,9 +217,9 @@ def refit(
     """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
 
     The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see
-    :mod:`.fitting.asleep`. Where there are ``others`` to begin from, the best of all these fits. The grown model
-    contains the current one: a fit that ends above it was led astray from where it began, and begins again where the
-    effect is nothing.
+    :mod:`.fitting.inactive_effects`. Where there are ``others`` to begin from, the best of all these fits. The grown
+    model contains the current one: a fit that ends above it was led astray from where it began, and begins again where
+    the effect is nothing.
 
     Returns:
         The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see
@@ -247,4 +247,6 @@ def _fitted(current: Fit, windows: Windows, effect: Effect, start: dict[str, flo
     own = [start[name] for name in effect_entries(current.simulator, effect).values()]
     theta = torch.cat([current.theta, current.theta.new_tensor(own)])
     model = current.simulator.with_effect(effect)
-    return woken(fit(model, windows, theta, current.projected.weight, current.lin.starts, hopeless), windows)
+    return restart_inactive_effects(
+        fit(model, windows, theta, current.projected.weight, current.lin.starts, hopeless), windows
+    )

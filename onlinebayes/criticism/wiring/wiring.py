@@ -2,7 +2,7 @@
 
     s(fault) = mean over windows of the RMS of the replay from the smoothed starts, best of some thetas   screened
     r(fault) = start-projected RMS after a fit on the coarsest rung                                       fitted
-    e(fault) = cross-validated RMS at H after the same road as the base model's                           judged
+    e(fault) = cross-validated RMS at H after the same fit as the base model's                            judged
 
 A fault is screened in when s falls below 0.8 of the table's own as it stands, over whole windows or over their first
 half or quarter alone: over a second, an arm that falls is as wrong with any theta but the true one as with a wrong

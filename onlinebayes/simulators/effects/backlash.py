@@ -85,7 +85,7 @@ class Backlash(Effect):
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
-        """Gaps from narrow to wide: the wait grows with the root of the gap, so that none speaks for the others."""
+        """Four gaps from narrow to wide: the replay is far from linear in the gap, and one does not predict another."""
         width = self.gap.high - self.gap.low
         return tuple({**self.neutral, "gap": self.gap.low + part * width} for part in (0.01, 0.05, 0.2, 0.6))
 

@@ -274,15 +274,15 @@ class Effect(ABC):
     @property
     def has_force(self) -> bool:
         """Whether the effect has a force stage."""
-        return type(self).force is not Effect.force or self.rubs or self.weighs
+        return type(self).force is not Effect.force or self.bounds_friction or self.changes_inertia
 
     @property
-    def rubs(self) -> bool:
+    def bounds_friction(self) -> bool:
         """Whether its force stage bounds a dry friction."""
         return type(self).friction_bound is not Effect.friction_bound
 
     @property
-    def weighs(self) -> bool:
+    def changes_inertia(self) -> bool:
         """Whether its force stage changes the joint's inertia."""
         return type(self).inertia is not Effect.inertia
 

@@ -290,7 +290,7 @@ class MujocoSimulator(Simulator):
         Itself where friction is no native effect, or where force stages have some, which no MJCF could hold.
         """
         native = any("dof_frictionloss" in effect.fields for effect in self.effects)
-        if self._system.soft_friction or not native or any(effect.rubs for effect in self._system.staged):
+        if self._system.soft_friction or not native or any(effect.bounds_friction for effect in self._system.staged):
             return self
         return self._remade(soft_friction=True)
 

@@ -109,9 +109,9 @@ class ForceStage:
         )
         self._fields = actuator_fields(system, fields)
         self._loss = _JointField(
-            "dof_frictionloss", fields, worlds, {place.v for place in self._places if place.effect.rubs}
+            "dof_frictionloss", fields, worlds, {place.v for place in self._places if place.effect.bounds_friction}
         )
-        weighed = {place.v for place in self._places if place.effect.weighs}
+        weighed = {place.v for place in self._places if place.effect.changes_inertia}
         self._inertia = [_JointField(name, fields, worlds, weighed) for name in INERTIA]
         self._theta = torch.zeros(worlds, len(system.parameters), dtype=torch.float64)
         self._own: dict[str, dict[str, Tensor]] = {}

@@ -146,8 +146,8 @@ class MujocoSystem:
                 (arrays - {pseudo_inertia.ARRAY})
                 | (set(pseudo_inertia.FIELDS) if self._factors else set())
                 | {f for e in self.effects for f in e.fields}
-                | {f for e in self.staged if e.rubs for f in sticking.FIELDS}
-                | {"dof_armature" for e in self.staged if e.weighs}
+                | {f for e in self.staged if e.bounds_friction for f in sticking.FIELDS}
+                | {"dof_armature" for e in self.staged if e.changes_inertia}
             )
         )
         self._base = {name: model_array(self.model, name).copy() for name in {*self.fields, *arrays}}
@@ -188,7 +188,7 @@ class MujocoSystem:
             if effect.fields:
                 effect.write(self.model, fields, self.own(effect, theta))
         for effect in self.staged:
-            if effect.rubs:
+            if effect.bounds_friction:
                 # Its bound is written between timesteps; here the solver is made ready where there may be one.
                 values, neutral = self.own(effect, theta), effect.neutral
                 acts = np.any([values[name] != neutral[name] for name in effect.parameters], axis=0)
@@ -331,7 +331,7 @@ def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], eff
         mine = [a for a in actuators if a.actuator == model.actuator(effect.target).id]
         if not mine or int(model.jnt_type[mine[0].joint]) not in (int(SLIDE), int(HINGE)):
             raise BadInput(f"{effect.key}: the actuator drives no slide or hinge joint", "use an actuator of a joint")
-        if effect.rubs:
+        if effect.bounds_friction:
             raise BadInput(f"{effect.key}: dry friction acts on a joint", "give it a joint as target")
     else:
         mine = [a for a in actuators if a.joint == model.joint(effect.target).id]

@@ -46,7 +46,8 @@ class Worlds:
         self._range = np.repeat(system.model.actuator_forcerange[None], worlds, axis=0)
         self._on, self._all_on = np.ones((worlds, len(system.commands)), dtype=bool), True
         self.trace: list[dict[str, TensorDict]] = []
-        weighed = {name: self.batch.expand(name) for name in INERTIA} if any(e.weighs for e in system.staged) else {}
+        changed = INERTIA if any(effect.changes_inertia for effect in system.staged) else ()
+        weighed = {name: self.batch.expand(name) for name in changed}
         fields = {**self._fields, **weighed}
         self.stage = ForceStage(system, self.batch, fields, worlds) if system.staged else None
 

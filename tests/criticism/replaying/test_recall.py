@@ -10,7 +10,7 @@ from tensordict import TensorDict
 import onlinebayes.criticism.replaying.recall as recall_module
 from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.own import held_out_model
+from onlinebayes.criticism.fitting.per_run_values import held_out_model
 from onlinebayes.criticism.replaying.recall import recall
 from onlinebayes.criticism.replaying.replay import history_rows
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator, unfold

@@ -7,7 +7,7 @@ import pytest
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.last import Last, last_candidates, last_found, tried_last
+from onlinebayes.criticism.searching.flexible_candidates import Last, last_candidates, last_found, tried_last
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import refit
 from onlinebayes.parameters import Parameter

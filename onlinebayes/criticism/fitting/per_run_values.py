@@ -1,4 +1,4 @@
-"""Own values of runs, judged honestly: a run's own value is never judged on the rows that it was found from.
+"""Parameters with one value per run: cross-fitted, so that no value is judged on the rows it was estimated from.
 
 A run that is left out, or held out, has parameters of its own that nothing else tells. They are nuisances as its
 windows' starts are, but one for many windows, so that fitting them to the rows they are judged on would flatter the

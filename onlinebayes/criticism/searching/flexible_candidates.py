@@ -186,7 +186,7 @@ def instead(base: Grounds, current: Grounds, accepted: Sequence[Added], context:
     """The one effect that explains alone what several do; None without any.
 
     One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
-    constant load), or one that was found last and does no worse without those that aped it before.
+    constant load), or one that was found last and does no worse without those that mimicked it before.
     """
     several = {judged.effect.key for _, judged in accepted}
     if len(several) < 2:

@@ -1,8 +1,8 @@
-"""Effects that move nothing where a fit left them, woken: a limit out of reach has no slope, and no fit moves it.
+"""Fits begun again for effects whose sensitivities are all zero at the mode, such as a limit that is never reached.
 
-For an effect whose columns are all 0 at the mode, the fit is repeated from each of its starting values, the other
-parameters where they are; the best of these fits stands, which is the first one where none is better. So begin effects
-added by hand, at their neutral values, and refits whose linear estimate of a limit lies out of reach.
+A gradient cannot move such an effect: the fit is repeated from each of its starting values, the other parameters where
+they are. The best of these fits stands, which is the first one where none is better. So begin effects added by hand, at
+their neutral values, and refits whose linear estimate of a limit lies out of reach.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
 
-def woken(fitted: Fit, windows: Windows) -> Fit:
+def restart_inactive_effects(fitted: Fit, windows: Windows) -> Fit:
     """The best fit of the same model, from here and from the starting values of effects that moved nothing."""
     for effect in fitted.simulator.effects:
         if not _sleeps(fitted, effect):
