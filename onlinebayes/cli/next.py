@@ -15,7 +15,7 @@ from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan import write_plan
 from onlinebayes.criticism.split import split
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Interrupt
 
 WIDTH, COLUMN = 80, 12
 
@@ -46,19 +46,22 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
         try:
             result = criticise("refine", problem)
             if result.interrupted:
-                _log("stopped by Ctrl-C; nothing is proposed")
-                return 130
+                return _stopped()
             fit_runs, _ = split(problem.measurement, problem.holdout)
-            plan = next_experiment(
-                result,
-                problem.simulator,
-                fit_runs,
-                candidates=problem.candidates,
-                allowed=allowed,
-                progress=_log,
-            )
+            with Interrupt("onlinebayes: stopping after the stage in hand; Ctrl-C again ends it at once") as interrupt:
+                plan = next_experiment(
+                    result,
+                    problem.simulator,
+                    fit_runs,
+                    candidates=problem.candidates,
+                    allowed=allowed,
+                    progress=_log,
+                    interrupt=interrupt,
+                )
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
+        if plan is None:
+            return _stopped()
         names = write_plan(plan, folder, title=title_of(problem.path))
     print(summary(plan, folder, names))
     return 0
@@ -84,6 +87,12 @@ def _wrapped(key: str, what: str) -> str:
     """A key of 12 columns and its text, broken between words; paths stay whole."""
     lines = textwrap.wrap(what, WIDTH - COLUMN, break_long_words=False, break_on_hyphens=False)
     return "\n".join(f"{key if k == 0 else '':<{COLUMN}}{line}" for k, line in enumerate(lines))
+
+
+def _stopped() -> int:
+    """Exit status where Ctrl-C came first."""
+    _log("stopped by Ctrl-C; nothing is proposed")
+    return 130
 
 
 def _log(line: str) -> None:

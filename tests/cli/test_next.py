@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+import signal
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from onlinebayes.cli import next as following
 from onlinebayes.cli.main import main
+from onlinebayes.runs import Interrupt
 from tests.cli.conftest import MODEL, PROBLEM, table
 
 QUICK = """
@@ -63,6 +67,22 @@ def test_the_result_says_what_it_expects(done: tuple[Path, str]) -> None:
     assert sorted(path.name for path in folder.iterdir()) == ["next.csv", "next.html", "next.json"]
     assert "next:" in printed
     assert max(map(len, printed.splitlines())) <= 80 + len(str(folder))
+
+
+def test_ctrl_c_is_said_and_leaves_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pressed while the recording is sought: the first one asks the work to end, and no file is written."""
+
+    def pressed(*_given: object, interrupt: Interrupt, **_named: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        assert interrupt.requested
+
+    monkeypatch.setattr(following, "criticise", lambda _command, _problem: SimpleNamespace(interrupted=False))
+    monkeypatch.setattr(following, "next_experiment", pressed)
+    assert main(["next", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 130
+    assert "stopped by Ctrl-C; nothing is proposed" in capsys.readouterr().err
+    assert not (folder / "out").exists()
 
 
 def test_a_model_without_actuators_is_one_line(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -30,7 +30,7 @@ from onlinebayes.criticism.experiment.separation import refitted, separations
 from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput, one_torch_thread
+from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
@@ -59,7 +59,8 @@ def next_experiment(
     candidates: str | Sequence[str | Effect] = "all",
     allowed: Allowed | None = None,
     progress: Callable[[str], None] | None = None,
-) -> Plan:
+    interrupt: Interrupt | None = None,
+) -> Plan | None:
     """The recording that would decide what a criticism leaves open.
 
     Args:
@@ -69,32 +70,49 @@ def next_experiment(
         candidates: the effects that it tried.
         allowed: the user's own limits.
         progress: takes one line of text between stages.
+        interrupt: ends the work after the stage in hand.
+
+    Returns:
+        The plan; None where it was interrupted.
 
     Raises:
         BadInput: no actuators, a free or ball joint, no rivals, or limits that admit no input at all.
     """
     joint_names(simulator)  # refuses free and ball joints: postures are not drawn for them
-    say = progress or (lambda _line: None)
-    allowed = allowed or Allowed()
-    say("fitting the rivals")
-    rivals = find_rivals(result, simulator, measurement, candidates)
+    watch = Watch(interrupt=interrupt) if progress is None else Watch(progress, interrupt)
+    with watch.giving_up():
+        watch.say("fitting the rivals")
+        rivals = find_rivals(result, simulator, measurement, candidates)
+        return None if watch.stopped else _proposed(result, rivals, measurement, allowed or Allowed(), watch)
+    return None
+
+
+def _proposed(
+    result: Criticism, rivals: Rivals, measurement: Measurement, allowed: Allowed, watch: Watch
+) -> Plan | None:
+    """The plan that parts these rivals; None where it was interrupted."""
     model = rivals.hypotheses[0].simulator
     limits = find_limits(model, measurement, rivals.windows, allowed, _least_seconds(rivals))
     every = family(rivals.windows, limits, model.commands, _affordable(rivals, limits))
     trials = []
     for payload in (None, *([allowed.payload] if allowed.payload else [])):
-        say(f"playing {every.count} inputs" + (f" with {payload.mass:g} kg at '{payload.body}'" if payload else ""))
+        carrying = f" with {payload.mass:g} kg at '{payload.body}'" if payload else ""
+        watch.say(f"playing {every.count} inputs{carrying}")
         safe = admissible([loaded(h, payload) for h in rivals.hypotheses], every, limits)
         if safe.count:
             trials.append(_compared(rivals, safe, payload, measurement))
+        if watch.stopped:
+            return None
     if not trials:
         raise BadInput(
             f"none of {every.count} inputs keeps {', '.join(joint_names(model))} within the limits",
             "widen travel, max_speed or max_command under [next]",
         )
-    say("refitting under the best inputs")
+    watch.say("refitting under the best inputs")
     if trials[0].payload is None:
-        trials[0] = _confirmed(rivals, trials[0], measurement)
+        trials[0] = _confirmed(rivals, trials[0], measurement, watch)
+    if watch.stopped:
+        return None
     plan = _plan(result, rivals, limits, trials, measurement)
     enough = math.ceil(_least_seconds(rivals) / limits.seconds)
     return replace(plan, refused=every.count - trials[0].inputs.count, recordings=max(REPEATS, enough) + 1)
@@ -123,12 +141,14 @@ def _compared(rivals: Rivals, inputs: Inputs, payload: Payload | None, measureme
     return _Trials(inputs, payload, sigma, torch.zeros(inputs.count, dtype=torch.bool, device=sigma.device))
 
 
-def _confirmed(rivals: Rivals, trials: _Trials, measurement: Measurement) -> _Trials:
-    """The leading inputs with the models fitted anew."""
+def _confirmed(rivals: Rivals, trials: _Trials, measurement: Measurement, watch: Watch) -> _Trials:
+    """The leading inputs with the models fitted anew, until it is interrupted."""
     order = _worth(trials.sigma).argsort(descending=True)[:REFITTED].tolist()
     leading = dict.fromkeys([*order, *trials.sigma.argmax(0).tolist()])
     sigma, done = trials.sigma.clone(), trials.refitted.clone()
     for n in leading:
+        if watch.stopped:
+            break
         one = trials.inputs.select(torch.tensor([n], device=sigma.device))
         each = [refitted(pair, one, rivals.windows, measurement.signals) for pair in rivals.pairs]
         sigma[n] = sigma.new_tensor([min(each[k] for k in rivals.of(names)) for names in rivals.names])

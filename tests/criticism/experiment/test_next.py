@@ -21,7 +21,7 @@ from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.results import Wiring
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, Effect, QuadraticDrag, ViscousFriction
 from tests.criticism import sprung
@@ -160,6 +160,19 @@ def test_limits_that_admit_nothing_are_bad_input(one_law: tuple) -> None:
         next_experiment(
             result, sprung.model(sprung.MODEL, NOTHING), fit_runs(measured), candidates=candidates, allowed=allowed
         )
+
+
+def test_it_ends_after_the_stage_in_hand(one_law: tuple) -> None:
+    """Interrupted while the rivals are fitted: no input is played, and nothing is proposed."""
+    result, measured, candidates = one_law
+    interrupt, said = Interrupt(), []
+    interrupt.requested = True
+    model = sprung.model(sprung.MODEL, NOTHING)
+    runs = fit_runs(measured)
+    assert (
+        next_experiment(result, model, runs, candidates=candidates, progress=said.append, interrupt=interrupt) is None
+    )
+    assert said == ["fitting the rivals"]
 
 
 class Slider(TorchSimulator):
