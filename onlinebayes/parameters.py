@@ -10,7 +10,6 @@ samplers and estimators:
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 
 
 @dataclass(frozen=True)
@@ -223,8 +222,4 @@ class ParameterSpace(Mapping[str, Parameter]):
             )
 
     def _unknown(self, name: str) -> BadInput:
-        near = difflib.get_close_matches(name, self.names, n=3, cutoff=0.4)
-        return BadInput(
-            f"parameter '{name}' is unknown",
-            f"nearest: {', '.join(near)}" if near else f"known: {', '.join(self.names)}",
-        )
+        return BadInput(f"parameter '{name}' is unknown", nearest(name, self.names))

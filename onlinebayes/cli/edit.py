@@ -12,12 +12,10 @@ MuJoCo compensates a body's weight at every joint that moves it, so that ``gravi
 
 from __future__ import annotations
 
-import difflib
-
 import mujoco
 
 from onlinebayes.cli.section import Section
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.mujoco.addresses import names
 from onlinebayes.simulators.mujoco.model import compile_spec
 
@@ -153,6 +151,4 @@ def _moving(model: mujoco.MjModel, body: int) -> list[int]:
 def _known(known: list[str] | tuple[str, ...], name: str, kind: str) -> int:
     if name in known:
         return known.index(name)
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-    cure = f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"
-    raise BadInput(f"the model has no {kind} '{name}'", cure)
+    raise BadInput(f"the model has no {kind} '{name}'", nearest(name, known))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import difflib
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from typing import Literal
@@ -15,7 +14,7 @@ from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.effects.base import split_axis
@@ -53,12 +52,12 @@ def check_effect(key: str, simulator: Simulator) -> None:
     name, at, target = key.partition("@")
     vocabulary = {**EFFECTS, **simulator.own_effects}
     if name not in vocabulary:
-        raise BadInput(f"effect '{name}' is unknown", _nearest(name, list(vocabulary)))
+        raise BadInput(f"effect '{name}' is unknown", nearest(name, list(vocabulary)))
     if at:
         kind = vocabulary[name].target_kind
         known = tuple(t for k in (kind, *vocabulary[name].wider) for t in simulator.targets(k))
         if split_axis(target, vocabulary[name].axes)[0] not in known:
-            raise BadInput(f"the model has no {kind} '{target}' for {name}", _nearest(target, known))
+            raise BadInput(f"the model has no {kind} '{target}' for {name}", nearest(target, known))
 
 
 def add_effects(
@@ -99,7 +98,7 @@ def add_effects(
     known = [f"{key}.{name}" for key, effect in added.items() for name in effect.parameters]
     for address in bounds:
         if address not in known:
-            cure = _nearest(address, known) if known else "add the effect under [effects], add"
+            cure = nearest(address, known) if known else "add the effect under [effects], add"
             raise BadInput(f"no added effect has the parameter '{address}'", cure, where=f"{section.file}: parameters")
     for effect in added.values():
         simulator = simulator.with_effect(effect)
@@ -126,8 +125,3 @@ def _built(
         return dataclasses.replace(effect, **given)  # type: ignore[type-var]
     except BadInput as error:
         raise BadInput(str(error), where=where) from None
-
-
-def _nearest(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-    return f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"

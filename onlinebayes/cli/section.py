@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 
 _KINDS = {str: "text", bool: "true or false", int: "a whole number", float: "a number", list: "a list", dict: "a table"}
 
@@ -45,7 +44,7 @@ class Section:
                 continue
             if dotted := _dotted(key, value, known):
                 raise self.error(key, "a name with dots that is not in quotes", f'write "{dotted}"')
-            raise self.error(key, "unknown key", self._nearest(key, [*known, *later]))
+            raise self.error(key, "unknown key", nearest(key, [*known, *later], most=1, cutoff=0.5))
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
@@ -124,10 +123,6 @@ class Section:
             cure = f'write ["{value}"]' if kind is list and isinstance(value, str) else f"write {_KINDS[kind]}"
             raise self.error(key, f"{_show(value)} is not {_KINDS[kind]}", cure)
         return value
-
-    def _nearest(self, key: str, known: Sequence[str]) -> str:
-        near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-        return f"nearest: {near[0]}" if near else f"known: {', '.join(known)}"
 
 
 def _dotted(key: str, value: Any, known: Sequence[str]) -> str | None:

@@ -16,14 +16,13 @@ c_r holds a constant:
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 
 from onlinebayes.criticism.split import origin
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 
 
 @dataclass(frozen=True)
@@ -74,7 +73,7 @@ class Scope:
         runs = tuple(runs)
         for pattern in (*self.known, *self.groups):
             if not any(run == pattern or fnmatchcase(run, pattern) for run in runs):
-                raise BadInput(f"no run is called '{pattern}'", _near(pattern, runs))
+                raise BadInput(f"no run is called '{pattern}'", nearest(pattern, runs, listed=12))
         for run in runs:
             if len(mine := [glob for glob in self.groups if run == glob or fnmatchcase(run, glob)]) > 1:
                 raise BadInput(f"run '{run}' is in the groups '{mine[0]}' and '{mine[1]}'", "let one glob match it")
@@ -90,7 +89,9 @@ class Scope:
         for address in named:
             # What belongs to an effect may belong to a candidate, which is not there yet.
             if "@" not in address and address not in parameters:
-                raise BadInput(f"'{address}' is no parameter of the simulator", _near(address, parameters.names))
+                raise BadInput(
+                    f"'{address}' is no parameter of the simulator", nearest(address, parameters.names, listed=12)
+                )
 
 
 def own_name(address: str, run: str) -> str:
@@ -101,8 +102,3 @@ def own_name(address: str, run: str) -> str:
 def address_of(name: str) -> str:
     """The simulator's address of an entry of phi."""
     return name.partition("[run ")[0]
-
-
-def _near(name: str, known: tuple[str, ...]) -> str:
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-    return f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known[:12]) or 'none'}"

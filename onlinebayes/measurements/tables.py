@@ -20,7 +20,6 @@ are mapped column by column; see ``formats`` for what their columns are called.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
@@ -35,7 +34,7 @@ from onlinebayes.measurements.latency import advanced
 from onlinebayes.measurements.mapping import SECONDS, CommandColumn, SignalColumn, TimeColumn
 from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.measurements.quaternions import normalised, quaternions
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, similar
 
 STATE = ("qpos", "qvel")
 
@@ -257,9 +256,7 @@ def _instead(source: Source) -> str:
 
 
 def _nearest(name: str, known: Sequence[str]) -> str:
-    near = difflib.get_close_matches(name, known, n=3, cutoff=0.5)
-    folded = [k for k in known if k.casefold() == name.casefold()]
-    near = folded or near
+    near = similar(name, known, cutoff=0.5)
     return f"nearest: {', '.join(near)}" if near else ""
 
 

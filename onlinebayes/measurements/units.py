@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 
 SI = {
     "s": ("s", 1.0),
@@ -60,8 +59,7 @@ def to_si(unit: str, wanted: str = "") -> float:
         BadInput: a unit that is unknown or of another quantity.
     """
     if unit not in SI:
-        near = difflib.get_close_matches(unit, SI, n=2, cutoff=0.5)
-        raise BadInput(f"unit '{unit}' is unknown", f"{'nearest' if near else 'known'}: {', '.join(near or SI)}")
+        raise BadInput(f"unit '{unit}' is unknown", nearest(unit, SI, most=2, cutoff=0.5))
     found, factor = SI[unit]
     if wanted and found != wanted:
         known = ", ".join(name for name, (si, _) in SI.items() if si == wanted) or wanted

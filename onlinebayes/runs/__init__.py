@@ -3,6 +3,7 @@
 from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt
+from onlinebayes.runs.names import nearest, similar
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.seeds import generator, seed_everything
@@ -19,7 +20,9 @@ __all__ = [
     "Watch",
     "atomic_path",
     "generator",
+    "nearest",
     "one_torch_thread",
     "seed_everything",
+    "similar",
     "write_atomic",
 ]

@@ -8,7 +8,6 @@ A subclass writes ``acceleration``; how a step follows from it stands in ``stepp
 from __future__ import annotations
 
 import copy
-import difflib
 import itertools
 import math
 from abc import abstractmethod
@@ -21,7 +20,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, Scales, TargetKind
 from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Joint, Stepper, diverged
@@ -242,10 +241,8 @@ class TorchSimulator(Simulator):
             raise BadInput(f"{effect.key} has no form in torch", "the inertia of a torch system is in its equations")
         known = self.targets(effect.target_kind)
         if effect.target not in known:
-            near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
-            raise BadInput(
-                f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown", f"nearest: {', '.join(near)}"
-            )
+            problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"
+            raise BadInput(problem, nearest(effect.target, known))
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
         outside = effect.target_kind in ("signal", "parameter")

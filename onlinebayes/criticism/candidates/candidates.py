@@ -6,7 +6,6 @@ that :mod:`.searching.flexible_candidates` tries them when nothing else explains
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from torch import Tensor
 from onlinebayes.criticism.candidates.scales import largest_forces, seen_in, target_scales
 from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, AirDrag, Backlash, Effect, GravityTilt, Scales, TargetKind
 from onlinebayes.simulators.effects.base import split_axis
@@ -67,16 +66,12 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             continue
         name, _, target = item.partition("@")
         if name not in vocabulary:
-            near = difflib.get_close_matches(name, vocabulary, n=3, cutoff=0.4)
-            raise BadInput(f"effect '{name}' is unknown", f"nearest: {', '.join(near or vocabulary)}")
+            raise BadInput(f"effect '{name}' is unknown", nearest(name, vocabulary))
         kind, axes = vocabulary[name].target_kind, vocabulary[name].axes
         known = _targets(simulator, windows, kind)
         wider = {place: k for k in vocabulary[name].wider for place in simulator.targets(k)}
         if target and split_axis(target, axes)[0] not in (*known, *wider):
-            near = difflib.get_close_matches(target, known, n=3, cutoff=0.4)
-            raise BadInput(
-                f"'{item}': the simulator has no {kind} '{target}'", f"nearest: {', '.join(near or known) or 'none'}"
-            )
+            raise BadInput(f"'{item}': the simulator has no {kind} '{target}'", nearest(target, known))
         moving = tuple(element for element in known if not _still(simulator, windows, kind, element))
         every = tuple(f"{element}.{axis}" for element in moving for axis in axes) if axes else moving
         effects = []

@@ -9,7 +9,6 @@ starts at the window's median, at rest, is not freed, and its signals are not sc
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass, replace
 
 import torch
@@ -22,7 +21,7 @@ from onlinebayes.criticism.data.motion import check_seen
 from onlinebayes.criticism.data.past import Past
 from onlinebayes.criticism.data.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
 
 START_LOOSENESS = 20.0
@@ -238,10 +237,8 @@ def _in_order(simulator: Simulator, measurement: Measurement) -> Measurement:
     """The measurement with the simulator's commands in the simulator's order, its signals checked."""
     for signal in measurement.signals:
         if signal.name not in simulator.signals:
-            near = difflib.get_close_matches(signal.name, simulator.signals, n=3, cutoff=0.3)
-            raise BadInput(
-                f"the simulator has no signal '{signal.name}'", f"nearest: {', '.join(near or simulator.signals)}"
-            )
+            cure = nearest(signal.name, simulator.signals, cutoff=0.3)
+            raise BadInput(f"the simulator has no signal '{signal.name}'", cure)
     check_seen(simulator, joint_names(simulator), [signal.name for signal in measurement.signals])
     for name in simulator.commands:
         if name not in measurement.commands:

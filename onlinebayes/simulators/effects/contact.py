@@ -10,14 +10,13 @@ all contacts what the leading one has, but for its own parameter.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterator, Mapping
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects.base import Contact
 
 FIELDS = ("geom_priority", "geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_solmix")
@@ -75,9 +74,8 @@ def touching(model: mujoco.MjModel, target: str) -> tuple[int, ...]:
     """
     known = _targets(model)
     if target not in known:
-        near = difflib.get_close_matches(target, known, n=3, cutoff=0.4) or list(known)
         problem = f"no geom '{target}' moves and can touch another, and no <pair> decides for it"
-        raise BadInput(problem, f"nearest: {', '.join(near) or 'none'}")
+        raise BadInput(problem, nearest(target, known))
     return known[target]
 
 

@@ -7,7 +7,6 @@ for all elements that it matches. The contract's names are MJCF's (see :mod:`.fi
 
 from __future__ import annotations
 
-import difflib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ from fnmatch import fnmatchcase
 import mujoco
 import numpy as np
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest, similar
 from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.fields import FIELDS, PLAIN, UNITS, Column
 
@@ -89,11 +88,7 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     i = mujoco.mj_name2id(model, _OBJECTS[kind], name)
     if i < 0:
         known = [n for n in names(model, kind) if n and n != "world"]
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-        raise BadInput(
-            f"the model has no {kind} '{name}'",
-            f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}",
-        )
+        raise BadInput(f"the model has no {kind} '{name}'", nearest(name, known))
     return i
 
 
@@ -139,8 +134,7 @@ def expand(model: mujoco.MjModel, name: str) -> tuple[str, ...]:
     known = [n for n in names(model, kind) if n and (kind, n) != ("body", "world")]
     if found := [n for n in known if fnmatchcase(n, pattern)]:
         return tuple(f"{kind}.{n}.{field}" for n in found)
-    near = difflib.get_close_matches(pattern.replace("*", ""), known, n=3, cutoff=0.4)
-    cure = f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"
+    cure = nearest(pattern.replace("*", ""), known)
     raise BadInput(f"the model has no {kind} that matches '{pattern}'", cure)
 
 
@@ -172,7 +166,7 @@ def unit(model: mujoco.MjModel, kind: str, element: str, field: str) -> str:
 def _parse(model: mujoco.MjModel, name: str) -> tuple[str, str, str, int | None]:
     kind, _, rest = name.partition(".")
     if kind not in FIELDS:
-        near = difflib.get_close_matches(kind, FIELDS, n=1, cutoff=0.4)
+        near = similar(kind, FIELDS, 1)
         raise BadInput(
             f"address '{name}' starts with '{kind}'",
             f"write <kind>.<name>.<field>[index] with kind {', '.join(FIELDS)}"
@@ -198,7 +192,7 @@ def _parse(model: mujoco.MjModel, name: str) -> tuple[str, str, str, int | None]
 def _unknown_field(kind: str, element: str, field: str, name: str, known: Sequence[str]) -> BadInput:
     if (kind, field) == ("option", "timestep"):
         return BadInput(f"address '{name}' cannot be a parameter", "all worlds share one timestep: set it in the model")
-    near = difflib.get_close_matches(field, known, n=1, cutoff=0.4)
+    near = similar(field, known, 1)
     place = f"{kind}.{element}" if element else kind
     nearest = f"nearest: '{place}.{near[0]}'; " if near else ""
     return BadInput(f"address '{name}': a {kind} has no field '{field}'", f"{nearest}known: {', '.join(known)}")

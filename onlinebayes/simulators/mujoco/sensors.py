@@ -11,12 +11,11 @@ command that was held until it, as a controller reads its sensors before it send
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Sequence
 
 import mujoco
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.mujoco.addresses import names, scalar_joint
 
 TORQUE = "qfrc."
@@ -67,7 +66,5 @@ def sensor_places(model: mujoco.MjModel, signals: Sequence[str]) -> tuple[int, .
     known = sensor_signals(model)
     for signal in signals:
         if signal not in known:
-            near = difflib.get_close_matches(signal, known, n=3, cutoff=0.4)
-            cure = f"nearest: {', '.join(near)}" if near else f"known: {', '.join(known) or 'none'}"
-            raise BadInput(f"the model has no sensor signal '{signal}'", cure)
+            raise BadInput(f"the model has no sensor signal '{signal}'", nearest(signal, known))
     return tuple(known[signal] for signal in signals)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,7 +15,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.contact import contacts
@@ -321,8 +320,7 @@ class MujocoSimulator(Simulator):
         """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
         known = [self.model.body(k).name for k in range(1, self.model.nbody)]
         if body not in known:
-            near = difflib.get_close_matches(body, known, n=3, cutoff=0.4) or known
-            raise BadInput(f"the model has no body '{body}'", f"nearest: {', '.join(near)}")
+            raise BadInput(f"the model has no body '{body}'", nearest(body, known))
         spec = self._system.source.copy()
         spec.compiler.fusestatic = False  # would add it to the body's own mass
         centre = self.model.body(body).ipos

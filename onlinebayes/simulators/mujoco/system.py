@@ -14,7 +14,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -26,7 +25,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects import Effect, sticking
 from onlinebayes.simulators.effects.contact import touching
 from onlinebayes.simulators.mujoco import pseudo_inertia
@@ -304,9 +303,8 @@ def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str],
     elif effect.target_kind in ("signal", "parameter"):
         known = (*_signals(model), *sensors) if effect.target_kind == "signal" else parameters.names
         if effect.target not in known:
-            near = difflib.get_close_matches(effect.target, known, n=3, cutoff=0.4) or list(known)
             problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"
-            raise BadInput(problem, f"nearest: {', '.join(near) or 'none'}")
+            raise BadInput(problem, nearest(effect.target, known))
         return
     elif effect.target_kind == "body":
         at_site = "site" in effect.wider and effect.element not in names(model, "body")

@@ -8,12 +8,11 @@ being told row by row). The site stands where the model's file puts the centre o
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 import mujoco
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.mujoco.addresses import names
 from onlinebayes.simulators.mujoco.model import compile_spec
 
@@ -62,7 +61,6 @@ def _parts(model: mujoco.MjModel, column: str) -> tuple[str, int]:
         raise BadInput(f"column '{column}' is no part of a wrench", f"write {PREFIX}<body>.0 to .{AXES - 1}")
     moving = [name for i, name in enumerate(names(model, "body")) if name and model.body_weldid[i]]
     if body not in moving:
-        near = difflib.get_close_matches(body, moving, n=3, cutoff=0.4) or moving
-        cure = f"nearest: {', '.join(near)}; or add the column to 'ignore' in the problem file"
+        cure = f"{nearest(body, moving)}; or add the column to 'ignore' in the problem file"
         raise BadInput(f"column '{column}': the model has no body '{body}' that moves", cure)
     return body, int(axis)
