@@ -259,6 +259,13 @@ class Simulator(ABC):
             "override with_runge_kutta to let numerics be checked at coarse steps",
         )
 
+    def with_first_order(self) -> Self:
+        """The same system, steps and all, by a method of first order that evaluates its forces once a step.
+
+        For what needs many replays and few digits. Itself where it is integrated so already, or by one method only.
+        """
+        return self
+
     def with_soft_friction(self) -> Self:
         """The same system with the engine's own soft dry friction where effects made it stick; itself without such."""
         return self

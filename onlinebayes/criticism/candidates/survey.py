@@ -15,6 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, opposites, trials
+from onlinebayes.criticism.candidates.quick import quicker
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import (
     FEWEST_BLOCKS,
@@ -37,6 +38,8 @@ from onlinebayes.simulators.effects import Effect
 
 MORE_STARTS = 4
 """From which a rugged effect's refit begins again."""
+STILL = 1e-7
+"""Noise, over all bins together: a column below it is the engine's rounding."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +104,7 @@ def screen(
     if not effects:
         return ()
     tried = trials(effects)
+    current = quicker(current, windows, len(tried))
     horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))
@@ -136,7 +140,7 @@ def screen(
 def _sensitivities(
     current: Fit, windows: Windows, groups: Int[Tensor, " W"], effects: Sequence[Effect], tried: tuple[Trial, ...]
 ) -> tuple[list[Scores], Float[Tensor, "C W n S"], tuple[Trial, ...]]:
-    raw = trial_columns(current, windows, effects, tried)
+    raw = _moving(windows, trial_columns(current, windows, effects, tried))
     if isinstance(current.simulator, ScopedSimulator):
         raw, tried = _run_by_run(current.simulator, windows, groups, effects, raw, tried)
     horizons = []
@@ -145,6 +149,12 @@ def _sensitivities(
         c = projected.project(noise_rows(windows, raw.movedim(0, -1), pieces))
         horizons.append(block_scores(projected, c, groups.repeat_interleave(pieces), int(groups.max()) + 1))
     return horizons, raw, tried
+
+
+def _moving(windows: Windows, raw: Float[Tensor, "C W n S"]) -> Float[Tensor, "C W n S"]:
+    """The columns, 0 where one is rounding: tests are blind to scale, and would take that for an effect."""
+    size = noise_rows(windows, raw.movedim(0, -1)).flatten(0, 1).norm(dim=0)
+    return torch.where((size > STILL)[:, None, None, None], raw, torch.zeros_like(raw))
 
 
 def _run_by_run(

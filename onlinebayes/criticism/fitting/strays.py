@@ -15,6 +15,8 @@ millimetre a second decides where it goes: differences of some standard deviatio
 
 from __future__ import annotations
 
+import math
+
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
@@ -74,10 +76,19 @@ def settled_starts(
     weight = row_weight[worst].repeat(2, 1)
     part_of_step = theta.new_tensor(START_STEP_PARTS)[:, None, None]
     starts = torch.cat([lin.starts[worst], part.start])
+    error, going = misfit.new_full((len(starts),), math.inf), torch.arange(len(starts), device=starts.device)
     for k in range(OWN_STEPS):
-        here = linearise_starts(simulator, twice, theta, starts, FINER ** min(k, FINEST))
-        shift = start_shift(twice, here, project(twice, here, projected.weight), torch.zeros_like(theta))
-        starts, error = best_starts(simulator, twice, weight, theta, starts + part_of_step * shift)
+        some = twice.select(going)
+        here = linearise_starts(simulator, some, theta, starts[going], FINER ** min(k, FINEST))
+        shift = start_shift(some, here, project(some, here, projected.weight), torch.zeros_like(theta))
+        tried = starts[going] + part_of_step * shift
+        best, least = best_starts(simulator, some, weight[going], theta, tried)
+        stays = (best == starts[going]).all(1)
+        starts, error = starts.index_copy(0, going, best), error.index_copy(0, going, least)
+        if k >= FINEST:  # the same step would follow from the same place
+            going = going[~stays]
+        if not len(going):
+            break
     error, chain = error.view(2, -1).min(0)
     found = starts.view(2, len(worst), -1)[chain, torch.arange(len(worst), device=chain.device)]
     return lin.starts.index_copy(0, worst, found), before, float(misfit.index_copy(0, worst, error).sum())

@@ -94,6 +94,11 @@ class Around(Simulator):
         other = self.physics.with_runge_kutta()
         return self if other is self.physics else self.around(other)
 
+    def with_first_order(self) -> Self:
+        """See :meth:`Simulator.with_first_order`."""
+        other = self.physics.with_first_order()
+        return self if other is self.physics else self.around(other)
+
     def with_soft_friction(self) -> Self:
         """See :meth:`Simulator.with_soft_friction`."""
         other = self.physics.with_soft_friction()

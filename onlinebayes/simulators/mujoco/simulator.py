@@ -279,8 +279,20 @@ class MujocoSimulator(Simulator):
         """A new simulator with MuJoCo's RK4; see :meth:`Simulator.with_runge_kutta`."""
         if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
             return self
+        return self._integrated(mujoco.mjtIntegrator.mjINT_RK4)
+
+    def with_first_order(self) -> Self:
+        """A new simulator with MuJoCo's implicitfast in place of RK4; see :meth:`Simulator.with_first_order`.
+
+        Implicit in what damps, it bears the steps that RK4 does.
+        """
+        if self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
+            return self
+        return self._integrated(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+
+    def _integrated(self, integrator: mujoco.mjtIntegrator) -> Self:
         spec = self._system.source.copy()
-        spec.option.integrator = mujoco.mjtIntegrator.mjINT_RK4
+        spec.option.integrator = integrator
         return self._remade(source=spec)
 
     def with_soft_friction(self) -> Self:

@@ -200,6 +200,10 @@ def _check_integration(worlds: Simulator) -> None:
         same = smooth.parameters == worlds.parameters and smooth.effects == worlds.effects
         require(same, "with_runge_kutta drops parameters")
         require(smooth.with_runge_kutta() is smooth, "with_runge_kutta twice is not once")
+    quick = worlds.with_first_order()
+    same = quick.parameters == worlds.parameters and quick.effects == worlds.effects
+    require(same and quick.timestep == worlds.timestep, "with_first_order drops parameters or changes steps")
+    require(quick.with_first_order() is quick, "with_first_order twice is not once")
     soft = worlds.with_soft_friction()
     same = soft.parameters == worlds.parameters and soft.effects == worlds.effects
     require(same and soft.timestep == worlds.timestep, "with_soft_friction drops parameters or changes steps")
