@@ -10,10 +10,12 @@ noise, it is tried with soft friction, by its own method at finer steps, and at 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
+from onlinebayes.criticism.fitting.descent import bounded_step
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.fitting.strays import replayed_rows
@@ -119,7 +121,13 @@ def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
         begun = unfitted(model, windows, best.fitted.theta, starts=starts)
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
-    if misfit(begun.projected) >= left:
+    if min(misfit(begun.projected), _promised(begun) / FAR_BETTER) >= left:
         return None
     fitted = improve(begun, windows)
     return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None
+
+
+def _promised(begun: Fit) -> float:
+    """The misfit that one step of theta promises to leave: theta as another rung had it may be far from this one's."""
+    promised = bounded_step(begun.simulator, begun.projected, begun.theta, 0.0)[1]
+    return misfit(begun.projected) * math.sqrt(max(0.0, 1 - promised / max(begun.projected.objective, 1e-300)))

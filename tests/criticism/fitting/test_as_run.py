@@ -10,6 +10,9 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.data.windows import MEMORY, make_windows
+from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
+from onlinebayes.criticism.fitting.fit import unfitted
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.replaying.ladder import Rung
 from onlinebayes.criticism.searching.search import ground
@@ -78,6 +81,20 @@ def test_its_friction_is_kept_soft(timestep: float) -> None:
     assert grounds.rung == Rung(timestep, soft_friction=True)
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([1.0, 0.1, 0.03], rel=2e-3)
+
+
+def test_a_step_at_which_theta_is_worse_at_first_is_fitted_before_it_is_judged() -> None:
+    """Theta as another step had it errs by 363.1 floors here and by 362.6 there; fitted, by one floor here."""
+    rubbing = simulator().with_effect(DryFriction("arm", Parameter(0.0, 0.5, "N m")))
+    rung, theta = Rung(0.002, runge_kutta=True), torch.tensor([0.7, 0.1, 0.03], dtype=torch.float64)
+    windows = make_windows(rung.of(rubbing), recorded(SOFT), 1.0, MEMORY)
+    judged = AsRun(rung, windows, unfitted(rung.of(rubbing), windows, theta))
+    own = Rung(0.002, soft_friction=True)
+    assert misfit(unfitted(own.of(rubbing), windows, theta).projected) > misfit(judged.fitted.projected)
+    found = as_run(Trial(rubbing, recorded(SOFT), 1.0), judged)
+    assert found is not None
+    assert found.rung == own
+    assert misfit(found.fitted.projected) < 1.1
 
 
 @pytest.mark.slow
