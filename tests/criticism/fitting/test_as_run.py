@@ -83,6 +83,7 @@ def test_its_friction_is_kept_soft(timestep: float) -> None:
     assert grounds.fitted.theta.tolist() == pytest.approx([1.0, 0.1, 0.03], rel=2e-3)
 
 
+@pytest.mark.slow
 def test_a_step_at_which_theta_is_worse_at_first_is_fitted_before_it_is_judged() -> None:
     """Theta as another step had it errs by 363.1 floors here and by 362.6 there; fitted, by one floor here."""
     rubbing = simulator().with_effect(DryFriction("arm", Parameter(0.0, 0.5, "N m")))
