@@ -270,6 +270,10 @@ class Simulator(ABC):
         """The same system with the engine's own soft dry friction where effects made it stick; itself without such."""
         return self
 
+    def with_scaled_moments(self) -> Self:
+        """The same system, moments of inertia in proportion to the free masses; itself where that changes nothing."""
+        return self
+
     def with_gravity_compensation(self) -> Simulator | None:
         """The same system with its weight carried by its drives; None where that is not possible or changes nothing."""
         return None

@@ -59,6 +59,12 @@ def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
             "friction: the log follows MuJoCo's own soft friction, which creeps, far better than friction that sticks, "
             "as a simulator's log would; the refined model keeps the soft one"
         )
+    if final.rung.scaled_moments:
+        yield (
+            "moments of inertia: the data ask for bodies that are denser or lighter throughout: where a mass is free, "
+            "the moments follow it (the model's own would leave far more); body.NAME.inertia[i] in [parameters] frees "
+            "them instead"
+        )
     if not final.fitted.converged:
         yield "the last fit did not converge fully"
 

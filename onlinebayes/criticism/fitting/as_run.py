@@ -1,11 +1,13 @@
-"""The model as its user runs it, own friction, integrator and step, where that follows the log far better.
+"""The model run otherwise, moments, friction, integrator and step, where that follows the log far better.
 
     rms(own) <= 1.2 floors < rms(judged)    or    rms(own) <= 2/3 rms(judged)      ->  own
 
 Numerics are judged against the motion itself, so that no law is blamed for what the integrator does, and dry friction
 sticks. But a log may come from a simulator that integrates as coarsely as the model (a policy's rollouts, a twin), and
-whose friction is MuJoCo's soft one: then the model is right as it is. Where the model grown so far leaves more than
-noise, it is tried with soft friction, by its own method at finer steps, and at its own step.
+whose friction is MuJoCo's soft one: then the model is right as it is. And a link whose mass is free may be denser
+throughout, or carry a weight at its centre: its file does not say which. Where the model grown so far leaves more than
+noise, it is tried with moments that follow the masses, with soft friction, by its own method at finer steps, and at its
+own step (decisions 0018, 0024, 0025).
 """
 
 from __future__ import annotations
@@ -68,7 +70,7 @@ def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
         judged: the same model fitted on the rung that its numerics asked for.
     """
     best, tried = judged, {judged.rung}
-    for changed in (_soft, _own, _finer, _finer):
+    for changed in (_denser, _soft, _own, _finer, _finer):
         if misfit(best.fitted.projected) <= NOISE_FLOORS:
             break
         for rung in changed(trial, best):
@@ -79,6 +81,11 @@ def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
     return best if best is not judged and misfit(best.fitted.projected) <= most else None
 
 
+def _denser(trial: Trial, best: AsRun) -> Iterator[Rung]:
+    if trial.simulator.with_scaled_moments() is not trial.simulator:
+        yield replace(best.rung, scaled_moments=True)
+
+
 def _soft(trial: Trial, best: AsRun) -> Iterator[Rung]:
     if trial.simulator.with_soft_friction() is not trial.simulator:
         yield replace(best.rung, soft_friction=True)
@@ -86,9 +93,9 @@ def _soft(trial: Trial, best: AsRun) -> Iterator[Rung]:
 
 def _own(trial: Trial, best: AsRun) -> Iterator[Rung]:
     if _refined(trial, best.rung):
-        own = Rung(trial.simulator.timestep)
-        yield from (replace(rung, timestep=own.timestep, runge_kutta=False) for rung in _soft(trial, best))
-        yield replace(own, soft_friction=best.rung.soft_friction)
+        own = Rung(trial.simulator.timestep).like(best.rung)
+        yield from (own.like(rung) for rung in _soft(trial, best))
+        yield own
 
 
 def _refined(trial: Trial, rung: Rung) -> bool:
@@ -102,7 +109,7 @@ def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
     windows, lin, current = best.windows, best.fitted.lin, best.fitted.projected
     error = {}
     for steps in STEPS_A_ROW:
-        rung = Rung(windows.step / steps, soft_friction=best.rung.soft_friction)
+        rung = Rung(windows.step / steps).like(best.rung)
         if rung.timestep < trial.simulator.timestep:
             rows, valid = replayed_rows(rung.of(trial.simulator), windows, lin.theta[None], lin.starts[None])
             left = float(current.project(rows[0][..., None]).square().sum())
@@ -121,7 +128,10 @@ def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
         begun = unfitted(model, windows, best.fitted.theta, starts=starts)
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
-    if min(misfit(begun.projected), _promised(begun) / FAR_BETTER) >= left:
+    hoped = [_promised(begun) / FAR_BETTER]
+    if rung.scaled_moments == best.rung.scaled_moments:  # other moments are always a little better or worse
+        hoped.append(misfit(begun.projected))
+    if min(hoped) >= left:
         return None
     fitted = improve(begun, windows)
     return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None

@@ -75,7 +75,7 @@ def settle(
     begin: Float[Tensor, " P"] | None = None,
     before: Grounds | None = None,
     fitted: Fit | None = None,
-    soft_friction: bool = False,
+    like: Rung | None = None,
 ) -> Grounds:
     """Fit on the coarsest rung of the ladder at which the numerics do not matter.
 
@@ -87,10 +87,10 @@ def settle(
         begin: theta at which the fit begins; searched in the box when None.
         before: the grounds of the model that this one grew from: its rung is the first one here.
         fitted: a fit of this model to those grounds' windows, if there is one.
-        soft_friction: dry friction as the engine has it from the first rung on.
+        like: a rung whose friction and moments all rungs have.
     """
     trial, afar = Trial(simulator, measurement, horizon), begin is None
-    rungs = _rungs(ladder(simulator, horizon), before, soft_friction)
+    rungs = _rungs(ladder(simulator, horizon), before, like)
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
     for rung in rungs:
@@ -122,11 +122,11 @@ def settle(
     return _as_run(trial, grounds)
 
 
-def _rungs(rungs: Sequence[Rung], before: Grounds | None, soft_friction: bool) -> list[Rung]:
-    """The ladder from the rung of the grounds before on, with their friction; all of it without any."""
+def _rungs(rungs: Sequence[Rung], before: Grounds | None, like: Rung | None) -> list[Rung]:
+    """The ladder from the rung of the grounds before on, run like that; all of it without any."""
     if before is not None:
         return _from(before.rung, rungs)
-    return [replace(rung, soft_friction=True) for rung in rungs] if soft_friction else list(rungs)
+    return [rung.like(like) for rung in rungs] if like is not None else list(rungs)
 
 
 def _checked(trial: Trial, rung: Rung, windows: Windows, fitted: Fit) -> Grounds:
@@ -148,8 +148,8 @@ def _improved(trial: Trial, grounds: Grounds, begun: Float[Tensor, " P"] | None)
 
 
 def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
-    """A rung and those below it; all where it is none of the ladder's, with its own friction."""
-    rungs = [replace(rung, soft_friction=first.soft_friction) for rung in rungs]
+    """A rung and those below it; all where it is none of the ladder's, with its own friction and moments."""
+    rungs = [rung.like(first) for rung in rungs]
     return rungs[rungs.index(first) :] if first in rungs else [first, *rungs]
 
 
@@ -158,10 +158,10 @@ def _as_run(trial: Trial, grounds: Grounds) -> Grounds:
     found = as_run(trial, AsRun(grounds.rung, grounds.windows, grounds.fitted))
     if found is None:
         return grounds
-    if found.rung == replace(grounds.rung, soft_friction=True):
-        # Less is left, and what is soft asks for another step.
+    if found.rung == grounds.rung.like(found.rung):
+        # Less is left, and what is soft, or of other moments, may ask for another step.
         noise, begin = found.windows.noise, found.fitted.theta
-        return settle(trial.simulator, trial.measurement, trial.horizon, noise, begin, soft_friction=True)
+        return settle(trial.simulator, trial.measurement, trial.horizon, noise, begin, like=found.rung)
     own = _checked(trial, found.rung, found.windows, found.fitted)
     # The parameters are those of this step: what a finer one would make of them is no doubt about them.
     certain, numerics = torch.zeros_like(own.shift), replace(own.numerics, sufficient=True)

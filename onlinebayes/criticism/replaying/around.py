@@ -104,6 +104,11 @@ class Around(Simulator):
         other = self.physics.with_soft_friction()
         return self if other is self.physics else self.around(other)
 
+    def with_scaled_moments(self) -> Self:
+        """See :meth:`Simulator.with_scaled_moments`."""
+        other = self.physics.with_scaled_moments()
+        return self if other is self.physics else self.around(other)
+
     def with_gravity_compensation(self) -> Simulator | None:
         """See :meth:`Simulator.with_gravity_compensation`."""
         other = self.physics.with_gravity_compensation()

@@ -11,7 +11,7 @@ method errs by h^4 where the motion is smooth, by h where friction sticks, and c
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.data.tiling import BINS
 from onlinebayes.criticism.replaying.around import innermost
@@ -20,23 +20,30 @@ from onlinebayes.simulators.base import Simulator
 
 @dataclass(frozen=True)
 class Rung:
-    """One way to integrate.
+    """One way to run a model.
 
     Args:
         timestep: h [s].
         runge_kutta: by the method of Runge and Kutta in place of the model's own.
         soft_friction: dry friction as soft as the engine has it, in place of one that sticks.
+        scaled_moments: moments of inertia that follow the free masses, in place of the model's own.
     """
 
     timestep: float
     runge_kutta: bool = False
     soft_friction: bool = False
+    scaled_moments: bool = False
 
     def of(self, simulator: Simulator) -> Simulator:
         """The simulator integrated so; itself where it is already."""
         chosen = simulator.with_runge_kutta() if self.runge_kutta else simulator
         chosen = chosen.with_soft_friction() if self.soft_friction else chosen
+        chosen = chosen.with_scaled_moments() if self.scaled_moments else chosen
         return chosen if self.timestep == chosen.timestep else chosen.with_timestep(self.timestep)
+
+    def like(self, other: Rung) -> Rung:
+        """This step and method, with the other's friction and moments."""
+        return replace(self, soft_friction=other.soft_friction, scaled_moments=other.scaled_moments)
 
 
 def ladder(simulator: Simulator, horizon: float) -> list[Rung]:

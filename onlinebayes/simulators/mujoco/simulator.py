@@ -46,6 +46,7 @@ class MujocoSimulator(Simulator):
         effects: effects to begin with, in order; the same as :meth:`with_effect` for each.
         sensors: sensors that are signals too, ``sensor.<name>`` or ``qfrc.<joint>`` (see :mod:`.sensors`).
         soft_friction: leave the dry friction of effects as soft as the model's own is, in place of one that sticks.
+        scaled_moments: moments of inertia follow the free masses of their bodies (see :mod:`.moments`).
 
     Attributes:
         spec: the model's spec, effects' structure included; its values are the nominal ones.
@@ -66,8 +67,10 @@ class MujocoSimulator(Simulator):
         effects: Sequence[Effect] = (),
         sensors: Sequence[str] = (),
         soft_friction: bool = False,
+        scaled_moments: bool = False,
     ) -> None:
-        self._system = MujocoSystem(load_spec(model), parameters or ParameterSpace(), effects, sensors, soft_friction)
+        parameters = parameters or ParameterSpace()
+        self._system = MujocoSystem(load_spec(model), parameters, effects, sensors, soft_friction, scaled_moments)
         self._threads = threads
         self.spec, self.model = self._system.spec, self._system.model
         self.parameters, self.effects = self._system.parameters, self._system.effects
@@ -305,6 +308,12 @@ class MujocoSimulator(Simulator):
             return self
         return self._remade(soft_friction=True)
 
+    def with_scaled_moments(self) -> Self:
+        """A new simulator whose moments follow its free masses; itself where no such body turns."""
+        if self._system.scaled_moments or not self._system.followers:
+            return self
+        return self._remade(scaled_moments=True)
+
     def with_rigid_ties(self) -> Self:
         """See :meth:`Simulator.with_rigid_ties`, and :func:`.closure.soft`."""
         spec = self._system.source.copy()
@@ -365,6 +374,7 @@ class MujocoSimulator(Simulator):
         dt: float | None = None,
         effects: Sequence[Effect] | None = None,
         soft_friction: bool | None = None,
+        scaled_moments: bool | None = None,
     ) -> Self:
         """This simulator anew, with what is given in place of its own."""
         system = self._system
@@ -377,6 +387,7 @@ class MujocoSimulator(Simulator):
             self.effects if effects is None else effects,
             system.sensors,
             system.soft_friction if soft_friction is None else soft_friction,
+            system.scaled_moments if scaled_moments is None else scaled_moments,
         )
 
 

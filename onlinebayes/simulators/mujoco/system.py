@@ -28,7 +28,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects import Effect, sticking
 from onlinebayes.simulators.effects.contact import touching
-from onlinebayes.simulators.mujoco import pseudo_inertia
+from onlinebayes.simulators.mujoco import moments, pseudo_inertia
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
     HINGE,
@@ -100,6 +100,7 @@ class MujocoSystem:
         effects: in order.
         sensors: signals that sensors give, ``sensor.<name>`` or ``qfrc.<joint>``.
         soft_friction: leave the dry friction of effects as soft as the model's own is; see :mod:`.sticking`.
+        scaled_moments: moments of inertia follow the free masses of their bodies; see :mod:`.moments`.
 
     Raises:
         BadInput: the model does not compile, an address or a target does not exist.
@@ -112,9 +113,10 @@ class MujocoSystem:
         effects: Sequence[Effect] = (),
         sensors: Sequence[str] = (),
         soft_friction: bool = False,
+        scaled_moments: bool = False,
     ) -> None:
         self.source, self.base_parameters, self.effects = source, parameters, tuple(effects)
-        self.soft_friction = soft_friction
+        self.soft_friction, self.scaled_moments = soft_friction, scaled_moments
         base = compile_spec(source)
         self.spec = source.copy()
         self.parameters = parameters
@@ -139,6 +141,10 @@ class MujocoSystem:
         for effect in self.staged:
             _check_staged(self.model, self.joint_actuators, effect)
         arrays = {c.array for a in self.addresses for c in a.cells}
+        #: Bodies whose moments could follow their masses.
+        self.followers = moments.followers(self.model, [(array, index) for _, array, index in cells])
+        if scaled_moments and self.followers:
+            arrays |= {moments.INERTIA}
         self._factors = {i: pseudo_inertia.factor(self.model, i) for i in inertials}
         self.fields = tuple(
             sorted(
@@ -182,6 +188,8 @@ class MujocoSystem:
             fields[name].reshape(len(theta), self._base[name].size)[:, columns] = signs * theta[:, sources]
         if self._factors:
             pseudo_inertia.write(fields, self._factors)
+        if self.scaled_moments:
+            moments.follow(fields, self.followers, self.model)
         own = {name: fields[name].copy() for name in sticking.SOFTNESS if self.soft_friction and name in fields}
         for effect in self.effects:
             if effect.fields:

@@ -204,6 +204,9 @@ def _check_integration(worlds: Simulator) -> None:
     same = quick.parameters == worlds.parameters and quick.effects == worlds.effects
     require(same and quick.timestep == worlds.timestep, "with_first_order drops parameters or changes steps")
     require(quick.with_first_order() is quick, "with_first_order twice is not once")
+    denser = worlds.with_scaled_moments()
+    require(denser.parameters == worlds.parameters, "with_scaled_moments drops parameters")
+    require(denser.with_scaled_moments() is denser, "with_scaled_moments twice is not once")
     soft = worlds.with_soft_friction()
     same = soft.parameters == worlds.parameters and soft.effects == worlds.effects
     require(same and soft.timestep == worlds.timestep, "with_soft_friction drops parameters or changes steps")
