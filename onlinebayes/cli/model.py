@@ -11,7 +11,7 @@ import mujoco
 
 from onlinebayes.cli.edit import edited, edits
 from onlinebayes.cli.factory import from_factory
-from onlinebayes.cli.parameters import Declared
+from onlinebayes.cli.parameters import NEVER_NEGATIVE, Declared, field_of
 from onlinebayes.cli.section import Section
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
@@ -22,12 +22,6 @@ from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
 from onlinebayes.simulators.mujoco.wrenches import with_wrenches
 
-NEVER_NEGATIVE = {
-    "mass": "mass",
-    "inertia": "moment of inertia",
-    "armature": "rotor inertia",
-    "frictionloss": "dry friction",
-}
 RATES = {"qpos": "", "qvel": "/s"}
 
 
@@ -89,21 +83,25 @@ def measured_sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[st
 
 def _with_units(top: Section, model: mujoco.MjModel, parameters: Declared) -> ParameterSpace:
     """The space with each address resolved, so that an error names the key that it stands under."""
-    named = {}
-    for name, parameter in parameters.space.items():
-        table = top.section("parameters") if name in parameters.model else top.section("runs")
-        with table.at(name):
-            unit = resolve(model, name).unit
-            if parameter.low < 0 and (field := _field(name)) in NEVER_NEGATIVE:
-                problem = f"address '{name}': a {NEVER_NEGATIVE[field]} of {parameter.low:g} {unit} cannot be"
-                raise BadInput(problem, "give a lower bound of 0 or more")
-            named[name] = dataclasses.replace(parameter, unit=unit)
-    return ParameterSpace(named)
+    free, runs, units = top.section("parameters"), top.section("runs"), dict[str, str]()
+    for name, parameter in parameters.model.items():
+        with free.at(name):
+            units[name] = resolve(model, name).unit
+            _check_sign(name, parameter.low, units[name], "give a lower bound of 0 or more")
+    for pattern, values in parameters.known.items():
+        for name, value in values.items():
+            if "@" in name:
+                continue
+            with runs.section(pattern).at(name):
+                units[name] = resolve(model, name).unit
+                _check_sign(name, value, units[name], "give 0 or more")
+    space = parameters.space
+    return ParameterSpace({name: dataclasses.replace(one, unit=units[name]) for name, one in space.items()})
 
 
-def _field(address: str) -> str:
-    """``mass`` of ``body.arm.mass``, ``inertia`` of ``body.arm.inertia[0]``."""
-    return address.rpartition(".")[2].partition("[")[0]
+def _check_sign(address: str, value: float, unit: str, cure: str) -> None:
+    if value < 0 and (field := field_of(address)) in NEVER_NEGATIVE:
+        raise BadInput(f"address '{address}': a {NEVER_NEGATIVE[field]} of {value:g} {unit} cannot be", cure)
 
 
 def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> None:
@@ -120,12 +118,12 @@ def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> Non
         raise top.error("model", f"'{top.text('model')}' has the parameters {have}", cure)
 
 
-def beside_bounds(simulator: Simulator) -> list[str]:
-    """A line for each free parameter whose value in the model lies outside the bounds that it was given."""
+def beside_bounds(simulator: Simulator, parameters: Declared) -> list[str]:
+    """A line for each fitted parameter whose value in the model lies outside the bounds that it was given."""
     return [
         f"{name}: the model's own {value:g} lies outside the bounds {bounds.low:g} to {bounds.high:g}"
         for (name, bounds), value in zip(simulator.parameters.items(), simulator.nominal.tolist(), strict=True)
-        if not bounds.low <= value <= bounds.high
+        if name in parameters.model and not bounds.low <= value <= bounds.high
     ]
 
 

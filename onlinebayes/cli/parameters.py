@@ -23,6 +23,12 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco.addresses import is_glob
 
 SCOPES = ("shared", "per_run")
+NEVER_NEGATIVE = {
+    "mass": "mass",
+    "inertia": "moment of inertia",
+    "armature": "rotor inertia",
+    "frictionloss": "dry friction",
+}
 
 
 @dataclass(frozen=True)
@@ -53,7 +59,8 @@ class Declared:
     @property
     def space(self) -> ParameterSpace:
         """The simulator's free parameters: what is fitted, then what is only known in some runs."""
-        constants = {name: _around([v[name] for v in self.known.values() if name in v]) for name in self._unfitted}
+        known = {name: [v[name] for v in self.known.values() if name in v] for name in self._unfitted}
+        constants = {name: _around(values, field_of(name) in NEVER_NEGATIVE) for name, values in known.items()}
         return ParameterSpace({**self.model, **constants})
 
     @property
@@ -167,10 +174,16 @@ def _scope(table: Section, key: str) -> str:
     return scope
 
 
-def _around(values: list[float]) -> Parameter:
+def field_of(address: str) -> str:
+    """``mass`` of ``body.arm.mass``, ``inertia`` of ``body.arm.inertia[0]``."""
+    return address.rpartition(".")[2].partition("[")[0]
+
+
+def _around(values: list[float], never_negative: bool) -> Parameter:
     """Bounds that hold the known values; nothing is fitted within them."""
-    width = max(abs(value) for value in values) or 1.0
-    return Parameter(min(values) - width, max(values) + width)
+    width, lowest = max(abs(value) for value in values) or 1.0, min(values)
+    low = max(lowest - width, 0.0) if never_negative and lowest >= 0 else lowest - width
+    return Parameter(low, max(values) + width)
 
 
 def _flat(key: str, value: Any) -> str:

@@ -88,7 +88,7 @@ def load_problem(
     parameters = declared(top, effects)
     import_modules(effects)
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
-    for line in beside_bounds(simulator):
+    for line in beside_bounds(simulator, parameters):
         note(line)
     measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
     measurement, tied = completed(simulator, measurement)
