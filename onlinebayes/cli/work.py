@@ -16,6 +16,7 @@ from onlinebayes.cli.summary import summary
 from onlinebayes.cli.wiring_lines import composed
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import write_report
+from onlinebayes.criticism.report.refined import noted
 from onlinebayes.runs import BadInput, Interrupt
 
 
@@ -41,6 +42,7 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
+        result = noted(result)
         files = write_report(result, folder, title=title_of(problem.path), problem=problem.path)
     print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:

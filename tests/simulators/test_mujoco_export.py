@@ -8,7 +8,6 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import (
     EFFECTS,
     ActuatorDeadZone,
@@ -110,10 +109,16 @@ def test_a_delay_of_less_than_a_timestep_is_foreign() -> None:
     assert "delay=" in simulator.export_xml(torch.tensor([0.003]).double())
 
 
-def test_an_inertia_that_no_body_has_is_refused() -> None:
+def test_an_inertia_that_no_body_has_becomes_the_nearest_one() -> None:
     simulator = MujocoSimulator(ARM, ParameterSpace({"body.fore.inertia[1]": Parameter(0.02, 0.2, "kg m2")}))
-    with pytest.raises(BadInput, match="A \\+ B >= C"):
-        simulator.export(torch.tensor([0.2]).double())
+    theta = torch.tensor([0.2]).double()
+    A, B, C = np.sort(simulator.fields(theta[None].numpy())["body_inertia"][0, simulator.model.body("fore").id])
+    moments = np.sort(mujoco.MjModel.from_xml_string(simulator.export_xml(theta)).body("fore").inertia)
+    s = (C - A - B) / 3
+    assert s > 0
+    assert moments == pytest.approx([A + s, B + s, C - s], rel=1e-9)
+    assert simulator.approximate(theta) == ("fore",)
+    assert simulator.approximate(simulator.nominal) == ()
 
 
 def test_precision_is_put_back() -> None:

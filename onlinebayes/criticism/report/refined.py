@@ -7,11 +7,14 @@ model with every fitted value and every effect that MuJoCo has a term for writte
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import mujoco
 
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import physical
@@ -19,9 +22,12 @@ from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.criticism.scope import address_of
-from onlinebayes.runs import write_atomic
+from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.export import to_xml
+
+FAILURES = (BadInput, ValueError, mujoco.FatalError)
+"""What MuJoCo raises where it cannot make a file of a model."""
 
 
 def left_out(result: Criticism) -> tuple[str, ...]:
@@ -30,8 +36,23 @@ def left_out(result: Criticism) -> tuple[str, ...]:
     return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else ()
 
 
+def noted(result: Criticism) -> Criticism:
+    """The result of ``refine`` with a note where refined.xml is not the final model, or cannot be written at all."""
+    simulator = innermost(result.final.simulator)
+    if result.command != "refine" or not isinstance(simulator, MujocoSimulator):
+        return result
+    notes = [f"refined.xml holds {held}." for held in _approximate(result, simulator)]
+    try:
+        to_xml(_spec(result, simulator))
+    except FAILURES as error:
+        notes = [f"refined.xml was not written, for MuJoCo refuses the fitted values: {error}"]
+    return dataclasses.replace(result, notes=tuple(dict.fromkeys([*result.notes, *notes])))
+
+
 def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | None = None) -> tuple[str, ...]:
     """Write refined.toml where there is a problem file, and refined.xml for a MuJoCo model, each atomically.
+
+    An XML that MuJoCo refuses is left out, an older one with it; :func:`noted` says why.
 
     Args:
         result: what ``refine`` returned.
@@ -50,8 +71,13 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
         write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
         written.append("refined.toml")
     if isinstance(simulator, MujocoSimulator):
-        write_atomic(folder / "refined.xml", refined_xml(result, simulator, folder))
-        written.append("refined.xml")
+        try:
+            text = refined_xml(result, simulator, folder)
+        except FAILURES:
+            (folder / "refined.xml").unlink(missing_ok=True)
+        else:
+            write_atomic(folder / "refined.xml", text)
+            written.append("refined.xml")
     return tuple(written)
 
 
@@ -92,7 +118,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
         simulator: the physics of its final simulator; where runs have values of their own, their mean is written.
         target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
     """
-    spec = simulator.export(physical(result.final.simulator, result.final.theta))
+    spec = _spec(result, simulator)
     assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
     if spec.modelfiledir and any(asset.file for asset in assets):
         for name in ("meshdir", "texturedir"):
@@ -103,8 +129,20 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
     differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
     note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
     note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
+    note += "".join(f"; {held}" for held in _approximate(result, simulator))
     # "--" would end an XML comment.
     return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}"
+
+
+def _spec(result: Criticism, simulator: MujocoSimulator) -> mujoco.MjSpec:
+    return simulator.export(physical(result.final.simulator, result.final.theta))
+
+
+def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
+    """What the file holds in place of fitted moments of inertia that no body has."""
+    bodies = simulator.approximate(physical(result.final.simulator, result.final.theta))
+    rule = "the nearest moments of inertia that a body can have (A + B >= C)"
+    return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
 
 
 def _bounds(result: Criticism) -> dict[str, Any]:

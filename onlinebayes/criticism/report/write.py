@@ -7,7 +7,7 @@ from pathlib import Path
 from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.json import to_json
 from onlinebayes.criticism.report.recording import write_recording
-from onlinebayes.criticism.report.refined import left_out, write_refined
+from onlinebayes.criticism.report.refined import left_out, noted, write_refined
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs import write_atomic
 
@@ -29,7 +29,7 @@ def write_report(
     Raises:
         BadInput: the folder cannot be made or written.
     """
-    folder = Path(out_dir)
+    folder, result = Path(out_dir), noted(result)
     refined = write_refined(result, folder, problem) if result.command == "refine" else ()
     lacking = left_out(result) if "refined.xml" in refined else ()
     write_atomic(folder / "report.html", to_html(result, title=title, refined=refined, left_out=lacking))

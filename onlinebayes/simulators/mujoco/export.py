@@ -2,6 +2,7 @@
 
 Only what differs from the file is written. Compiled values are translated back to MJCF's attributes: angles to the
 file's unit, a changed body to an explicit inertial, an ``actuator_delay`` to MuJoCo's own ``delay`` with its buffer.
+Moments that no body has become the nearest that one could have (see :mod:`.moments`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import mujoco
 import numpy as np
 
 from onlinebayes.simulators.effects import ActuatorDelay, Effect
+from onlinebayes.simulators.mujoco import possible_moments
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array, names
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
 from onlinebayes.simulators.mujoco.inertials import own_inertial
@@ -33,6 +35,9 @@ def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
         _keep_rest_lengths(spec, system.model)
     for array, values in system.write(theta).items():
         base = model_array(system.model, array)
+        if array == possible_moments.FIELD:
+            changed = (values[0] != base).any(1)
+            values[0, changed] = possible_moments.rigid(values[0, changed])
         if array in SPEC and not np.array_equal(values[0], base):
             _write(spec, system.model, array, values[0], base)
     for effect in system.stages:
@@ -58,6 +63,14 @@ def foreign(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
         if not native or 0 < delay < system.model.opt.timestep:
             keys.append(effect.key)
     return tuple(keys)
+
+
+def approximate(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
+    """Names of the bodies whose fitted moments no body has: the export holds the nearest ones."""
+    fields = system.write(theta)
+    if possible_moments.FIELD not in fields:
+        return ()
+    return possible_moments.not_rigid(system.model, fields[possible_moments.FIELD][0], system.model.body_inertia)
 
 
 def _delay(system: MujocoSystem, effect: Effect, theta: np.ndarray) -> float:

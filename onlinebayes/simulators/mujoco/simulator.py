@@ -22,7 +22,7 @@ from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
-from onlinebayes.simulators.mujoco.export import export, foreign, to_xml
+from onlinebayes.simulators.mujoco.export import approximate, export, foreign, to_xml
 from onlinebayes.simulators.mujoco.model import load_spec
 from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
 from onlinebayes.simulators.mujoco.rollout import rollout
@@ -365,6 +365,10 @@ class MujocoSimulator(Simulator):
     def foreign(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
         """Keys of the effects that :meth:`export` has to leave out at these parameters."""
         return foreign(self._system, _finite(theta[None]).numpy())
+
+    def approximate(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
+        """Names of the bodies of which :meth:`export` holds other moments of inertia than these, which no body has."""
+        return approximate(self._system, _finite(theta[None]).numpy())
 
     def _remade(
         self,

@@ -46,6 +46,21 @@ def test_a_failure_leaves_the_old_files(tmp_path: Path, monkeypatch: pytest.Monk
     assert after["run.rrd"] == before["run.rrd"]
 
 
+@pytest.mark.parametrize(("mass", "refused"), [(0.0, True), (95.0, False)])
+def test_a_model_that_mujoco_refuses_leaves_the_report(tmp_path: Path, mass: float, refused: bool) -> None:
+    """A mass that ends at its bound of 0 makes no file; an older one is not left beside the new report."""
+    (tmp_path / "refined.xml").write_text("old")
+    result = dataclasses.replace(criticism(simulator=drive()), command="refine")
+    theta = result.final.theta.clone()
+    theta[result.final.simulator.parameters.index("body.carriage.mass")] = mass
+    result = dataclasses.replace(result, final=dataclasses.replace(result.final, theta=theta))
+    files = write_report(result, tmp_path)
+    assert ("refined.xml" in files) == (tmp_path / "refined.xml").is_file() == (not refused)
+    said = [note for note in json.loads((tmp_path / "report.json").read_text())["notes"] if "refined.xml" in note]
+    assert bool(said) == refused
+    assert ("refined.xml was not written, for MuJoCo refuses" in (tmp_path / "report.html").read_text()) == refused
+
+
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="cannot write here"):
