@@ -99,7 +99,7 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
     content["effects"] = effects
     content["parameters"] = {
         **content["parameters"],
-        **_bounds(result),
+        **_bounds(content["parameters"], result),
         **_widened(content["parameters"], result),
         **_own(content["parameters"], result),
     }
@@ -145,17 +145,20 @@ def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
     return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
 
 
-def _bounds(result: Criticism) -> dict[str, Any]:
-    """Bounds of the effects' parameters, as the problem file writes them."""
+def _bounds(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
+    """Bounds of the effects' parameters, as the problem file writes them; what else it says of one is kept."""
     space = innermost(result.final.simulator).parameters
     found: dict[str, Any] = {}
     for effect in result.final.simulator.effects:
         for name in effect.parameters:
             address = f"{effect.key}.{name}"
             parameter = space[address]
-            found[address] = [parameter.low, parameter.high]
+            given = parameters.get(address)
+            more = {**given} if isinstance(given, Mapping) else {}
             if parameter.scale != "linear":
-                found[address] = {"low": parameter.low, "high": parameter.high, "scale": parameter.scale}
+                more["scale"] = parameter.scale
+            low, high = parameter.low, parameter.high
+            found[address] = {**more, "low": low, "high": high} if more else [low, high]
     return found
 
 

@@ -58,6 +58,16 @@ def test_the_problem_is_kept_and_the_effects_are_added(folder: Path) -> None:
     assert "# fitted: 95.1 ± 1.5 kg" in text
 
 
+def test_a_value_a_run_of_an_effect_stays_one(folder: Path) -> None:
+    line = '"dry_friction@carriage.frictionloss" = { low = 0.0, high = 100.0, scope = "per_run" }'
+    text = PROBLEM.replace("[signals", f"{line}\n[signals").replace('"all"', '"all"\nadd = ["dry_friction@carriage"]')
+    (folder / "drive.toml").write_text(text)
+    write_refined(criticism(simulator=drive()), folder / "out", folder / "drive.toml")
+    new = tomllib.loads((folder / "out" / "refined.toml").read_text())["parameters"]
+    assert new["dry_friction@carriage.frictionloss"] == {"low": 0.0, "high": 100.0, "scope": "per_run"}
+    assert new["constant_load@carriage.load"] == [-50.0, 50.0]
+
+
 def test_a_factory_stays_a_factory(folder: Path) -> None:
     (folder / "drive.toml").write_text(PROBLEM.replace("models/drive.xml", "my.package:build"))
     write_refined(criticism(simulator=drive()), folder / "out", folder / "drive.toml")
