@@ -109,6 +109,18 @@ def test_a_delay_of_less_than_a_timestep_is_foreign() -> None:
     assert "delay=" in simulator.export_xml(torch.tensor([0.003]).double())
 
 
+def test_a_delay_under_runge_and_kutta_is_foreign_but_of_one_timestep() -> None:
+    simulator = MujocoSimulator(SLIDE).with_runge_kutta().with_effect(ActuatorDelay("motor", Parameter(0, 0.02, "s")))
+    step = simulator.timestep
+    command = torch.sin(0.1 * torch.arange(300.0).double())[:, None]
+    for steps, key in ((1.0, ()), (1.5, ("actuator_delay@motor",)), (2.0, ("actuator_delay@motor",))):
+        theta = torch.tensor([steps * step], dtype=torch.float64)
+        assert simulator.foreign(theta) == key
+        if not key:
+            model = mujoco.MjModel.from_xml_string(simulator.export_xml(theta))
+            assert np.abs(_plain(model, command) - _rolled(simulator, theta, command)).max() < 1e-12
+
+
 def test_an_inertia_that_no_body_has_becomes_the_nearest_one() -> None:
     simulator = MujocoSimulator(ARM, ParameterSpace({"body.fore.inertia[1]": Parameter(0.02, 0.2, "kg m2")}))
     theta = torch.tensor([0.2]).double()

@@ -52,15 +52,17 @@ def foreign(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
 
     Force stages, sensor effects and parameters that change have none. Input stages have none but a delay of zero, or of
     at least one timestep: MuJoCo reads its buffer before the present command enters it, which makes a shorter delay a
-    whole timestep.
+    whole timestep. RK4 reads it anew at each stage, later commands at later ones, which no command held over a timestep
+    does: there only a delay of one timestep is the same.
     """
     keys = [e.key for e in system.effects if e.fields and not set(e.fields) <= set(SPEC)]
     keys += [e.key for e in system.effects if e in system.staged or e.target_kind in ("signal", "parameter")]
+    step, staged = system.model.opt.timestep, system.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
     for effect in system.stages:
         target = system.model.actuator(effect.target).id
         native = isinstance(effect, ActuatorDelay) and not system.model.actuator_delay[target]
         delay = _delay(system, effect, theta) if native else 0.0
-        if not native or 0 < delay < system.model.opt.timestep:
+        if not native or 0 < delay < step or (staged and delay > step):
             keys.append(effect.key)
     return tuple(keys)
 
