@@ -9,7 +9,8 @@
 
 A compiled ``Physics`` does not hold its XML. MuJoCo remembers the last one that it loaded; it is taken when it compiles
 to the same model, number for number, and refused else: effects that change the structure cannot be added to a compiled
-model. Nothing here imports dm_control: its objects are known by what they have.
+model. The files of its meshes are not remembered: their shapes are the compiled model's. Nothing here imports
+dm_control: its objects are known by what they have.
 
 Naming a factory runs code. It is looked for among installed packages and in the folder in which the command runs, not
 beside the problem file, so that a file from elsewhere cannot bring its own.
@@ -33,6 +34,7 @@ import numpy as np
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.mujoco.assets import take_shapes
 from onlinebayes.simulators.mujoco.model import compile_spec, quiet
 
 RETURNS = "return a Simulator, an MjSpec, or a dm_control model, entity, environment or Physics"
@@ -104,6 +106,7 @@ def _last_loaded(compiled: mujoco.MjModel, model: str) -> mujoco.MjSpec:
         try:
             mujoco.mj_saveLastXML(str(path), compiled)
             spec = mujoco.MjSpec.from_file(str(path))
+            take_shapes(spec, compiled)
             again = compile_spec(spec.copy())
         except (ValueError, RuntimeError, mujoco.FatalError, BadInput):
             raise refused from None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import mujoco
+import numpy as np
 import pytest
 
 from onlinebayes.cli.problem import load_problem
@@ -19,6 +21,7 @@ def write(folder: Path, text: str) -> Path:
     return folder / "carriage.toml"
 
 
+WEDGE = "v 0 0 0\nv .3 0 0\nv 0 .2 0\nv 0 0 .1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 GIVES = {
     "spec": "import mujoco\ndef make():\n    return mujoco.MjSpec.from_file('carriage.xml')\n",
     "root": "from dm_control import mjcf\ndef make():\n    return mjcf.from_path('carriage.xml')\n",
@@ -47,6 +50,11 @@ def make():
     return Task()
 """,
     "physics": "from dm_control import mujoco\ndef make():\n    return mujoco.Physics.from_xml_path('carriage.xml')\n",
+    "bound": """
+from dm_control import mjcf
+def make():
+    return mjcf.Physics.from_mjcf_model(mjcf.from_path('carriage.xml'))
+""",
     "other": """
 import mujoco
 from dm_control import mujoco as dm
@@ -74,6 +82,25 @@ def test_what_a_factory_may_give(folder, monkeypatch, what):
     assert isinstance(simulator, MujocoSimulator)
     assert simulator.timestep == 0.0025
     assert simulator.nominal.tolist() == [3.0, 2.0]
+    simulator.with_effect(DryFriction("carriage", Parameter(0.0, 1.0, "N")))
+
+
+@pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.parametrize("what", ["root", "physics", "bound"])
+def test_a_mesh_that_only_dm_control_knows(folder, monkeypatch, what):
+    """The files of a mjcf model are in memory, those of a compiled Physics nowhere."""
+    pytest.importorskip("dm_control")
+    monkeypatch.chdir(folder)
+    (folder / "wedge.obj").write_text(WEDGE)
+    asset = '<asset><mesh name="wedge" file="wedge.obj"/></asset><worldbody>'
+    geom = '<geom name="wedge" type="mesh" mesh="wedge" mass="1"/></body>'
+    model = (folder / "carriage.xml").read_text().replace("<worldbody>", asset).replace("</body>", geom)
+    (folder / "carriage.xml").write_text(model)
+    inertia = mujoco.MjModel.from_xml_path("carriage.xml").body("carriage").inertia
+    (folder / f"meshed_{what}.py").write_text(GIVES[what])
+    simulator = load_problem(write(folder, PROBLEM.replace("carriage.xml", f"meshed_{what}:make"))).simulator
+    assert isinstance(simulator, MujocoSimulator)
+    np.testing.assert_allclose(simulator.model.body("carriage").inertia, inertia, rtol=1e-5)
     simulator.with_effect(DryFriction("carriage", Parameter(0.0, 1.0, "N")))
 
 

@@ -24,7 +24,11 @@ from onlinebayes.criticism.results import Criticism
 from onlinebayes.criticism.scope import address_of
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco.assets import put_beside
 from onlinebayes.simulators.mujoco.export import to_xml
+
+ASSETS = "refined_assets"
+"""Folder beside refined.xml for the meshes and textures that the model had in memory."""
 
 FAILURES = (BadInput, ValueError, mujoco.FatalError)
 """What MuJoCo raises where it cannot make a file of a model."""
@@ -72,10 +76,12 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
         written.append("refined.toml")
     if isinstance(simulator, MujocoSimulator):
         try:
-            text = refined_xml(result, simulator, folder)
+            text, assets = refined_xml(result, simulator, folder)
         except FAILURES:
             (folder / "refined.xml").unlink(missing_ok=True)
         else:
+            for name, bytes_ in assets.items():
+                write_atomic(folder / name, bytes_)
             write_atomic(folder / "refined.xml", text)
             written.append("refined.xml")
     return tuple(written)
@@ -110,13 +116,16 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
     return to_toml(content, head=head, comments=comments)
 
 
-def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> str:
+def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> tuple[str, dict[str, bytes]]:
     """MJCF of the final model with its fitted values; a comment names the effects that it cannot hold.
 
     Args:
         result: what ``refine`` returned.
         simulator: the physics of its final simulator; where runs have values of their own, their mean is written.
         target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
+
+    Returns:
+        The text, and the files it needs that lie nowhere yet, by their paths from the folder.
     """
     spec = _spec(result, simulator)
     assets = [*spec.meshes, *spec.textures, *spec.hfields, *spec.skins]
@@ -125,13 +134,14 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
             folder = Path(spec.modelfiledir) / getattr(spec.compiler, name)
             setattr(spec.compiler, name, Path(os.path.relpath(folder.resolve(), target.resolve())).as_posix())
         spec.modelfiledir = str(target)
+    beside = put_beside(spec, target, ASSETS)
     missing = left_out(result)
     differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
     note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
     note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
     note += "".join(f"; {held}" for held in _approximate(result, simulator))
     # "--" would end an XML comment.
-    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}"
+    return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}", beside
 
 
 def _spec(result: Criticism, simulator: MujocoSimulator) -> mujoco.MjSpec:

@@ -116,6 +116,18 @@ def test_meshes_are_found_from_the_new_folder(folder: Path) -> None:
     assert mujoco.MjModel.from_xml_path(str(folder / "out" / "deep" / "refined.xml")).nmesh == 1
 
 
+def test_files_in_memory_are_written_beside_the_model(folder: Path) -> None:
+    corners = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+    text = DRIVE.replace("<worldbody>", '<asset><mesh file="tetra.obj"/></asset><worldbody>')
+    text = text.replace('<geom name="rail"', '<geom type="mesh" mesh="tetra"/><geom name="rail"')
+    spec = mujoco.MjSpec.from_string(text, assets={"tetra.obj": corners})
+    known = drive()
+    simulator = MujocoSimulator(spec, known.parameters.subspace(known.parameters.names[:2]), effects=known.effects)
+    write_refined(criticism(simulator=simulator), folder / "out", folder / "drive.toml")
+    assert (folder / "out" / "refined_assets" / "tetra.obj").read_bytes() == corners
+    assert mujoco.MjModel.from_xml_path(str(folder / "out" / "refined.xml")).nmesh == 1
+
+
 def test_what_mujoco_lacks_is_named(folder: Path) -> None:
     delay = ActuatorDelay("motor", Parameter(0.0, 0.02, "s"))
     result = criticism(simulator=drive())
