@@ -17,7 +17,7 @@ import numpy as np
 
 from onlinebayes.runs import BadInput, nearest, similar
 from onlinebayes.simulators.mujoco import pseudo_inertia
-from onlinebayes.simulators.mujoco.fields import FIELDS, PLAIN, UNITS, Column
+from onlinebayes.simulators.mujoco.fields import FIELDS, LIMITED, PLAIN, UNITS, Column
 
 _OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
@@ -110,6 +110,9 @@ def resolve(model: mujoco.MjModel, name: str) -> Address:
         )
     if (index or 0) >= len(columns):
         raise BadInput(f"address '{name}' is past the end", f"the index runs from 0 to {len(columns) - 1}")
+    if (flag := LIMITED.get((kind, field))) and not getattr(model, flag)[element_id(model, kind, element)]:
+        cure = f'give the {kind} one in the model, {field}="low high"'
+        raise BadInput(f"address '{name}': {kind} '{element}' has no such limit", cure)
     column = columns[index or 0]
     return Address(name, (Cell(column.array, _index(model, kind, element, column)),), unit(model, kind, element, field))
 

@@ -2,7 +2,8 @@
 
 Only what differs from the file is written. Compiled values are translated back to MJCF's attributes: angles to the
 file's unit, a changed body to an explicit inertial, an ``actuator_delay`` to MuJoCo's own ``delay`` with its buffer.
-Moments that no body has become the nearest that one could have (see :mod:`.moments`).
+Moments that no body has become the nearest that one could have (see :mod:`.moments`); what the compiler would derive
+anew stands as it was derived (see :mod:`.compile_time`).
 """
 
 from __future__ import annotations
@@ -20,18 +21,22 @@ import numpy as np
 from onlinebayes.simulators.effects import ActuatorDelay, Effect
 from onlinebayes.simulators.mujoco import possible_moments
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array, names
+from onlinebayes.simulators.mujoco.compile_time import written_out
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
 from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
+GEOMETRY = {"qpos_spring", "body_pos", "site_pos"}
+"""What a tendon's length at rest follows from."""
+
 
 def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
     """The spec of the world with parameters theta (1, P), without the effects that :func:`foreign` names."""
     spec = system.spec.copy()
-    compile_spec(spec)
+    written_out(spec, compile_spec(spec))
     left_out = foreign(system, theta)
-    if "qpos_spring" in system.fields:
+    if GEOMETRY & set(system.fields):
         _keep_rest_lengths(spec, system.model)
     for array, values in system.write(theta).items():
         base = model_array(system.model, array)
@@ -131,7 +136,7 @@ def _in_file_units(
 
 
 def _keep_rest_lengths(spec: mujoco.MjSpec, model: mujoco.MjModel) -> None:
-    """A tendon that took its rest length from the joints' springref keeps it when the springref moves."""
+    """A tendon that took its rest length from the joints' springref keeps it when that, or its path, moves."""
     for tendon in spec.tendons:
         if tendon.springlength[0] == tendon.springlength[1] == -1:
             tendon.springlength = model.tendon_lengthspring[tendon.id].copy()

@@ -98,6 +98,14 @@ FIELDS: dict[str, dict[str, tuple[Column, ...]]] = {
 # Fields whose first column may be written without its index.
 PLAIN = frozenset({"damping", "stiffness", "gear"})
 
+# Limits, which bound nothing while the element's flag in the compiled model is off.
+LIMITED = {
+    ("joint", "range"): "jnt_limited",
+    ("tendon", "range"): "tendon_limited",
+    ("actuator", "ctrlrange"): "actuator_ctrllimited",
+    ("actuator", "forcerange"): "actuator_forcelimited",
+}
+
 # Units of an address, {slide, hinge} where they differ; fields that are missing are pure numbers or mixed.
 UNITS: dict[tuple[str, str], str | tuple[str, str]] = {
     ("body", "mass"): "kg",
