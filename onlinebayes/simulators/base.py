@@ -97,7 +97,7 @@ class Simulator(ABC):
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
-        """What the contacts of each of the geoms among :meth:`targets` are like, as the system was built."""
+        """What the contacts of each of the geoms and bodies among :meth:`targets` of geoms are like, as built."""
         return {}
 
     @property

@@ -55,5 +55,5 @@ def test_the_file_replays_alike(parts: dict[str, str], address: str, value: floa
 @pytest.mark.parametrize("address", ["joint.j1.range[1]", "actuator.m1.forcerange[0]", "actuator.m1.ctrlrange[1]"])
 def test_a_limit_that_is_off_is_no_parameter(address: str) -> None:
     text = MODEL.format(compiler="", joint="", inertial="", actuator=MOTOR)
-    with pytest.raises(BadInput, match="has no such limit; give the (joint|actuator) one in the model, .*range="):
+    with pytest.raises(BadInput, match=r"has no such limit; give the (joint|actuator) one in the model, .*range="):
         MujocoSimulator(text, ParameterSpace({address: Parameter(0.0, 1.0)}))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -128,7 +130,8 @@ def test_two_effects_on_one_geom_stand_together() -> None:
 
 
 def test_targets_are_what_moves_and_can_touch() -> None:
-    assert contacts(MujocoSimulator(SLEDGE).model) == {"runner": Contact(0.8, 0.02, 1.0)}
+    named = Contact(0.8, 0.02, 1.0)
+    assert contacts(MujocoSimulator(SLEDGE).model) == {"sledge": replace(named, covered=True), "runner": named}
     unnamed = SLEDGE.replace('<geom name="runner"', "<geom")
     assert tuple(contacts(MujocoSimulator(unnamed).model)) == ("sledge",)
     # Upper arm and forearm are parent and child, which do not touch; both can touch the floor.
@@ -141,8 +144,23 @@ def test_targets_are_what_moves_and_can_touch() -> None:
         ContactSoftness("ball", Parameter(0.01, 0.2), Parameter(0.1, 2.0), own=(-900.0, -30.0))
 
 
-def test_refined_models_keep_the_contact() -> None:
-    simulator = MujocoSimulator(SLEDGE).with_effect(ContactFriction("runner", Parameter(0.0, 2.0), 0.8))
+@pytest.mark.parametrize(
+    "second", ["", '<geom name="second" size=".1" pos="0 .5 0"/>', '<geom size=".1" pos="0 .5 0"/>']
+)
+def test_a_body_stands_for_all_of_its_geoms(second: str) -> None:
+    """Named ones, unnamed ones, both; unasked either the geoms or their body are tried."""
+    model = SLEDGE.replace('friction=".3"/>', f'friction=".3"/>{second}')
+    simulator = MujocoSimulator(model).with_effect(ContactFriction("sledge", Parameter(0.0, 2.0), 0.8))
+    fields = simulator.fields(np.array([[0.4]]))
+    assert fields["geom_friction"][0, 1:, 0].tolist() == [0.4] * (2 if second else 1)
+    tried = {target for target, contact in simulator.contacts.items() if not contact.covered}
+    nameless = bool(second) and "name" not in second
+    assert tried == ({"sledge"} if nameless else {"runner", "second"} if second else {"runner"})
+
+
+@pytest.mark.parametrize(("model", "target"), [(SLEDGE, "runner"), (SLEDGE.replace('name="runner" ', ""), "sledge")])
+def test_refined_models_keep_the_contact(model: str, target: str) -> None:
+    simulator = MujocoSimulator(model).with_effect(ContactFriction(target, Parameter(0.0, 2.0), 0.8))
     theta, command = torch.tensor([0.4], dtype=torch.float64), np.full(200, 30.0)
     assert simulator.foreign(theta) == ()
     plain = MujocoSimulator(simulator.export_xml(theta))

@@ -72,6 +72,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
         wider = {place: k for k in vocabulary[name].wider for place in simulator.targets(k)}
         if target and split_axis(target, axes)[0] not in (*known, *wider):
             raise BadInput(f"'{item}': the simulator has no {kind} '{target}'", nearest(target, known))
+        known = tuple(e for e in known if kind != "geom" or not simulator.contacts[e].covered)
         moving = tuple(element for element in known if not _still(simulator, windows, kind, element))
         every = tuple(f"{element}.{axis}" for element in moving for axis in axes) if axes else moving
         effects = []

@@ -43,11 +43,13 @@ class Contact:
         friction: sliding coefficient [1].
         time_constant: of the penetration's decay [s].
         damping_ratio: of that decay [1].
+        covered: whether other targets mean the same geoms, so that this one is tried where it is named.
     """
 
     friction: float = 1.0
     time_constant: float = 0.02
     damping_ratio: float = 1.0
+    covered: bool = False
 
 
 ANY = Parameter(0.0, 1.0)

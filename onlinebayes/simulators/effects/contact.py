@@ -57,40 +57,50 @@ def pair_properties(fields: Mapping[str, np.ndarray], i: int, j: int) -> dict[st
 
 
 def contacts(model: mujoco.MjModel) -> dict[str, Contact]:
-    """Each target of effects on contacts (see :func:`touching`) -> its first geom's, with the leading partner."""
+    """Each target of effects on contacts (see :func:`touching`) -> its first geom's, with the leading partner.
+
+    A geom and its body are not both to be tried unasked: the geoms where each has a name, else the body.
+    """
     fields = {name: getattr(model, name)[None] for name in FIELDS}
+    geoms, bodies = _targets(model)
+    nameless = {target for target, members in bodies.items() if any(not model.geom(i).name for i in members)}
     found = {}
-    for target, geoms in _targets(model).items():
-        pair = pair_properties(fields, geoms[0], leading_partner(model, geoms[0]))
-        found[target] = Contact(float(pair["geom_friction"][0, 0]), *pair["geom_solref"][0].tolist())
+    for target, members in {**bodies, **geoms}.items():
+        pair = pair_properties(fields, members[0], leading_partner(model, members[0]))
+        body = model.body(int(model.geom_bodyid[members[0]])).name
+        covered = body in nameless if target in geoms else target not in nameless
+        time, ratio = pair["geom_solref"][0].tolist()
+        found[target] = Contact(float(pair["geom_friction"][0, 0]), time, ratio, covered)
     return found
 
 
 def touching(model: mujoco.MjModel, target: str) -> tuple[int, ...]:
-    """Ids of the geoms that a target means: the geom of this name, or the geoms without a name of a body.
+    """Ids of the geoms that a target means: the geom of this name, or all that can touch of the body of this name.
 
     Raises:
         BadInput: no such geom or body moves and can touch anything.
     """
-    known = _targets(model)
+    geoms, bodies = _targets(model)
+    known = {**bodies, **geoms}
     if target not in known:
-        problem = f"no geom '{target}' moves and can touch another, and no <pair> decides for it"
+        problem = f"no geom or body '{target}' moves and can touch another, and no <pair> decides for it"
         raise BadInput(problem, nearest(target, known))
     return known[target]
 
 
-def _targets(model: mujoco.MjModel) -> dict[str, tuple[int, ...]]:
-    found: dict[str, tuple[int, ...]] = {}
-    unnamed: dict[str, tuple[int, ...]] = {}
+def _targets(model: mujoco.MjModel) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]]]:
+    """Geoms by their names, and bodies with all of their geoms; a body that is called like a geom is left out."""
+    geoms: dict[str, tuple[int, ...]] = {}
+    bodies: dict[str, tuple[int, ...]] = {}
     for i in range(model.ngeom):
         body = int(model.geom_bodyid[i])
         if not model.body_weldid[body] or next(partners(model, i), None) is None:
             continue
         if name := model.geom(i).name:
-            found[name] = (i,)
-        elif name := model.body(body).name:
-            unnamed[name] = (*unnamed.get(name, ()), i)
-    return {**unnamed, **found}
+            geoms[name] = (i,)
+        if name := model.body(body).name:
+            bodies[name] = (*bodies.get(name, ()), i)
+    return geoms, {name: members for name, members in bodies.items() if name not in geoms}
 
 
 def leading_partner(model: mujoco.MjModel, i: int) -> int:

@@ -24,7 +24,7 @@ class ContactFriction(Effect):
     """Another sliding coefficient of a geom's contacts.
 
     Args:
-        target: geom of a body that moves; or such a body, for its geoms that have no name.
+        target: geom of a body that moves; or such a body, for all of its geoms.
         friction: bounds of mu >= 0 [1].
         own: the model's own coefficient, at which nothing changes [1].
     """

@@ -27,7 +27,7 @@ class ContactSoftness(Effect):
     """Another compliance of a geom's contacts.
 
     Args:
-        target: geom of a body that moves; or such a body, for its geoms that have no name.
+        target: geom of a body that moves; or such a body, for all of its geoms.
         time_constant: bounds of T > 0 [s].
         damping_ratio: bounds of zeta > 0 [1].
         own: the model's own T and zeta, at which nothing changes [s, 1].

@@ -2,8 +2,8 @@
 
 Only what differs from the file is written. Compiled values are translated back to MJCF's attributes: angles to the
 file's unit, a changed body to an explicit inertial, an ``actuator_delay`` to MuJoCo's own ``delay`` with its buffer.
-Moments that no body has become the nearest that one could have (see :mod:`.moments`); what the compiler would derive
-anew stands as it was derived (see :mod:`.compile_time`).
+Moments that no body has become the nearest that one could have (see :mod:`.possible_moments`); what the compiler would
+derive anew stands as it was derived (see :mod:`.compile_time`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ import numpy as np
 
 from onlinebayes.simulators.effects import ActuatorDelay, Effect
 from onlinebayes.simulators.mujoco import possible_moments
-from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array, names
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array
 from onlinebayes.simulators.mujoco.compile_time import written_out
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
 from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
+LISTS = {kind: f"{kind}s" for kind in ("joint", "geom", "actuator", "tendon", "sensor", "site")} | {"body": "bodies"}
 GEOMETRY = {"qpos_spring", "body_pos", "site_pos"}
 """What a tendon's length at rest follows from."""
 
@@ -96,19 +97,18 @@ def _write(spec: mujoco.MjSpec, model: mujoco.MjModel, array: str, values: np.nd
         current = getattr(spec.option, place.attribute)
         setattr(spec.option, place.attribute, values.copy() if np.ndim(current) else float(values[0]))
         return
-    for name in filter(None, names(model, place.kind)):
-        rows = _rows(model, array, place, name)
+    for element in getattr(spec, LISTS[place.kind]):  # those without a name too: contacts of a body's geoms
+        rows = _rows(model, array, place, element.id)
         if rows is None or np.array_equal(values[rows], base[rows]):
             continue
-        element = getattr(spec, place.kind)(name)
         if place.kind == "body" and place.attribute in ("mass", "inertia", "ipos", "iquat"):
             own_inertial(spec, element, model)
-        _assign(element, place, _in_file_units(spec, model, place, name, np.atleast_1d(values[rows])))
+        _assign(element, place, _in_file_units(spec, model, place, element.id, np.atleast_1d(values[rows])))
 
 
-def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, name: str) -> int | slice | None:
+def _rows(model: mujoco.MjModel, array: str, place: SpecAttribute, number: int) -> int | slice | None:
     """Row of the array that holds the element; several dofs of a joint share one value, the first one's."""
-    element = getattr(model, place.kind)(name)
+    element = getattr(model, place.kind)(number)
     if array.startswith("dof_"):
         return int(element.dofadr[0])
     if array == "qpos_spring":
@@ -127,10 +127,10 @@ def _assign(element: object, place: SpecAttribute, value: np.ndarray) -> None:
 
 
 def _in_file_units(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, place: SpecAttribute, name: str, value: np.ndarray
+    spec: mujoco.MjSpec, model: mujoco.MjModel, place: SpecAttribute, number: int, value: np.ndarray
 ) -> np.ndarray:
     angle = place.kind == "joint" and place.attribute in ("springref", "range")
-    if angle and spec.compiler.degree and model.joint(name).type[0] == HINGE:
+    if angle and spec.compiler.degree and model.joint(number).type[0] == HINGE:
         return np.rad2deg(value)
     return value
 

@@ -120,7 +120,7 @@ class MujocoSimulator(Simulator):
         """See :meth:`Simulator.targets`.
 
         Actuators, but no measured wrenches; slide and hinge joints, bodies that move and their sites, by name, geoms
-        that can touch something, and the world.
+        that can touch something and bodies with such geoms, and the world.
         """
         if kind == "actuator":
             return tuple(name for name in self.commands if not is_wrench(name))

@@ -133,6 +133,9 @@ def test_air_and_contacts_are_tried_where_they_are_something_of_their_own(window
     keys = {effect.key: effect for effect in propose(MujocoSimulator(grounded, FREE), windows)}
     assert keys["contact_friction@foot"].neutral == {"friction": 0.6}
     assert keys["contact_softness@foot"].neutral == {"time_constant": 0.02, "damping_ratio": 1.0}
+    assert "contact_friction@cart" not in keys
+    (whole,) = propose(MujocoSimulator(grounded, FREE), windows, ["contact_friction@cart"])
+    assert whole.neutral == {"friction": 0.6}
 
 
 @pytest.mark.slow
