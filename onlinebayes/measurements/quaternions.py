@@ -20,14 +20,21 @@ LOOSEST = 0.1
 
 
 def quaternions(signals: Iterable[str]) -> tuple[tuple[str, str, str, str], ...]:
-    """The signals that are quaternions (w, x, y, z): seven parts of ``qpos.<joint>`` make a free joint, four a ball."""
+    """The signals that are quaternions (w, x, y, z): seven parts of ``qpos.<joint>`` make a free joint, four a ball.
+
+    Unless each has a velocity: hinges called ``leg.0`` to ``leg.3`` have four, a ball joint has three.
+
+    Args:
+        signals: all of the model's, velocities among them.
+    """
     signals = set(signals)
     joints = sorted({name.rpartition(".")[0] for name in signals if name.startswith("qpos.")})
     found = []
     for joint in joints:
         parts = [k for k in range(8) if f"{joint}.{k}" in signals]
         first = {7: 3, 4: 0}.get(len(parts))
-        if first is not None and parts == list(range(len(parts))):
+        scalar = f"qvel.{joint.removeprefix('qpos.')}.{len(parts) - 1}" in signals
+        if first is not None and parts == list(range(len(parts))) and not scalar:
             w, x, y, z = (f"{joint}.{first + k}" for k in range(4))
             found.append((w, x, y, z))
     return tuple(found)

@@ -256,3 +256,15 @@ def test_a_mapped_log_is_the_problem_of_the_table(folder):
     assert (found.runs, found.signals, found.commands) == (wanted.runs, wanted.signals, wanted.commands)
     for key in ("time", "command", "enable", "signal", "measured", "mask"):
         assert torch.allclose(found.data[key].double(), wanted.data[key].double(), rtol=1e-12, atol=1e-12), key
+
+
+def test_hinges_with_numbers_for_names_are_no_orientation(folder):
+    """Four joints leg.0 to leg.3 once were read as the quaternion of a ball joint."""
+    legs = "".join(f'<body><joint name="leg.{k}" damping="1"/><geom size=".1" pos="{k} 0 1"/></body>' for k in range(4))
+    (folder / "carriage.xml").write_text(f"<mujoco><worldbody>{legs}</worldbody></mujoco>")
+    rows = ["time," + ",".join(f"qpos.leg.{k}" for k in range(4))]
+    rows += [f"{0.01 * i:.2f},{0.1 * i},0.2,," for i in range(300)]
+    (folder / "carriage.csv").write_text("\n".join(rows) + "\n")
+    text = 'model = "carriage.xml"\nmeasurements = ["carriage.csv"]\n[parameters]\n"joint.leg.0.damping" = [0, 2]\n'
+    measurement = load_problem(write(folder, text)).measurement
+    assert measurement.data["signal"][0, 10, 0].item() == pytest.approx(1.0)

@@ -30,6 +30,8 @@ def test_which_signals_are_quaternions():
     assert quaternions(["qpos.hinge", *FREE, "qvel.body.0"]) == (tuple(FREE[3:]),)
     assert quaternions([*ball, *(f"qvel.ball.{k}" for k in range(3))]) == (tuple(ball),)
     assert quaternions(["qpos.x.0", "qpos.x.1", "qpos.x.2"]) == ()
+    for count in (4, 7):  # hinges called leg.0, leg.1, ...
+        assert quaternions([f"{kind}.leg.{k}" for kind in ("qpos", "qvel") for k in range(count)]) == ()
 
 
 def test_signs_and_norms_are_mended(tmp_path):

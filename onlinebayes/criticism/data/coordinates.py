@@ -53,12 +53,11 @@ def rotations(signals: Sequence[str]) -> tuple[Rotation, ...]:
     """The free and ball joints among a simulator's signals, in their order."""
     positions = [name for name in signals if name.startswith("qpos.")]
     found = []
-    for quaternion in quaternions(positions):
+    for quaternion in quaternions(signals):
         stem, _, part = quaternion[0].rpartition(".")
         joint = stem.removeprefix("qpos.")
         rates = tuple(f"qvel.{joint}.{int(part) + k}" for k in range(3))
-        # Four slides called a.0 to a.3 have four velocities.
-        if set(rates) <= set(signals) and f"qvel.{joint}.{int(part) + 3}" not in signals:
+        if set(rates) <= set(signals):
             found.append(Rotation(joint, quaternion, positions.index(quaternion[0]), rates))
     return tuple(sorted(found, key=lambda rotation: rotation.first))
 
