@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from onlinebayes.measurements.formats.parquet import open_parquet, read_parquet
+from onlinebayes.measurements.formats.parquet import is_numeric, open_parquet, read_parquet
 from onlinebayes.measurements.formats.source import MOST_CELLS, ArraySource, check_cells
 from onlinebayes.runs import BadInput
 
@@ -160,6 +160,8 @@ def _matrix(column: Any, name: str, parts: int, path: Path) -> np.ndarray:
     import pyarrow as pa
 
     where, kind = f"{path}, column '{name[:80]}'", column.type
+    if pa.types.is_null(kind):
+        return np.full((len(column), parts), np.nan)
     flat = column.combine_chunks()
     if isinstance(flat, pa.ChunkedArray):
         flat = pa.concat_arrays(flat.chunks) if flat.num_chunks else pa.array([], kind)
@@ -173,7 +175,7 @@ def _matrix(column: Any, name: str, parts: int, path: Path) -> np.ndarray:
             )
         flat = flat.flatten()
     kind = flat.type
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+    if not is_numeric(kind):
         raise BadInput(f"the column holds {kind}, not numbers", "write the data set again", where=where)
     if pa.types.is_boolean(kind):
         flat = flat.cast(pa.int8())

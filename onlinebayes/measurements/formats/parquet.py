@@ -107,10 +107,17 @@ def _texts(column: Any, name: str, path: Path) -> np.ndarray:
     return np.concatenate(parts)
 
 
-def _check_numbers(kind: Any, name: str, path: Path) -> None:
+def is_numeric(kind: Any) -> bool:
+    """Whether a column of this type casts to float64; one of nulls alone has a type of its own."""
     import pyarrow as pa
 
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_boolean(kind)):
+    types = pa.types
+    numbers = types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind)
+    return bool(numbers or types.is_boolean(kind) or types.is_null(kind))
+
+
+def _check_numbers(kind: Any, name: str, path: Path) -> None:
+    if not is_numeric(kind):
         raise BadInput(
             f"the column holds {kind}, not numbers",
             "write time in seconds and values in SI units as float64",
