@@ -11,7 +11,6 @@ import os
 import tomllib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +24,7 @@ from onlinebayes.criticism.fitting.closed_loops import completed
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.formats import open_source
+from onlinebayes.measurements.matching import matches
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
@@ -168,7 +168,7 @@ def _columns(top: Section, tables: Sequence[str]) -> set[str]:
     """Names of columns, of mapped signals and of mapped commands that are not ignored."""
     ignored = top.texts("ignore", ())
     found = {name for table in tables for name in open_source(_located(top, table)).names}
-    kept = {name for name in found if not any(fnmatchcase(name, pattern) for pattern in ignored)}
+    kept = {name for name in found if not matches(name, ignored)}
     return kept | set(top.section("signals").values) | set(top.section("commands").values)
 
 
@@ -246,10 +246,10 @@ def _matched(top: Section, key: str, measurement: Measurement) -> tuple[str, ...
     """The runs that the names and globs under a key stand for."""
     patterns = top.texts(key)
     for pattern in patterns:
-        if not any(fnmatchcase(run, pattern) for run in measurement.runs):
+        if not any(matches(run, (pattern,)) for run in measurement.runs):
             known = ", ".join(measurement.runs[:12]) + (", ..." if len(measurement.runs) > 12 else "")
             raise top.error(key, f"no run is called '{pattern}'", f"the tables have {known}")
-    return tuple(run for run in measurement.runs if any(fnmatchcase(run, pattern) for pattern in patterns))
+    return tuple(run for run in measurement.runs if matches(run, patterns))
 
 
 def _check_measured(measurement: Measurement, what: str, path: Path) -> None:

@@ -22,7 +22,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from fnmatch import fnmatchcase
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +31,7 @@ from onlinebayes.measurements.formats import Columns, Source, open_source
 from onlinebayes.measurements.inputs import begun, blank_while_off, first_commanded, held
 from onlinebayes.measurements.latency import advanced
 from onlinebayes.measurements.mapping import SECONDS, CommandColumn, SignalColumn, TimeColumn
+from onlinebayes.measurements.matching import matches
 from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.measurements.quaternions import normalised, quaternions
 from onlinebayes.runs import BadInput, similar
@@ -169,7 +169,7 @@ class TableReader:
                 )
 
     def _ignored(self, name: str) -> bool:
-        return any(fnmatchcase(name, pattern) for pattern in self.ignore)
+        return matches(name, self.ignore)
 
     def _classify(self, names: Sequence[str], path: Path) -> None:
         """Refuse the columns that name a joint or actuator the model lacks, note the others."""

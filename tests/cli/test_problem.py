@@ -268,3 +268,15 @@ def test_hinges_with_numbers_for_names_are_no_orientation(folder):
     text = 'model = "carriage.xml"\nmeasurements = ["carriage.csv"]\n[parameters]\n"joint.leg.0.damping" = [0, 2]\n'
     measurement = load_problem(write(folder, text)).measurement
     assert measurement.data["signal"][0, 10, 0].item() == pytest.approx(1.0)
+
+
+def test_names_with_brackets_are_themselves(folder):
+    text = (folder / "carriage.csv").read_text().replace("first,", "drive[1],").replace("second,", "drive[2],")
+    more = text.replace("drive[", "push[").partition("\n")[2]
+    head, _, rows = (text + more).partition("\n")
+    rows = "\n".join(f"{row},0" for row in rows.splitlines())
+    (folder / "carriage.csv").write_text(f"{head},qpos.extra[0]\n{rows}\n")
+    top = 'exclude = ["push[1]"]\nignore = ["qpos.extra[0]"]\nholdout = ["drive[2]", "pus*"]'
+    problem = load_problem(write(folder, PROBLEM.replace('holdout = ["second"]', top)))
+    assert problem.measurement.runs == ("drive[1]", "drive[2]", "push[2]")
+    assert problem.holdout == ("drive[2]", "push[2]")
