@@ -16,7 +16,7 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
 from onlinebayes.simulators.effects.base import split_axis
 
 
@@ -58,6 +58,22 @@ def check_effect(key: str, simulator: Simulator) -> None:
         known = tuple(t for k in (kind, *vocabulary[name].wider) for t in simulator.targets(k))
         if split_axis(target, vocabulary[name].axes)[0] not in known:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", nearest(target, known))
+
+
+def check_constant(address: str, value: float, simulator: Simulator) -> None:
+    """Raise :class:`BadInput` unless ``name@target.parameter`` exists and may have this value, added or not."""
+    key, _, parameter = address.rpartition(".")
+    check_effect(key, simulator)
+    name, _, target = key.partition("@")
+    effect = {**EFFECTS, **simulator.own_effects}[name].scaled(target, Scales(1.0, 1.0, 1.0, 1.0))
+    if parameter not in effect.parameters:
+        raise BadInput(f"{key} has no parameter '{parameter}'", _nearest(parameter, effect.parameters.names))
+    own = effect.parameters[parameter]
+    known = dataclasses.replace(own, low=value, high=value + max(1.0, abs(value)), scale="linear")
+    try:
+        dataclasses.replace(effect, **{parameter: known})  # type: ignore[type-var]
+    except BadInput as error:
+        raise BadInput(f"{value:g} cannot be known: {error}") from None
 
 
 def add_effects(

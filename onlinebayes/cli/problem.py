@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from onlinebayes.cli.effects import add_effects, check_candidates, check_effect, import_modules
+from onlinebayes.cli.effects import add_effects, check_candidates, check_constant, check_effect, import_modules
 from onlinebayes.cli.mapping import command_columns, signal_columns, time_column
 from onlinebayes.cli.model import beside_bounds, build_simulator, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
@@ -155,10 +155,10 @@ def _scope(
     if (scope := parameters.scope) is None:
         return None
     for pattern, values in parameters.known.items():
-        for address in values:
-            with top.section("runs").at(pattern):
+        for address, value in values.items():
+            with top.section("runs").section(pattern).at(address):
                 if "@" in address:
-                    check_effect(address.rpartition(".")[0], simulator)
+                    check_constant(address, value, simulator)
     with top.at("runs"):
         scope.check(simulator.parameters, measurement.runs)
     return scope

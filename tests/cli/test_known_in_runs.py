@@ -38,6 +38,13 @@ def test_a_known_zero(folder):
     ("line", "message"),
     [
         ('"body.carriage.mass" = -2', r'runs\.second\."body\.carriage\.mass": .* a mass of -2 kg cannot be; give 0'),
+        ('"dry_friction@carriage.friction" = 1', r"@carriage has no parameter 'friction'; nearest: frictionloss"),
+        (
+            '"dry_friction@carriage.frictionloss" = -5',
+            r'runs\.second\."dry_friction@carriage\.frictionloss": -5 cannot be known: .* never negative',
+        ),
+        ('"actuator_gain@motor.gain" = -1', "-1 cannot be known: .* the actuator is dead"),
+        ('"dry_friction@carrage.frictionloss" = 1', "no joint 'carrage'"),
         ('"body.carriage.mas" = 2', r'runs\.second\."body\.carriage\.mas": .*no field \'mas\''),
     ],
 )
@@ -49,3 +56,12 @@ def test_what_cannot_be_known_names_its_key(folder, line, message):
 def test_a_parameter_that_is_fitted_elsewhere_is_checked_in_its_run(folder):
     with pytest.raises(BadInput, match=r'runs\.second\."body\.carriage\.mass": .* a mass of -2 kg'):
         load_problem(known(folder, '"body.carriage.mass" = 2', '"body.carriage.mass" = -2', PROBLEM))
+
+
+def test_an_effects_constant_may_be_zero_or_large(folder):
+    path = known(
+        folder, '"dry_friction@carriage.frictionloss" = 0', '"dry_friction@carriage.frictionloss" = 1e30', PROBLEM
+    )
+    scope = load_problem(path).scope
+    assert scope is not None
+    assert scope.constants("second") == {"dry_friction@carriage.frictionloss": 1e30}
