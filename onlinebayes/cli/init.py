@@ -17,7 +17,7 @@ import numpy as np
 
 from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, match, match_time
-from onlinebayes.cli.model import measured_sensors, signal_units
+from onlinebayes.cli.model import signal_units
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
@@ -26,6 +26,7 @@ from onlinebayes.measurements.units import to_si
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
 
 LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
@@ -173,7 +174,8 @@ def _measurement(
     ]
     time = TimeColumn(clock.column, to_si(clock.unit or "s"))
     signals = [Signal(name) for name in simulator.signals]
-    return TableReader(signals, simulator.commands, mapped, commanded, time, unused).read(logs)
+    ignore = (*unused, "xfrc.*")  # what pushed is the problem file's to add to the model
+    return TableReader(signals, simulator.commands, mapped, commanded, time, ignore).read(logs)
 
 
 def _runs(sources: Sequence[Source]) -> list[str]:

@@ -17,9 +17,9 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names, resolve, written_out
+from onlinebayes.simulators.mujoco.addresses import resolve, written_out
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
-from onlinebayes.simulators.mujoco.sensors import TORQUE, sensor_signals
+from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.wrenches import with_wrenches
 
 RATES = {"qpos": "", "qvel": "/s"}
@@ -53,6 +53,9 @@ def build_simulator(
     edit, actuators = edits(top), top.section("actuators")
     if isinstance(made, Simulator):
         _check_made(top, made, parameters)
+        if isinstance(made, MujocoSimulator):
+            with top.at("measurements"):
+                made = made.with_columns(columns)
         return made, parameters
     with top.at("measurements"):
         spec = with_wrenches(edited(made, edit, actuators), columns)
@@ -72,13 +75,6 @@ def _root(folder: Path, model: str) -> Path:
     """Where a model may read. One that the problem file names elsewhere was named on purpose: what lies beside it."""
     inside = not Path(model).is_absolute() and ".." not in Path(model).parts
     return folder if inside else (folder / model).resolve().parent
-
-
-def measured_sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:
-    """The model's sensors and joint torques that the tables hold, in the model's order."""
-    joints = [name for name, kind in zip(names(model, "joint"), model.jnt_type, strict=True) if kind in (SLIDE, HINGE)]
-    known = [*sensor_signals(model), *(f"{TORQUE}{joint}" for joint in joints)]
-    return [signal for signal in known if signal in columns]
 
 
 def _with_units(top: Section, model: mujoco.MjModel, parameters: Declared) -> ParameterSpace:

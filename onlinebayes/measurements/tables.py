@@ -185,6 +185,9 @@ class TableReader:
             kind, _, target = name.partition(".")
             if kind in ("ctrl", "enable"):
                 self._unknown(name, target, self.commands, "actuator", path)
+            elif kind == "xfrc" and name not in self.commands:
+                pushes = [one for one in self.commands if CommandColumn(one).measured]
+                self._unknown(name, name, pushes, "input for a measured push called", path)
             elif kind in STATE:
                 same = [s.name for s in self.signals if s.name.startswith(f"{kind}.")]
                 self._unknown(name, name, same, "joint signal", path)

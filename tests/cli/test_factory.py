@@ -129,3 +129,33 @@ def test_what_needs_a_spec(folder, monkeypatch, more, message):
     )
     with pytest.raises(BadInput, match=message):
         load_problem(write(folder, PROBLEM.replace("carriage.xml", "built:make") + more))
+
+
+PUSHED = """
+from onlinebayes.simulators.mujoco import MujocoSimulator
+def mujoco(parameters):
+    return MujocoSimulator("carriage.xml", parameters, dt=0.01)
+class Foreign(MujocoSimulator):
+    def with_columns(self, columns):
+        return self
+def foreign(parameters):
+    return Foreign("carriage.xml", parameters)
+"""
+
+
+def test_a_push_is_not_dropped_where_a_factory_gives_the_simulator(folder, monkeypatch):
+    """Nor are a torque and a sensor; a simulator without an input for a push is refused."""
+    monkeypatch.chdir(folder)
+    (folder / "pushed.py").write_text(PUSHED)
+    head, *rows = (folder / "carriage.csv").read_text().splitlines()
+    table = "\n".join([f"{head},xfrc.carriage.0,qfrc.carriage", *(f"{row},1,0.5" for row in rows)])
+    (folder / "carriage.csv").write_text(table + "\n")
+    problem = load_problem(write(folder, PROBLEM.replace("carriage.xml", "pushed:mujoco")))
+    assert problem.simulator.commands == ("motor", "xfrc.carriage.0")
+    assert problem.simulator.signals[-1] == "qfrc.carriage"
+    assert problem.simulator.dt == 0.01
+    assert problem.measurement.data["command"][..., 1].max() == 1.0
+    with pytest.raises(BadInput, match=r"no input for a measured push called 'xfrc.carriage.0'; .*'ignore'"):
+        load_problem(write(folder, PROBLEM.replace("carriage.xml", "pushed:foreign")))
+    ignoring = 'ignore = ["xfrc.*"]\n' + PROBLEM.replace("carriage.xml", "pushed:foreign")
+    assert load_problem(write(folder, ignoring)).simulator.commands == ("motor",)

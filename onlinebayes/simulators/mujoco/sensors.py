@@ -11,12 +11,12 @@ command that was held until it, as a controller reads its sensors before it send
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import mujoco
 
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.mujoco.addresses import names, scalar_joint
+from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names, scalar_joint
 
 TORQUE = "qfrc."
 SENSOR = "sensor."
@@ -55,6 +55,13 @@ def sensor_signals(model: mujoco.MjModel) -> dict[str, int]:
         signal = name if name.startswith(TORQUE) else f"{SENSOR}{name}"
         found |= {signal: first} if width == 1 else {f"{signal}.{k}": first + k for k in range(width)}
     return found
+
+
+def measured_sensors(model: mujoco.MjModel, columns: Collection[str]) -> list[str]:
+    """The model's sensors and joint torques that a log's columns hold, in the model's order."""
+    joints = [name for name, kind in zip(names(model, "joint"), model.jnt_type, strict=True) if kind in (SLIDE, HINGE)]
+    known = dict.fromkeys([*sensor_signals(model), *(f"{TORQUE}{joint}" for joint in joints)])
+    return [signal for signal in known if signal in columns]
 
 
 def sensor_places(model: mujoco.MjModel, signals: Sequence[str]) -> tuple[int, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
@@ -23,12 +23,13 @@ from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
 from onlinebayes.simulators.mujoco.export import approximate, export, foreign, to_xml
-from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
 from onlinebayes.simulators.mujoco.rollout import rollout
+from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
-from onlinebayes.simulators.mujoco.wrenches import is_wrench
+from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
 
 JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))  # transmissions to a joint
 
@@ -350,6 +351,19 @@ class MujocoSimulator(Simulator):
         point.ipos, point.explicitinertial = [0.0] * 3, True  # without an ipos MuJoCo takes the pos, once more
         return self._remade(source=spec)
 
+    def with_columns(self, columns: Collection[str]) -> Self:
+        """A new simulator with what a log's columns need: motors for measured wrenches, sensors as signals.
+
+        Args:
+            columns: of the log, others among them: ``xfrc.<body>.k``, ``qfrc.<joint>``, ``sensor.<name>``.
+        """
+        source = with_wrenches(self._system.source, columns)
+        wanted = {*columns, *self._system.sensors}
+        sensors = measured_sensors(compile_spec(source.copy()), wanted)
+        if source is self._system.source and set(sensors) == set(self._system.sensors):
+            return self
+        return self._remade(source=source, sensors=sensors)
+
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
         return self._system.write(theta)
@@ -379,6 +393,7 @@ class MujocoSimulator(Simulator):
         effects: Sequence[Effect] | None = None,
         soft_friction: bool | None = None,
         scaled_moments: bool | None = None,
+        sensors: Sequence[str] | None = None,
     ) -> Self:
         """This simulator anew, with what is given in place of its own."""
         system = self._system
@@ -389,7 +404,7 @@ class MujocoSimulator(Simulator):
             self.dt if dt is None else dt,
             self._threads,
             self.effects if effects is None else effects,
-            system.sensors,
+            system.sensors if sensors is None else sensors,
             system.soft_friction if soft_friction is None else soft_friction,
             system.scaled_moments if scaled_moments is None else scaled_moments,
         )
