@@ -67,7 +67,7 @@ def check_constant(address: str, value: float, simulator: Simulator) -> None:
     name, _, target = key.partition("@")
     effect = {**EFFECTS, **simulator.own_effects}[name].scaled(target, Scales(1.0, 1.0, 1.0, 1.0))
     if parameter not in effect.parameters:
-        raise BadInput(f"{key} has no parameter '{parameter}'", _nearest(parameter, effect.parameters.names))
+        raise BadInput(f"{key} has no parameter '{parameter}'", nearest(parameter, effect.parameters.names))
     own = effect.parameters[parameter]
     known = dataclasses.replace(own, low=value, high=value + max(1.0, abs(value)), scale="linear")
     try:
