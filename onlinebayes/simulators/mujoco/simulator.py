@@ -15,7 +15,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, nearest
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.contact import contacts
@@ -28,10 +28,9 @@ from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
+from onlinebayes.simulators.mujoco.variants import gravity_compensated, laden
 from onlinebayes.simulators.mujoco.worlds import Worlds
 from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
-
-JOINTS = (int(mujoco.mjtTrn.mjTRN_JOINT), int(mujoco.mjtTrn.mjTRN_JOINTINPARENT))  # transmissions to a joint
 
 
 class MujocoSimulator(Simulator):
@@ -326,30 +325,13 @@ class MujocoSimulator(Simulator):
         return self._remade(source=spec)
 
     def with_gravity_compensation(self) -> Simulator | None:
-        """A new simulator with ``gravcomp = 1`` on every body; None unless the actuators drive each of the joints."""
-        if not all(kind in JOINTS for kind in self.model.actuator_trntype.tolist()):
-            return None
-        driven = set(self.model.actuator_trnid[:, 0].tolist())
-        lifted = bool(self.model.opt.gravity.any()) and not bool((self.model.body_gravcomp[1:] == 1).all())
-        if not lifted or driven != set(range(self.model.njnt)):
-            return None
-        spec = self._system.source.copy()
-        for body in spec.bodies[1:]:
-            body.gravcomp = 1.0
-        return self._remade(source=spec)
+        """See :meth:`Simulator.with_gravity_compensation`, and :func:`.variants.gravity_compensated`."""
+        source = gravity_compensated(self._system.source, self.model)
+        return None if source is None else self._remade(source=source)
 
     def with_payload(self, body: str, mass: float) -> Self:
         """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
-        known = [self.model.body(k).name for k in range(1, self.model.nbody)]
-        if body not in known:
-            raise BadInput(f"the model has no body '{body}'", nearest(body, known))
-        spec = self._system.source.copy()
-        spec.compiler.fusestatic = False  # would add it to the body's own mass
-        centre = self.model.body(body).ipos
-        # Welded on, so that a free mass of the body itself stays what it is; MuJoCo adds the two up.
-        point = spec.body(body).add_body(name=f"payload@{body}", pos=centre, mass=mass, inertia=[1e-9 * mass] * 3)
-        point.ipos, point.explicitinertial = [0.0] * 3, True  # without an ipos MuJoCo takes the pos, once more
-        return self._remade(source=spec)
+        return self._remade(source=laden(self._system.source, self.model, body, mass))
 
     def with_columns(self, columns: Collection[str]) -> Self:
         """A new simulator with what a log's columns need: motors for measured wrenches, sensors as signals.
