@@ -19,6 +19,7 @@ from onlinebayes.criticism.findings.fit_notes import fit_notes
 from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.opening import opened
 from onlinebayes.criticism.findings.ranking import rank, steps
+from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.fitting.blocks import Blocks
 from onlinebayes.criticism.fitting.fit import residual_correlation_time
 from onlinebayes.criticism.fitting.heldout import replay_runs
@@ -200,6 +201,7 @@ def _notes(
         *fit_notes(simulator, found, task.selection, parameters),
         *(_carried_over(task, found, models, units) if found.accepted else ()),
         *starts_note(models.final, models.held, models.error, task.selection.tolerance),
+        *too_small_note(candidates, task.selection.alpha),
         *log_notes(candidates, parameters, simulator.commands, tuple(units)),
     )
 

@@ -26,6 +26,8 @@ from onlinebayes.criticism.judging.score import CrossValidated, Gain, cross_vali
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.simulators.effects import Effect
 
+TOO_LITTLE = "brings too little"
+"""How the failure of rule 2 is called."""
 LEAST_FALL = 0.05
 ALIKE_STANDARD_ERRORS = 0.01  # standard errors between two effects that are the same motion
 
@@ -85,7 +87,7 @@ def judge(
         failed.append(f"may be chance: p = {p_value:.3g} is not below {alpha:g}")
     if falls[0] < LEAST_FALL:
         fall = f"falls by {100 * falls[0]:.1f} %, not by {100 * LEAST_FALL:g} %" if falls[0] > 0 else "does not fall"
-        failed.append(f"brings too little: the cross-validated error {fall}")
+        failed.append(f"{TOO_LITTLE}: the cross-validated error {fall}")
     if not gain.clear:
         lost = f"{gain.blocks - gain.better} of {gain.blocks} blocks lose"
         failed.append(f"weak evidence: gain {gain.gain:.3g} is below two standard errors ({gain.se:.3g} each; {lost})")

@@ -33,6 +33,7 @@ from onlinebayes.criticism.searching.pairs import pair
 from onlinebayes.criticism.searching.replaced import replaced
 from onlinebayes.criticism.searching.stage import Added, Stage, run_stage
 from onlinebayes.criticism.searching.standing import Standing, with_change, with_effects, without_idle
+from onlinebayes.criticism.searching.swapped import swapped
 from onlinebayes.criticism.searching.zeros import beside_zeros
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
@@ -193,12 +194,13 @@ def _latest(context: SearchContext, standing: Standing, stage: Stage, groups: Se
 
 
 def _extended(context: SearchContext, standing: Standing, added: Sequence[Added]) -> Standing:
-    """The model with what a round added, without what that makes needless."""
+    """The model with what a round added, what that tells from its rivals, without what it makes needless."""
     context.watch.say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
     standing = with_effects(standing, added, context)
     if (richer := replaced(standing, context)) is not None:
         context.watch.say(f"{added[-1][1].effect.key} takes the place of what it contains")
         standing = richer
+    standing = swapped(standing, context) or standing
     return without_idle(standing, standing.accepted[:-1], context) or standing
 
 
