@@ -271,8 +271,9 @@ def test_a_wrench_from_outside_moves_the_model(folder, capsys):
     pushed(folder)
     assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 0, capsys.readouterr().err
     report = json.loads((folder / "out" / "report.json").read_text())
-    assert report["heldout_error"]["after"]["qpos.carriage"] < 1e-3
-    assert report["parameters"]["body.carriage.mass"]["mean"] == pytest.approx(3.0, rel=0.02)
+    # Euler's steps of 5 ms wrote the table: at those the push explains it to the table's last digit.
+    assert report["remainder"]["rms_over_floor"]["qpos.carriage"] < 1.2
+    assert report["parameters"]["body.carriage.mass"]["mean"] == pytest.approx(3.0, rel=0.005)
     problem = load_problem(folder / "carriage.toml")
     assert problem.simulator.commands == ("xfrc.carriage.0",)
     assert problem.simulator.targets("actuator") == ()  # no law of an actuator acts on what was measured
