@@ -1,7 +1,7 @@
 """``onlinebayes compare | diagnose | refine | next problem.toml --out DIR``; before them ``init``, after them ``show``.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (with its traceback), 130 stopped by
-Ctrl-C. What is slow to import is imported only once the arguments are known to be right.
+Ctrl-C, or at work by SIGTERM. What is slow to import is imported only once the arguments are known to be right.
 """
 
 from __future__ import annotations

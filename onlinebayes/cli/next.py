@@ -90,8 +90,8 @@ def _wrapped(key: str, what: str) -> str:
 
 
 def _stopped() -> int:
-    """Exit status where Ctrl-C came first."""
-    _log("stopped by Ctrl-C; nothing is proposed")
+    """Exit status where Ctrl-C or SIGTERM came first."""
+    _log("stopped before its end; nothing is proposed")
     return 130
 
 

@@ -46,13 +46,13 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         files = write_report(result, folder, title=title_of(problem.path), problem=problem.path)
     print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:
-        _log("stopped by Ctrl-C; the report holds what was found until then")
+        _log("stopped before its end; the report holds what was found until then")
         return 130
     return 0
 
 
 def criticise(command: str, problem: Problem) -> Criticism:
-    """The command's result on a loaded problem; a search that Ctrl-C stops gives what it has found until then."""
+    """The command's result on a loaded problem; one that is stopped gives what it has found until then."""
     result = _criticised(command, problem)
     if result.wiring is None:
         return result

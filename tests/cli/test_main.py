@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -83,7 +84,21 @@ def test_a_search_that_was_stopped_still_reports(folder, capsys, monkeypatch, re
     monkeypatch.setattr(work, "criticise", lambda _command, _problem: dataclasses.replace(result, interrupted=True))
     assert main(arguments("refine", folder)) == 130
     assert (folder / "out" / "here" / "report.json").exists()
-    assert "stopped by Ctrl-C" in capsys.readouterr().err
+    assert "stopped before its end; the report holds what was found" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_keeps_what_is_known(folder, capsys, monkeypatch, result, number):
+    """``timeout`` ends the work by SIGTERM: the report is written as after Ctrl-C."""
+
+    def asked(*_given, interrupt, **_named):
+        signal.raise_signal(number)
+        return dataclasses.replace(result, interrupted=interrupt.requested)
+
+    monkeypatch.setattr(work, "refine", asked)
+    assert main(arguments("refine", folder)) == 130
+    assert (folder / "out" / "here" / "report.json").exists()
+    assert "stopping after the fit in hand" in capsys.readouterr().err
 
 
 def report_in(folder: Path, recording: bool = True) -> Path:

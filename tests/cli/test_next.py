@@ -69,19 +69,20 @@ def test_the_result_says_what_it_expects(done: tuple[Path, str]) -> None:
     assert max(map(len, printed.splitlines())) <= 80 + len(str(folder))
 
 
-def test_ctrl_c_is_said_and_leaves_nothing(
-    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stop_is_said_and_leaves_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    """Pressed while the recording is sought: the first one asks the work to end, and no file is written."""
+    """Asked for while the recording is sought: the first one asks the work to end, and no file is written."""
 
     def pressed(*_given: object, interrupt: Interrupt, **_named: object) -> None:
-        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(number)
         assert interrupt.requested
 
     monkeypatch.setattr(following, "criticise", lambda _command, _problem: SimpleNamespace(interrupted=False))
     monkeypatch.setattr(following, "next_experiment", pressed)
     assert main(["next", str(folder / "carriage.toml"), "--out", str(folder / "out")]) == 130
-    assert "stopped by Ctrl-C; nothing is proposed" in capsys.readouterr().err
+    assert "stopped before its end; nothing is proposed" in capsys.readouterr().err
     assert not (folder / "out").exists()
 
 

@@ -1,4 +1,4 @@
-"""The first Ctrl-C asks, the second stops, and the handler that was there before comes back."""
+"""The first Ctrl-C or SIGTERM asks, a second Ctrl-C stops, and the handler that was there before comes back."""
 
 from __future__ import annotations
 
@@ -25,6 +25,18 @@ def test_the_first_asks_and_says_so_the_second_stops(capsys):
         with pytest.raises(KeyboardInterrupt):
             press()
     assert signal.getsignal(signal.SIGINT) is before
+
+
+def test_sigterm_asks_however_often_it_comes(capsys):
+    before = signal.getsignal(signal.SIGTERM)
+    with Interrupt("stopping soon") as interrupt:
+        for _ in range(3):  # timeout sends two at once
+            os.kill(os.getpid(), signal.SIGTERM)
+        assert interrupt.requested
+        with pytest.raises(KeyboardInterrupt):
+            press()
+    assert capsys.readouterr().err == "stopping soon\n"
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_a_block_may_be_given_up():
