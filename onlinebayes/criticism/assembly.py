@@ -112,7 +112,7 @@ def assemble(question: Question, task: Task, found: Found, fault: Suspicion | No
         selection=selection,
         what_to_record=_what_to_record(base, blocks) if verdict == "insufficient_data" else "",
         interrupted=found.interrupted,
-        notes=_notes(task, found, models, candidates, units),
+        notes=_notes(task, found, fault, models, candidates, units),
         widened=widened_bounds(found),
         detail=models.detail,
         timings=stopwatch.timings(),
@@ -192,13 +192,18 @@ def _what_to_record(base: Grounds, blocks: Blocks) -> str:
 
 
 def _notes(
-    task: Task, found: Found, models: _Opened, candidates: tuple[Candidate, ...], units: dict[str, str]
+    task: Task,
+    found: Found,
+    fault: Suspicion | None,
+    models: _Opened,
+    candidates: tuple[Candidate, ...],
+    units: dict[str, str],
 ) -> tuple[str, ...]:
     """What else a reader should know: of the task, the fit, the held-out runs and the log."""
     parameters, simulator = models.final.parameters, task.simulator
     return (
         *task.notes,
-        *fit_notes(simulator, found, task.selection, parameters),
+        *fit_notes(simulator, found, task.selection, parameters, miswired=fault is not None),
         *(_carried_over(task, found, models, units) if found.accepted else ()),
         *starts_note(models.final, models.held, models.error, task.selection.tolerance),
         *too_small_note(candidates, task.selection.alpha),
@@ -211,4 +216,4 @@ def _carried_over(task: Task, found: Found, models: _Opened, units: dict[str, st
     on_the_way = errors_on_the_way(found.accepted, models.step, task.held_runs, task.selection.horizon_s)
     last = found.accepted[-1][1].effect.key
     in_vain = in_vain_note(models.error.before, on_the_way, last, models.error.after, units)
-    return (*worse_runs_note(models.detail.windows, units), *in_vain)
+    return (*worse_runs_note(models.detail.windows, units, models.error.noise_floor), *in_vain)

@@ -65,5 +65,5 @@ def prepared(
     stepped = in_step(given, fit_runs)
     used = steady(stepped, fit_runs, asked)
     stepped, softness = tied_as_logged(stepped, fit_runs, used.horizon_s)
-    notes = (*tied, *softness, *restepped(given, stepped), *shortened(asked, used))
+    notes = (*tied, *softness, *restepped(given, stepped, fit_runs), *shortened(asked, used))
     return Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)

@@ -24,12 +24,17 @@ MORE = 1.02  # times; windows are counted alike, whatever their rows
 MOST_RUNS = 3  # that are named
 
 
-def worse_runs_note(windows: Iterable[WindowError], units: dict[str, str]) -> tuple[str, ...]:
+def worse_runs_note(
+    windows: Iterable[WindowError], units: Mapping[str, str], floors: Mapping[str, float]
+) -> tuple[str, ...]:
     """A sentence that names the held-out runs in which the error rises, the worst first; nothing without any.
+
+    An error within what noise explains is as small as any model's, whatever the base model's was.
 
     Args:
         windows: errors of the base and of the refined model.
         units: signal -> unit.
+        floors: signal -> noise floor of the held-out error [the signal's unit].
     """
     squares: dict[tuple[str, str], list[tuple[float, float]]] = {}
     for one in windows:
@@ -39,7 +44,11 @@ def worse_runs_note(windows: Iterable[WindowError], units: dict[str, str]) -> tu
         place: tuple(math.sqrt(sum(pair[k] for pair in pairs) / len(pairs)) for k in (0, 1))
         for place, pairs in squares.items()
     }
-    rising = {place: pair for place, pair in errors.items() if pair[1] > MORE * pair[0]}
+    rising = {
+        (run, signal): (before, after)
+        for (run, signal), (before, after) in errors.items()
+        if after > MORE * before and not after <= floors[signal]
+    }
     if not rising:
         return ()
     order = sorted(rising, key=lambda place: -rising[place][1] / max(rising[place][0], 1e-300))

@@ -8,17 +8,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from onlinebayes.criticism import quantities
+from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.results import Estimate, Selection
 from onlinebayes.criticism.searching.search import Found
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.mujoco import MujocoSimulator
 
 CUT = 0.9
 """Share of the horizon that was asked for below which windows are said to be shorter."""
 
 
 def fit_notes(
-    simulator: Simulator, found: Found, selection: Selection, parameters: Mapping[str, Estimate]
+    simulator: Simulator, found: Found, selection: Selection, parameters: Mapping[str, Estimate], *, miswired: bool
 ) -> tuple[str, ...]:
     """A sentence for each such thing.
 
@@ -27,16 +29,17 @@ def fit_notes(
         found: what the search found.
         selection: how effects were judged; its horizon was asked for.
         parameters: of the final model.
+        miswired: whether a wiring fault explains more: fitted to such a table, values end on their bounds.
     """
     return (
-        *_of_the_step(simulator, found),
+        *_of_the_step(simulator, found, miswired),
         *_of_the_windows(found, selection),
-        *_of_bounds(found, parameters),
+        *(() if miswired or found.widened is not None else _of_bounds(found, parameters)),
         *of_sums([judged.effect for _, judged in found.accepted]),
     )
 
 
-def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
+def _of_the_step(simulator: Simulator, found: Found, miswired: bool) -> Iterator[str]:
     final = found.final
     if not final.numerics.sufficient:
         yield (
@@ -49,11 +52,7 @@ def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
             "than a finer one, as if a simulator had written it so; judged and kept at that step"
         )
     elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
-        method = "Runge-Kutta's method" if final.rung.runge_kutta else "its own integrator"
-        yield (
-            f"numerics: at its step of {simulator.timestep:g} s the model's own integrator errs too much to be judged "
-            f"by these sensors; judged by {method} at {final.rung.timestep:g} s; the refined model keeps to that method"
-        )
+        yield _another_method(simulator, found, miswired)
     if final.rung.soft_friction:
         yield (
             "friction: the log follows MuJoCo's own soft friction, which creeps, far better than friction that sticks, "
@@ -69,6 +68,21 @@ def _of_the_step(simulator: Simulator, found: Found) -> Iterator[str]:
         yield "the last fit did not converge fully"
 
 
+def _another_method(simulator: Simulator, found: Found, miswired: bool) -> str:
+    """By which method and step the model was integrated in place of its own, why, and what refined.xml has of it."""
+    rung = found.final.rung
+    method = "Runge-Kutta's method" if rung.runge_kutta else "its own method"
+    note = (
+        "numerics: so that errors of integration do not pass for missing physics, the model was integrated by "
+        f"{method} in steps of {rung.timestep:g} s; its own method in steps of {simulator.timestep:g} s is not exact "
+        "enough for these sensors"
+    )
+    if miswired or not isinstance(innermost(simulator), MujocoSimulator):
+        return note
+    step = min(simulator.timestep, *(grounds.fitted.simulator.timestep for grounds in (found.base, found.final)))
+    return f"{note}; refined.xml has {'integrator RK4 and ' if rung.runge_kutta else ''}timestep {step:g}"
+
+
 def _of_the_windows(found: Found, selection: Selection) -> Iterator[str]:
     lasted = found.final.windows.horizon
     if lasted < CUT * selection.horizon_s:
@@ -82,7 +96,7 @@ def _of_bounds(found: Found, parameters: Mapping[str, Estimate]) -> Iterator[str
     """A value of the model's own on its bound; zero as a lower one is where many laws end, and no surprise."""
     space = dict(found.final.fitted.simulator.parameters)
     for name, value in parameters.items():
-        if value.at_bound is None or "@" in name or name not in space or found.widened is not None:
+        if value.at_bound is None or "@" in name or name not in space:
             continue
         end = space[name].low if value.at_bound == "low" else space[name].high
         if end != 0:

@@ -5,8 +5,9 @@
     sensor_delay    y = q(t - T)       latency = T
     actuator_delay  f = f(u(t - T))    latency = T of every signal
 
-A log of commands and signals that no controller connects is the same whether its commands act late or all its signals
-are stamped late: only the one who knows the recorder can tell. With several actuators that needs one delay in all.
+The model is driven by the commands that were logged, whether a controller made them or nobody: the replay is the same
+whether all commands act late or all signals are stamped late, and only the one who knows the recorder can tell. With
+several actuators that needs one delay in all.
 """
 
 from __future__ import annotations
@@ -74,8 +75,8 @@ def _late(late: Sequence[_Named], signals: Sequence[str]) -> str:
     where = ", ".join(f'[signals."{signal}"]' for signal in signals)
     who = "the command acts" if len(late) == 1 else "all commands act"
     return (
-        f"whether {who} {1e3 * mean:.3g} ms late or all signals are logged that much late, a log in open loop does not "
-        f"tell; if it is the log: latency = {mean:.4g} under {where}"
+        f"whether {who} {1e3 * mean:.3g} ms late or all signals are logged that much late, a replay driven by the "
+        f"logged commands does not tell; if it is the log: latency = {mean:.4g} under {where}"
     )
 
 

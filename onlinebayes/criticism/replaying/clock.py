@@ -33,14 +33,22 @@ def in_step(simulator: Simulator, measurement: Measurement) -> Simulator:
     return simulator.with_timestep(row * math.floor(ratio) if own > row else row / _parts(row, math.ceil(ratio)))
 
 
-def restepped(given: Simulator, used: Simulator) -> tuple[str, ...]:
-    """What to tell a user whose model is integrated with another step than its own; nothing where it is not."""
+def restepped(given: Simulator, used: Simulator, measurement: Measurement) -> tuple[str, ...]:
+    """What to tell a user whose model is integrated with another step than its own; nothing where it is not.
+
+    Args:
+        given, used: the base model before and after :func:`in_step`.
+        measurement: the fit runs.
+    """
     if used.timestep == given.timestep:
         return ()
-    return (
-        f"the log's rows do not fall on steps of {given.timestep:g} s: {used.timestep:g} s are taken for the model's "
-        "own step",
-    )
+    row, own, step = row_step(measurement), given.timestep, used.timestep
+    if own > row:
+        why = f"the model's timestep of {own:g} s is no multiple of that"
+    else:
+        why = f"that is no multiple of the model's timestep of {own:g} s"
+    used_so = f"{step:g} s, {round(row / step)} to a row" if step < row else f"{step:g} s"
+    return (f"the log has a row every {row:.4g} s: {why}, so the model is run in steps of {used_so}",)
 
 
 def _parts(row: float, fewest: int) -> int:

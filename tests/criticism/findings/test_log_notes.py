@@ -22,10 +22,10 @@ def test_each_has_its_line() -> None:
     assert '[signals."qpos.a"] latency = 0.012' in notes(row("sensor_delay@qpos.a", "delay", 0.012))
 
 
-def test_a_late_command_and_late_signals_are_one_in_open_loop() -> None:
+def test_a_late_command_and_late_signals_are_one_in_a_replay() -> None:
     said = notes(row("actuator_delay@m", "delay", 0.012))
     assert 'latency = 0.012 under [signals."qpos.a"], [signals."qpos.b"]' in said
-    assert "open loop" in said
+    assert "a replay driven by the logged commands does not tell" in said
 
 
 def test_a_delay_of_one_actuator_of_two_is_not_the_logs() -> None:
