@@ -9,6 +9,7 @@ from pathlib import Path
 
 from onlinebayes.criticism import Candidate, Criticism, quantities
 from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report.refined import left_out
 
 WIDTH = 80
 RANKS = 5
@@ -38,7 +39,7 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     if result.what_to_record:
         lines += _labelled("to record", result.what_to_record)
     lines += ["", *_errors(result), ""]
-    if result.candidates:
+    if any(candidate.rank is not None for candidate in result.candidates):
         lines += [*_candidates(result), ""]
     if result.accepted:
         lines += _labelled("added", ", ".join(result.accepted))
@@ -50,6 +51,9 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
     for note in result.notes:
         lines += _labelled("note", note)
     lines += [f"wrote:     {folder / name}" for name in more]
+    if more:
+        lines += _wrapped(words.put_right(result))
+        lines += _wrapped(words.left_out(left_out(result), more), others=" " * 11)
     lines += [f"report:    {folder / 'report.html'}", f"to open:   onlinebayes show {folder}"]
     return "\n".join(lines)
 
@@ -67,23 +71,22 @@ def _errors(result: Criticism) -> list[str]:
 
 
 def _candidates(result: Criticism) -> list[str]:
-    """Gain and p of the ranked effects, the first ones and all that are in the model."""
-    ranked = [candidate for candidate in result.candidates if candidate.rank is not None]
-    ranked.sort(key=lambda candidate: candidate.rank or 0)
-    shown = [candidate for k, candidate in enumerate(ranked) if k < RANKS or candidate.accepted]
+    """Gain and p of the ranked effects, the first ones and all that are in the model, with their rivals."""
+    ranked = [candidate for candidate in words.in_order(result) if candidate.rank is not None]
+    shown = [c for k, c in enumerate(ranked) if k < RANKS or c.accepted or c.indistinguishable_from]
     lines = [f"{'candidate effects':<35} {'gain':>11} {'p':>6}  outcome"]
-    lines += [_candidate(candidate) for candidate in shown]
+    lines += [_candidate(result, candidate) for candidate in shown]
     return [*lines, *_others(len(result.candidates) - len(shown), "candidate", " in the report")]
 
 
-def _candidate(candidate: Candidate) -> str:
+def _candidate(result: Criticism, candidate: Candidate) -> str:
     gain = "–"
     if candidate.score_gain is not None:
         error = quantities.significant(candidate.score_gain_se or 0.0)
         gain = f"{quantities.significant(candidate.score_gain)} ± {error}"
     p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
     start = f"{candidate.rank:>4} {_cut(candidate.effect, 30):<30} {gain:>11} {p:>6}  "
-    return start + _cut(words.briefly(candidate), WIDTH - len(start))
+    return start + _cut(words.briefly(result, candidate), WIDTH - len(start))
 
 
 def _others(count: int, what: str, where: str) -> list[str]:

@@ -6,7 +6,7 @@ found in the fit runs -> verdict -> both models replayed over all runs -> error 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import torch
@@ -113,11 +113,12 @@ def assemble(question: Question, task: Task, found: Found, fault: Suspicion | No
         what_to_record=_what_to_record(base, blocks) if verdict == "insufficient_data" else "",
         interrupted=found.interrupted,
         notes=_notes(task, found, fault, models, candidates, units),
-        widened=widened_bounds(found),
+        widened=widened_bounds(found, models.final.parameters),
         detail=models.detail,
         timings=stopwatch.timings(),
         wiring=None if fault is None else wiring_of(fault),
         changes=parameter_changes(found, models.final.parameters),
+        mended=_mended(fault, task) if fault is not None and verdict == "data_problem" else None,
     )
 
 
@@ -154,21 +155,29 @@ def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> 
 
 def _model(grounds: Grounds, step: float, blocks: Blocks, task: Task) -> FittedModel:
     """The fitted model integrated with ``step`` [s], with its replays at every row."""
+    fitted = _fitted(grounds, step, blocks)
+    replays: list[ReplayedRun] = []
+    for runs, held_out in ((task.fit_runs, False), (task.held_runs, True)):
+        horizon, noise = task.selection.horizon_s, grounds.windows.noise
+        windows = windows_to_replay(fitted.simulator, runs, fitted.theta, horizon, noise)
+        replays += replay_runs(fitted.simulator, windows, fitted.theta, held_out)
+    return replace(fitted, replays=tuple(replays))
+
+
+def _fitted(grounds: Grounds, step: float, blocks: Blocks) -> FittedModel:
+    """The fitted model integrated with ``step`` [s], without replays."""
     fitted = grounds.fitted
     model = Rung(step).of(fitted.simulator)
     covariance = covariance_of(fitted, blocks) + torch.outer(grounds.shift, grounds.shift)
-    replays: list[ReplayedRun] = []
-    for runs, held_out in ((task.fit_runs, False), (task.held_runs, True)):
-        windows = windows_to_replay(model, runs, fitted.theta, task.selection.horizon_s, grounds.windows.noise)
-        replays += replay_runs(model, windows, fitted.theta, held_out)
-    return FittedModel(
-        model,
-        fitted.theta,
-        covariance,
-        estimates(fitted, covariance, blocks.count, _flat(grounds)),
-        tuple(effect.key for effect in model.effects),
-        tuple(replays),
-    )
+    values = estimates(fitted, covariance, blocks.count, _flat(grounds))
+    return FittedModel(model, fitted.theta, covariance, values, tuple(effect.key for effect in model.effects), ())
+
+
+def _mended(fault: Suspicion, task: Task) -> FittedModel:
+    """The base model fitted to the table put right."""
+    grounds = fault.grounds
+    step = min(task.simulator.timestep, grounds.fitted.simulator.timestep)
+    return _fitted(grounds, step, blocks_for(grounds.fitted, grounds.windows, task.selection.folds))
 
 
 def _flat(grounds: Grounds) -> tuple[FlatDirection, ...]:

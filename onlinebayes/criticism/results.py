@@ -199,7 +199,7 @@ class Wiring:
 
 @dataclass(frozen=True)
 class WidenedBounds:
-    """Bounds of a parameter that exclude the truth, and the wider ones under which the model agrees (low, high)."""
+    """Bounds of a parameter that exclude the truth, and wider ones that hold what the data ask for (low, high)."""
 
     before: tuple[float, float]
     after: tuple[float, float]
@@ -219,6 +219,7 @@ class ParameterChange:
         rms_fall: share by which the cross-validated error falls at the long and the short horizon.
         equals: other parameters whose own values explain as much.
         lines: what to put in the problem file.
+        groups: the runs by like values, lowest first, where they fall into two or three such groups; else empty.
     """
 
     parameter: str
@@ -231,6 +232,7 @@ class ParameterChange:
     rms_fall: tuple[float, float]
     equals: tuple[str, ...]
     lines: str
+    groups: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -319,6 +321,7 @@ class Criticism:
         timings: the stages of the work and how long each took, up to the result.
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
+        mended: with ``data_problem``, the base model fitted to the table put right, without replays.
     """
 
     command: Literal["compare", "diagnose", "refine"]
@@ -349,6 +352,7 @@ class Criticism:
     timings: tuple[Timing, ...] = ()
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
+    mended: FittedModel | None = None
 
     @property
     def only_compared(self) -> bool:

@@ -11,8 +11,10 @@ import pytest
 
 from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import WIDTH, _wrapped, summary
+from onlinebayes.criticism import Criticism
+from onlinebayes.criticism.results import Estimate, Wiring
 from tests.criticism.report.many import many
-from tests.criticism.report.synthetic import SIGNAL, changed, criticism
+from tests.criticism.report.synthetic import SIGNAL, changed, criticism, lagging, miswired
 
 
 class Terminal(io.StringIO):
@@ -107,3 +109,68 @@ def test_a_change_between_runs_is_said_with_its_line() -> None:
     assert "change:    body.carriage.mass differs between runs: plain 92" in text
     assert '    "body.carriage.mass" = { low = 50, high = 150, scope = "per_run" }' in text.splitlines()
     assert max(map(len, text.splitlines())) <= WIDTH
+
+
+def row(text: str, effect: str) -> str:
+    (found,) = [line for line in text.splitlines() if f" {effect} " in line and line[:4].strip().isdigit()]
+    return found
+
+
+def test_a_rival_stands_right_below_its_accepted_effect() -> None:
+    """Screened beside it in the last round it seems to be nothing: rank 24, p = 1."""
+    result = criticism(rate=50.0, seconds=2.0)
+    rows = list(result.candidates)
+    first = dataclasses.replace(rows[0], indistinguishable_from=("actuator_delay@motor",))
+    late = dataclasses.replace(
+        rows[4], rank=24, p_value=1.0, indistinguishable_from=(first.effect,), refused_because=("not significant",)
+    )
+    others = [dataclasses.replace(rows[3], effect=f"wind@body{k}", rank=5 + k) for k in range(8)]
+    made = dataclasses.replace(result, candidates=(first, *rows[1:4], *others, late, rows[5]))
+    text = summary(made, Path("out"))
+    lines = text.splitlines()
+    assert lines.index(row(text, late.effect)) == lines.index(row(text, first.effect)) + 1
+    assert row(text, late.effect).split() == ["24", late.effect, "–", "–", "explains", "as", "much", "as", "#1"]
+    assert max(map(len, lines)) <= WIDTH
+
+
+def test_what_refined_xml_lacks_is_one_line() -> None:
+    text = summary(lagging(), Path("o"), ["refined.toml", "refined.xml"])
+    assert (
+        "refined.xml: without actuator_lag@motor, which plain MuJoCo has no term for;\n           refined.toml has it\n"
+    ) in text
+    assert "refined.xml" not in summary(lagging(), Path("o"))
+
+
+def test_too_little_data_implies_nothing_and_has_no_empty_table() -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    rows = tuple(
+        dataclasses.replace(c, rank=None, p_value=None, score_gain=None, accepted=False) for c in result.candidates
+    )
+    made = dataclasses.replace(result, verdict="insufficient_data", accepted=(), candidates=rows)
+    text = summary(made, Path("out"))
+    assert "There is too little data to tell whether anything is missing." in text
+    assert "candidate" not in text
+
+
+def test_groups_of_runs_are_named() -> None:
+    result = changed(criticism(rate=50.0, seconds=2.0))
+    values = {
+        run: Estimate(mean, 0.4, mean, mean, "kg")
+        for run, mean in {"n0": 92.0, "t0": 101.0, "n1": 92.4, "t1": 100.6}.items()
+    }
+    change = dataclasses.replace(result.changes[0], values=values, groups=(("n0", "n1"), ("t0", "t1")))
+    text = " ".join(summary(dataclasses.replace(result, changes=(change,)), Path("out")).split())
+    assert "n0 and n1 at 92.2 ± 0.4 kg; t0 and t1 at 100.8 ± 0.4 kg (2 groups of like values), where one" in text
+
+
+def told(result: Criticism) -> str:
+    return " ".join(summary(result, Path("out"), ["refined.toml", "refined.xml"]).split())
+
+
+def test_a_fault_says_what_the_refined_files_hold() -> None:
+    result = miswired()
+    assert "refined.toml has the fault put right; its fitted values and refined.xml are those of" in told(result)
+    by_hand = dataclasses.replace(result, wiring=Wiring("motor was off in plain", "# in the table: a column", 9.0, 1.0))
+    assert "refined.toml reads the table with the fault, which can only be put right there" in told(by_hand)
+    assert "hold the model fitted to the table with the fault" in told(dataclasses.replace(result, mended=None))
+    assert "fault put right" not in " ".join(summary(result, Path("out")).split())

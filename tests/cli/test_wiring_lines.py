@@ -72,6 +72,10 @@ def test_the_printed_line_puts_it_right(tmp_path: Path, name: str) -> None:
     assert found.accepted == ()
     assert found.wiring is not None
     assert found.wiring.lines == line
+    assert not any("ends on its bound" in note for note in found.notes)  # of a table that is at fault
+    assert found.mended is not None
+    for address, true in zip(found.mended.parameters, PENDULUM.truth, strict=True):
+        assert found.mended.parameters[address].mean == pytest.approx(true, rel=0.1)
     mended = refined(tmp_path, with_line(PROBLEM, line))
     assert mended.verdict == "adequate"
     assert mended.wiring is None

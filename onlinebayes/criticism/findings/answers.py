@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from onlinebayes.criticism.findings.like_runs import globs, like_runs
 from onlinebayes.criticism.replaying.scoped import unscoped
 from onlinebayes.criticism.results import Estimate, ParameterChange, WidenedBounds, Wiring
 from onlinebayes.criticism.scope import address_of
@@ -31,11 +32,25 @@ def parameter_changes(found: Found, fitted: Mapping[str, Estimate]) -> tuple[Par
             if name != address and address_of(name) == address
         }
         lines = f'[parameters]\n"{address}" = {{ {_declared(address, bounds)}, scope = "per_run" }}'
+        groups = like_runs(values)
+        if named := globs(groups):
+            above = ", ".join(f'"{glob}"' for glob in named)
+            lines = f"groups = [{above}]  # above the first [table]\n{lines}"
         shared = float(base.theta[base.simulator.parameters.index(address)])
         gain = one.gain
         rows.append(
             ParameterChange(
-                address, values, shared, one.p_value, gain.gain, gain.se, gain.blocks, one.falls, change.equals, lines
+                address,
+                values,
+                shared,
+                one.p_value,
+                gain.gain,
+                gain.se,
+                gain.blocks,
+                one.falls,
+                change.equals,
+                lines,
+                groups,
             )
         )
     return tuple(rows)
@@ -47,12 +62,41 @@ def _declared(address: str, bounds: Parameter) -> str:
     return f"low = {bounds.low:g}, high = {bounds.high:g}{scale}{', tie = true' if is_glob(address) else ''}"
 
 
-def widened_bounds(found: Found) -> dict[str, WidenedBounds]:
-    """The bound that excludes the truth, by parameter, as it was and as it would have to be."""
+def widened_bounds(found: Found, fitted: Mapping[str, Estimate]) -> dict[str, WidenedBounds]:
+    """The bound that excludes the truth, by parameter, as it was and as it would have to be.
+
+    Args:
+        found: what the search found.
+        fitted: the final model's parameters.
+    """
     wide = found.widened
     if wide is None:
         return {}
-    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), (wide.after.low, wide.after.high))}
+    after = proposed_bounds(wide.before, wide.after, fitted[wide.name])
+    return {wide.name: WidenedBounds((wide.before.low, wide.before.high), after)}
+
+
+def proposed_bounds(before: Parameter, tried: Parameter, value: Estimate) -> tuple[float, float]:
+    """Bounds that hold what the data ask for well inside and are of its order, to two digits.
+
+    Args:
+        before: as they were.
+        tried: with one of them ten ranges away.
+        value: what the data ask for.
+    """
+    if tried.high > before.high:
+        return before.low, _two_digits(_well_beyond(value.mean, value.sd))
+    low = _two_digits(-_well_beyond(-value.mean, value.sd))
+    return (max(low, tried.low) if before.low > 0 else low), before.high  # a mass is never negative
+
+
+def _well_beyond(value: float, sd: float) -> float:
+    """Twice the value, half of a negative one; ten sd above it at least."""
+    return max(2 * value if value > 0 else value / 2, value + 10 * sd)
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.2g}")
 
 
 def wiring_of(suspicion: Suspicion) -> Wiring:

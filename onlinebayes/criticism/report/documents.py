@@ -30,7 +30,7 @@ def ranking(result: Criticism) -> str:
         "| | effect | evidence | p | outcome |",
         "|---|---|---|---|---|",
     ]
-    for candidate in result.candidates[:SHOWN]:
+    for candidate in words.in_order(result)[:SHOWN]:
         gain = (
             f"{quantities.significant(candidate.score_gain)} ± {quantities.significant(candidate.score_gain_se or 0.0)}"
             if candidate.score_gain is not None

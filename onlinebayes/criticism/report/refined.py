@@ -3,6 +3,8 @@
 refined.toml is the problem file with ``[effects] add`` extended, everything else kept: bounds stay priors, the fitted
 values stand beside them as comments, relative paths are rewritten to hold from the new folder. refined.xml is the
 model with every fitted value and every effect that MuJoCo has a term for written in; a comment names those it lacks.
+Where the data have a fault, refined.toml has the lines that put it right, and the values of both are those of the fit
+to the table put right: those of the fit to the faulty one mean nothing.
 """
 
 from __future__ import annotations
@@ -19,8 +21,9 @@ import mujoco
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import physical
 from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report.mending import mended
 from onlinebayes.criticism.report.toml import to_toml
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.results import Criticism, FittedModel
 from onlinebayes.criticism.scope import address_of
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -36,7 +39,8 @@ FAILURES = (BadInput, ValueError, mujoco.FatalError)
 
 def left_out(result: Criticism) -> tuple[str, ...]:
     """Keys of the effects that refined.xml cannot hold, because plain MuJoCo has no term for them."""
-    simulator, theta = innermost(result.final.simulator), physical(result.final.simulator, result.final.theta)
+    model = _model(result)
+    simulator, theta = innermost(model.simulator), physical(model.simulator, model.theta)
     return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else ()
 
 
@@ -69,7 +73,7 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
     Raises:
         BadInput: the folder cannot be written.
     """
-    folder, simulator, written = Path(out_dir), innermost(result.final.simulator), []
+    folder, simulator, written = Path(out_dir), innermost(_model(result).simulator), []
     if problem is not None:
         content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
         write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
@@ -96,7 +100,7 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
         target: the folder that the new file will lie in.
         result: what ``refine`` returned.
     """
-    content = dict(content)
+    content = dict(content) if result.wiring is None else mended(content, result.wiring)
     content["model"] = _moved(content["model"], source, target)
     tables = content["measurements"]
     content["measurements"] = [_moved(t, source, target) for t in ([tables] if isinstance(tables, str) else tables)]
@@ -112,7 +116,7 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
     comments: dict[tuple[str, ...], str] = {
         ("parameters", name): f"fitted: {'; '.join(values)}" for name, values in _fitted(result).items()
     }
-    head = f"{words.headline(result)}\n{words.improvement(result)}"
+    head = "\n".join(filter(None, (words.headline(result), words.improvement(result), words.put_right(result))))
     return to_toml(content, head=head, comments=comments)
 
 
@@ -121,7 +125,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
 
     Args:
         result: what ``refine`` returned.
-        simulator: the physics of its final simulator; where runs have values of their own, their mean is written.
+        simulator: the physics of the model that is written; where runs have values of their own, their mean is written.
         target: the folder that the file will lie in; meshes and textures stay where they are and are found from there.
 
     Returns:
@@ -139,18 +143,26 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
     differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
     note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
     note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
+    if result.wiring is not None:
+        fitted = "the table with its fault" if result.mended is None else "the table put right"
+        note = f"fitted to {fitted} ({result.wiring.fault}){f', {note}' if missing else ''}"
     note += "".join(f"; {held}" for held in _approximate(result, simulator))
     # "--" would end an XML comment.
     return f"<!-- refined by onlinebayes, {note.replace('--', '- -')} -->\n{to_xml(spec)}", beside
 
 
+def _model(result: Criticism) -> FittedModel:
+    """The model that the files hold."""
+    return result.final if result.mended is None else result.mended
+
+
 def _spec(result: Criticism, simulator: MujocoSimulator) -> mujoco.MjSpec:
-    return simulator.export(physical(result.final.simulator, result.final.theta))
+    return simulator.export(physical(_model(result).simulator, _model(result).theta))
 
 
 def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
     """What the file holds in place of fitted moments of inertia that no body has."""
-    bodies = simulator.approximate(physical(result.final.simulator, result.final.theta))
+    bodies = simulator.approximate(physical(_model(result).simulator, _model(result).theta))
     rule = "the nearest moments of inertia that a body can have (A + B >= C)"
     return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
 
@@ -196,7 +208,7 @@ def _own(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
 def _fitted(result: Criticism) -> dict[str, list[str]]:
     """Address -> its fitted value, or that of every run."""
     found: dict[str, list[str]] = {}
-    for name, value in result.parameters.items():
+    for name, value in _model(result).parameters.items():
         address = address_of(name)
         of_run = name.removeprefix(address).strip("[]")
         found.setdefault(address, []).append(f"{of_run} {words.estimate(value)}".strip())

@@ -9,9 +9,11 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 
 from onlinebayes.criticism import places, quantities
-from onlinebayes.criticism.results import MOVES_NOTHING, STOPPED, Candidate, Criticism, Estimate
+from onlinebayes.criticism.report.mending import keys_of
+from onlinebayes.criticism.results import MOVES_NOTHING, STOPPED, Candidate, Criticism, Estimate, ParameterChange
 from onlinebayes.criticism.scope import address_of
 from onlinebayes.simulators.effects import EFFECTS
 
@@ -92,7 +94,7 @@ def headline(result: Criticism) -> str:
     if result.verdict == "adequate":
         return "Nothing is missing: the model agrees with the measurements."
     if result.verdict == "insufficient_data":
-        return "There is too little data to name what is missing."
+        return "There is too little data to tell whether anything is missing."
     if result.verdict == "bounds_exclude_truth":
         return f"No effect is missing: the bounds of {listing(list(result.widened))} exclude what the data ask for."
     if result.verdict == "data_problem":
@@ -134,6 +136,34 @@ def wiring(result: Criticism) -> str:
     return f"{found.fault}; putting that right takes the cross-validated error from {fall}.{others}"
 
 
+def put_right(result: Criticism) -> str:
+    """What refined.toml and refined.xml hold where the data have a fault, in one sentence; empty without one."""
+    if result.verdict != "data_problem" or result.wiring is None:
+        return ""
+    if result.mended is None:
+        return (
+            "refined.toml and refined.xml hold the model fitted to the table with the fault: put it right and run "
+            "again before you use them."
+        )
+    values = "its fitted values and refined.xml are those of the fit to the table put right."
+    if keys_of(result.wiring):
+        return f"refined.toml has the fault put right; {values}"
+    return f"refined.toml reads the table with the fault, which can only be put right there; {values}"
+
+
+def left_out(effects: Sequence[str], files: Sequence[str]) -> str:
+    """What refined.xml cannot hold, in one line; empty without any.
+
+    Args:
+        effects: their keys.
+        files: names of the refined files.
+    """
+    if not effects or "refined.xml" not in files:
+        return ""
+    there = f"; refined.toml has {'it' if len(effects) == 1 else 'them'}" if "refined.toml" in files else ""
+    return f"refined.xml: without {listing(list(effects))}, which plain MuJoCo has no term for{there}"
+
+
 def bounds(result: Criticism) -> list[str]:
     """One sentence for each bound that excludes the truth: the value that the data ask for, and what to write."""
     sentences = []
@@ -142,7 +172,8 @@ def bounds(result: Criticism) -> list[str]:
         wide = ", ".join(f"{value:g}" for value in widened.after)
         sentences.append(
             f"The data ask for {estimate(result.parameters[name])}; the bounds were {low} to {high}. If that can be, "
-            f'write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts like it.'
+            f'write "{address_of(name)}" = [{wide}] under [parameters]; if it cannot, look for what acts like it. The '
+            "held-out error after is that of the model with this bound widened."
         )
     return sentences
 
@@ -155,6 +186,9 @@ def changes(result: Criticism) -> list[str]:
         left = len(change.values) - SHOWN_RUNS
         shown += [f"{left} more in the report"] if left > 0 else []
         unit = next(iter(change.values.values())).unit
+        if change.groups:
+            told = "; ".join(f"{_few(group)} at {_level(change, group)}" for group in change.groups)
+            shown = [f"{told} ({len(change.groups)} groups of like values)"]
         others = f" Values of {listing(list(change.equals), 'or')} would do as well." if change.equals else ""
         sentences.append(
             f"{change.parameter} differs between runs: {listing(shown)}, where one value for all was "
@@ -162,6 +196,19 @@ def changes(result: Criticism) -> list[str]:
             f"{quantities.percent(change.rms_fall[0])}.{others}"
         )
     return sentences
+
+
+def _few(runs: Sequence[str]) -> str:
+    """``n00, n01 and 6 more``."""
+    left = len(runs) - SHOWN_RUNS // 2
+    return listing([*runs[: SHOWN_RUNS // 2], f"{left} more"] if left > 1 else list(runs))
+
+
+def _level(change: ParameterChange, runs: Sequence[str]) -> str:
+    """``0.7512 ± 0.0007 kg``: the mean over a group's runs, and their mean sd."""
+    values = [change.values[run] for run in runs]
+    mean, sd = (sum(numbers) / len(values) for numbers in zip(*((v.mean, v.sd) for v in values), strict=True))
+    return quantities.with_error(mean, sd, values[0].unit)
 
 
 def small(scale: quantities.Scale, floor: float) -> str:
@@ -259,10 +306,36 @@ def interval(value: Estimate) -> str:
     return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
 
 
-def briefly(candidate: Candidate) -> str:
+def in_order(result: Criticism) -> list[Candidate]:
+    """The candidates as tables show them: by rank, the rivals of an accepted effect right after it.
+
+    What a rival would add beside that effect says nothing of the rival: those numbers are left out.
+    """
+    rows = {candidate.effect: candidate for candidate in result.candidates}
+    ordered: dict[str, Candidate] = {}
+    for candidate in result.candidates:
+        ordered.setdefault(candidate.effect, candidate)
+        for rival in candidate.indistinguishable_from if candidate.accepted else ():
+            if rival in rows and not rows[rival].accepted:
+                ordered[rival] = _beside(rows[rival], result.selection.alpha)
+    return list(ordered.values())
+
+
+def _beside(rival: Candidate, alpha: float) -> Candidate:
+    if rival.p_value is not None and rival.p_value <= alpha:  # judged in the accepted effect's own round
+        return rival
+    return replace(
+        rival, p_value=None, score_gain=None, score_gain_se=None, rms_fall=None, homogeneous=None, parameters={}
+    )
+
+
+def briefly(result: Criticism, candidate: Candidate) -> str:
     """The outcome without its numbers: ``brings too little``."""
     if candidate.accepted_with:
         return "accepted, one of two"
+    if candidate.indistinguishable_from and not candidate.accepted:
+        equals = [row for row in result.candidates if row.effect in candidate.indistinguishable_from and row.rank]
+        return f"explains as much as {listing([f'#{row.rank}' for row in equals])}" if equals else "explains as much"
     return outcome(candidate).partition(":")[0]
 
 
@@ -279,7 +352,7 @@ def outcome(candidate: Candidate) -> str:
         return f"the same as {same}{', free already' if len(candidate.confounded_with) == 1 else ' together'}"
     if candidate.indistinguishable_from:
         equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
-        return f"cannot be told from {equal}"
+        return f"explains as much as {equal}"
     if candidate.score_gain is None:
         reason = candidate.refused_because[0] if candidate.refused_because else "not tried further"
         return reason.partition(" (")[0].partition(":")[0]

@@ -31,11 +31,12 @@ from onlinebayes.criticism.results import (
     ReplayedRun,
     Selection,
     Step,
+    Wiring,
 )
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import ConstantLoad, DryFriction
+from onlinebayes.simulators.effects import ActuatorLag, ConstantLoad, DryFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 DRIVE = """
@@ -261,3 +262,49 @@ def changed(result: Criticism) -> Criticism:
     )
     rows = tuple(replace(candidate, accepted=False) for candidate in result.candidates)
     return replace(result, verdict="unexplained", accepted=(), candidates=rows, steps=(), changes=(mass,))
+
+
+def lagging() -> Criticism:
+    """A MuJoCo model with an accepted lag, which plain MuJoCo lacks."""
+    result = criticism(rate=50.0, seconds=2.0, simulator=drive())
+    lag = ActuatorLag("motor", Parameter(0.0, 0.5, "s"))
+    theta = torch.cat([result.final.theta, torch.tensor([0.05], dtype=torch.float64)])
+    covariance, effects = torch.eye(len(theta), dtype=torch.float64), (*result.final.effects, lag.key)
+    final = replace(
+        result.final, simulator=drive().with_effect(lag), theta=theta, covariance=covariance, effects=effects
+    )
+    return replace(result, final=final, accepted=effects)
+
+
+def miswired() -> Criticism:
+    """A reversed sign in place of effects: fitted to such a table the mass lies on its bound."""
+    simulator = MujocoSimulator(DRIVE, SPACE, threads=1)
+    result = criticism(rate=50.0, seconds=2.0)
+    faulty, right = (
+        {"body.carriage.mass": _estimate(mass, 0.5, "kg"), "joint.carriage.damping": _estimate(200.0, 5.0, "N s/m")}
+        for mass in (150.0, 95.0)
+    )
+    base, mended = (
+        FittedModel(
+            simulator,
+            torch.tensor([value.mean for value in values.values()], dtype=torch.float64),
+            torch.eye(2, dtype=torch.float64),
+            values,
+            (),
+            result.base.replays,
+        )
+        for values in (faulty, right)
+    )
+    rows = tuple(replace(candidate, accepted=False) for candidate in result.candidates)
+    return replace(
+        result,
+        verdict="data_problem",
+        accepted=(),
+        steps=(),
+        candidates=rows,
+        base=base,
+        final=base,
+        parameters=faulty,
+        wiring=Wiring(f"{SIGNAL}: the reversed sign", f'[signals."{SIGNAL}"]\nsign = -1', 177.0, 1.0),
+        mended=replace(mended, replays=()),
+    )

@@ -85,7 +85,7 @@ def test_the_rest_is_there() -> None:
     text = check(to_html(criticism(), refined=("refined.toml", "refined.xml")))
     for part in (
         "Ranking of 6 candidate effects",
-            "cannot be told from constant load at carriage", "stiffness above 11 N/m",
+            "explains as much as constant load at carriage", "stiffness above 11 N/m",
         "delay above 1.2 ms", "only the ratio of mass and gear is known", "not determined alone", "from_xml_path",
         "|qvel.carriage| < 0.02 m/s", "by velocity of carriage", "How fast the error grows",
         "The worst windows of qpos.carriage", "Words used here", "is a special case of stribeck friction",

@@ -16,7 +16,7 @@ from onlinebayes.criticism.report.refined import left_out, write_refined
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.criticism.report.synthetic import DRIVE, changed, criticism, drive
+from tests.criticism.report.synthetic import DRIVE, changed, criticism, drive, miswired
 
 PROBLEM = """
 schema = 1
@@ -160,3 +160,35 @@ def test_what_differs_between_runs_is_per_run(folder: Path) -> None:
     new = tomllib.loads((out / "refined.toml").read_text())
     assert new["parameters"]["body.carriage.mass"] == {"low": 50.0, "high": 150.0, "scope": "per_run"}
     assert new["parameters"]["joint.carriage.damping"] == {"low": 0.0, "high": 1000.0}
+
+
+def test_a_fault_is_put_right_in_the_refined_files(folder: Path) -> None:
+    """The fit to the faulty table ends on a bound of 150 kg; nobody wants that model."""
+    out = folder / "out"
+    write_refined(miswired(), out, folder / "drive.toml")
+    text = (out / "refined.toml").read_text()
+    new = tomllib.loads(text)
+    assert new["signals"]["qpos.carriage"] == {"sd": 1e-5, "sign": -1}
+    assert new["holdout"] == ["pulses"]
+    assert "# fitted: 95.0 ± 0.5 kg" in text
+    assert "# refined.toml has the fault put right" in text
+    written = (out / "refined.xml").read_text()
+    assert "all accepted effects" not in written
+    assert "fitted to the table put right (qpos.carriage: the reversed sign)" in written.splitlines()[0]
+    assert mujoco.MjModel.from_xml_string(written).body("carriage").mass[0] == pytest.approx(95.0)
+
+
+def test_a_fault_that_only_the_table_can_mend_leaves_the_problem_as_it_is(folder: Path) -> None:
+    found = miswired()
+    assert found.wiring is not None
+    off = dataclasses.replace(found.wiring, lines="# in the table: a column enable.motor with 0 in every row of plain")
+    write_refined(dataclasses.replace(found, wiring=off), folder / "out", folder / "drive.toml")
+    text = (folder / "out" / "refined.toml").read_text()
+    assert tomllib.loads(text)["signals"] == {"qpos.carriage": {"sd": 1e-5}}
+    assert "# refined.toml reads the table with the fault" in text
+
+
+def test_without_another_fit_the_files_say_that_theirs_is_of_the_faulty_table(folder: Path) -> None:
+    write_refined(dataclasses.replace(miswired(), mended=None), folder / "out", folder / "drive.toml")
+    assert "hold the model fitted to the table with the fault" in (folder / "out" / "refined.toml").read_text()
+    assert "fitted to the table with its fault" in (folder / "out" / "refined.xml").read_text().splitlines()[0]

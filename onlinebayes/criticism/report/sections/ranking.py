@@ -26,8 +26,9 @@ def _table(result: Criticism) -> Html:
     if not result.candidates:
         return Html("")
     largest = max((abs(c.score_gain or 0) + (c.score_gain_se or 0) for c in ranked), default=0.0) or 1.0
-    rows = [_row(result, candidate, largest) for candidate in result.candidates]
-    kinds = ["accepted" if candidate.accepted else "" for candidate in result.candidates]
+    ordered = words.in_order(result)
+    rows = [_row(result, candidate, largest) for candidate in ordered]
+    kinds = ["accepted" if candidate.accepted else "" for candidate in ordered]
     head = ("effect", "rank", "evidence", "error falls", "p", "same law", "size", "outcome")
     note = (
         "Evidence is the gain in log score on data left out of the fit, with its standard error. Error falls: the "

@@ -38,8 +38,8 @@ GLOSSARY = {
 }
 
 CHANGED = (
-    "Find out what was changed between the runs. If it was meant, put the line below into the problem file: every run "
-    "then has a value of its own, as in the refined model."
+    "Find out what was changed between the runs. If it was meant, put the lines below into the problem file: every run "
+    "then has a value of its own, as in the refined model, or every group of runs that is named."
 )
 RANK = "Run onlinebayes diagnose to rank the effects that could be missing."
 ADD = "onlinebayes refine adds it, refits, and looks for more."
@@ -98,9 +98,9 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...
         inside = f"  # {words.together(held)} included" if held else ""
         code = f'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml"){inside}\n'
         parts += [tag("p", "In plain MuJoCo, from the folder of this report:"), tag("pre", tag("code", code))]
-    if left_out:
-        lacks = f"Plain MuJoCo has no term for {words.together(left_out)}: refined.xml does not hold it."
-        parts.append(tag("p", lacks, kind="warning"))
+    for sentence in (words.left_out(left_out, files), words.put_right(result) if files else ""):
+        if sentence:
+            parts.append(tag("p", sentence, kind="warning"))
     if "refined.toml" in files:
         command = "onlinebayes compare refined.toml --out again\n"
         parts += [
