@@ -122,10 +122,13 @@ def _searched(
     watch = Watch(stopwatch, interrupt)
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
     found, fault = inquire(task.simulator, context, most)
+    stopped = False
     if fault is None and not watch.stopped and (longer := task.slower(found, watch)) is not None:
         again, late_fault = inquire(task.simulator, replace(context, selection=longer), most)
         if late_fault is None and adds_to(again, found, task.simulator, longer):
             task, found = task.over(longer), again
         else:
-            task = task.unexplained_over(longer)
-    return assemble(question, task, found, fault, stopwatch)
+            stopped = again.interrupted
+            task = task.unexplained_over(longer, stopped)
+    result = assemble(question, task, found, fault, stopwatch)
+    return replace(result, interrupted=result.interrupted or stopped)

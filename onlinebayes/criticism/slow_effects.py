@@ -102,11 +102,18 @@ def lengthened(asked: Selection, used: Selection) -> tuple[str, ...]:
     )
 
 
-def unexplained_when_slow(asked: Selection, longer: Selection) -> str:
-    """What to tell a user whose model errs over longer windows, where nothing that was tried explains that."""
+def unexplained_when_slow(asked: Selection, longer: Selection, stopped: bool) -> str:
+    """What to tell a user whose model errs over longer windows, where nothing that was tried explains that.
+
+    Args:
+        asked: the usual windows.
+        longer: the longer ones.
+        stopped: whether the search over those was stopped before its end.
+    """
+    why = "and the search for its cause was stopped" if stopped else "which nothing that was tried explains"
     return (
-        f"over windows of {longer.horizon_s:g} s more than noise is left, which nothing that was tried explains: trust "
-        f"the model over {asked.horizon_s:g} s"
+        f"over windows of {longer.horizon_s:g} s more than noise is left, {why}: trust the model "
+        f"over {asked.horizon_s:g} s"
     )
 
 

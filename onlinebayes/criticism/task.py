@@ -45,9 +45,9 @@ class Task:
         """The task with longer windows, and a note that says so."""
         return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer)))
 
-    def unexplained_over(self, longer: Selection) -> Task:
-        """The task as it is, with a note on what is left over longer windows."""
-        return replace(self, notes=(*self.notes, unexplained_when_slow(self.selection, longer)))
+    def unexplained_over(self, longer: Selection, stopped: bool) -> Task:
+        """The task as it is, with a note on what longer windows leave; the search there may have been ``stopped``."""
+        return replace(self, notes=(*self.notes, unexplained_when_slow(self.selection, longer, stopped)))
 
 
 def prepared(

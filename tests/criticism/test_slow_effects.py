@@ -8,6 +8,7 @@ import pytest
 from onlinebayes.criticism import Criticism, Selection, compare, refine
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 MODEL = """
@@ -87,6 +88,29 @@ def test_what_nothing_explains_over_longer_times_is_said() -> None:
     result = refine(model(), swings(DRAG, 20.0), holdout=["run8", "run9"], candidates=["sensor_scale"])
     assert (result.verdict, result.accepted) == ("adequate", ())
     assert any(note.endswith("trust the model over 1 s") for note in result.notes)
+
+
+@pytest.mark.slow
+def test_a_stop_over_longer_windows_is_said() -> None:
+    """What was found over a second is complete; that the longer windows were not searched must be known."""
+    interrupt, lines = Interrupt(), list[str]()
+
+    def say(line: str) -> None:
+        lines.append(line)
+        interrupt.requested |= "looking over longer windows" in lines and line == "fitting the base model"
+
+    result = refine(
+        model(),
+        swings(DRAG, 20.0),
+        holdout=["run8", "run9"],
+        candidates=["sensor_scale"],
+        progress=say,
+        interrupt=interrupt,
+    )
+    assert result.interrupted
+    assert (result.verdict, result.accepted) == ("adequate", ())
+    (note,) = [note for note in result.notes if note.startswith("over windows of")]
+    assert "more than noise is left, and the search for its cause was stopped: trust the model over 1 s" in note
 
 
 def test_a_horizon_that_was_asked_for_stands() -> None:
