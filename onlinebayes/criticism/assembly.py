@@ -112,7 +112,7 @@ def assemble(question: Question, task: Task, found: Found, fault: Suspicion | No
         selection=selection,
         what_to_record=_what_to_record(base, blocks) if verdict == "insufficient_data" else "",
         interrupted=found.interrupted,
-        notes=_notes(task, found, fault, models, candidates, units),
+        notes=_notes(question, task, found, fault, models, candidates, units),
         widened=widened_bounds(found, models.final.parameters),
         detail=models.detail,
         timings=stopwatch.timings(),
@@ -174,7 +174,7 @@ def _fitted(grounds: Grounds, step: float, blocks: Blocks) -> FittedModel:
 
 
 def _mended(fault: Suspicion, task: Task) -> FittedModel:
-    """The base model fitted to the table put right."""
+    """The base model fitted to the mended table."""
     grounds = fault.grounds
     step = min(task.simulator.timestep, grounds.fitted.simulator.timestep)
     return _fitted(grounds, step, blocks_for(grounds.fitted, grounds.windows, task.selection.folds))
@@ -201,6 +201,7 @@ def _what_to_record(base: Grounds, blocks: Blocks) -> str:
 
 
 def _notes(
+    question: Question,
     task: Task,
     found: Found,
     fault: Suspicion | None,
@@ -212,7 +213,9 @@ def _notes(
     parameters, simulator = models.final.parameters, task.simulator
     return (
         *task.notes,
-        *fit_notes(simulator, found, task.selection, parameters, miswired=fault is not None),
+        *fit_notes(
+            simulator, found, task.selection, parameters, miswired=fault is not None, refined=question == "refine"
+        ),
         *(_carried_over(task, found, models, units) if found.accepted else ()),
         *starts_note(models.final, models.held, models.error, task.selection.tolerance),
         *too_small_note(candidates, task.selection.alpha),

@@ -321,7 +321,7 @@ class Criticism:
         timings: the stages of the work and how long each took, up to the result.
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
-        mended: with ``data_problem``, the base model fitted to the table put right, without replays.
+        mended: with ``data_problem``, the base model fitted to the mended table, without replays.
     """
 
     command: Literal["compare", "diagnose", "refine"]

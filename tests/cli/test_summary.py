@@ -169,7 +169,9 @@ def told(result: Criticism) -> str:
 
 def test_a_fault_says_what_the_refined_files_hold() -> None:
     result = miswired()
-    assert "refined.toml has the fault put right; its fitted values and refined.xml are those of" in told(result)
+    assert "refined.toml has the fault put right; its values and refined.xml are fitted to the mended table." in told(
+        result
+    )
     by_hand = dataclasses.replace(result, wiring=Wiring("motor was off in plain", "# in the table: a column", 9.0, 1.0))
     assert "refined.toml reads the table with the fault, which can only be put right there" in told(by_hand)
     assert "hold the model fitted to the table with the fault" in told(dataclasses.replace(result, mended=None))

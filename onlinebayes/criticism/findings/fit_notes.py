@@ -20,7 +20,13 @@ CUT = 0.9
 
 
 def fit_notes(
-    simulator: Simulator, found: Found, selection: Selection, parameters: Mapping[str, Estimate], *, miswired: bool
+    simulator: Simulator,
+    found: Found,
+    selection: Selection,
+    parameters: Mapping[str, Estimate],
+    *,
+    miswired: bool,
+    refined: bool,
 ) -> tuple[str, ...]:
     """A sentence for each such thing.
 
@@ -30,16 +36,17 @@ def fit_notes(
         selection: how effects were judged; its horizon was asked for.
         parameters: of the final model.
         miswired: whether a wiring fault explains more: fitted to such a table, values end on their bounds.
+        refined: whether refined.xml is written.
     """
     return (
-        *_of_the_step(simulator, found, miswired),
+        *_of_the_step(simulator, found, refined and not miswired),
         *_of_the_windows(found, selection),
         *(() if miswired or found.widened is not None else _of_bounds(found, parameters)),
         *of_sums([judged.effect for _, judged in found.accepted]),
     )
 
 
-def _of_the_step(simulator: Simulator, found: Found, miswired: bool) -> Iterator[str]:
+def _of_the_step(simulator: Simulator, found: Found, refined: bool) -> Iterator[str]:
     final = found.final
     if not final.numerics.sufficient:
         yield (
@@ -52,7 +59,7 @@ def _of_the_step(simulator: Simulator, found: Found, miswired: bool) -> Iterator
             "than a finer one, as if a simulator had written it so; judged and kept at that step"
         )
     elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
-        yield _another_method(simulator, found, miswired)
+        yield _another_method(simulator, found, refined)
     if final.rung.soft_friction:
         yield (
             "friction: the log follows MuJoCo's own soft friction, which creeps, far better than friction that sticks, "
@@ -68,7 +75,7 @@ def _of_the_step(simulator: Simulator, found: Found, miswired: bool) -> Iterator
         yield "the last fit did not converge fully"
 
 
-def _another_method(simulator: Simulator, found: Found, miswired: bool) -> str:
+def _another_method(simulator: Simulator, found: Found, refined: bool) -> str:
     """By which method and step the model was integrated in place of its own, why, and what refined.xml has of it."""
     rung = found.final.rung
     method = "Runge-Kutta's method" if rung.runge_kutta else "its own method"
@@ -77,7 +84,7 @@ def _another_method(simulator: Simulator, found: Found, miswired: bool) -> str:
         f"{method} in steps of {rung.timestep:g} s; its own method in steps of {simulator.timestep:g} s is not exact "
         "enough for these sensors"
     )
-    if miswired or not isinstance(innermost(simulator), MujocoSimulator):
+    if not refined or not isinstance(innermost(simulator), MujocoSimulator):
         return note
     step = min(simulator.timestep, *(grounds.fitted.simulator.timestep for grounds in (found.base, found.final)))
     return f"{note}; refined.xml has {'integrator RK4 and ' if rung.runge_kutta else ''}timestep {step:g}"

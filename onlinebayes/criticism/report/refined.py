@@ -3,8 +3,8 @@
 refined.toml is the problem file with ``[effects] add`` extended, everything else kept: bounds stay priors, the fitted
 values stand beside them as comments, relative paths are rewritten to hold from the new folder. refined.xml is the
 model with every fitted value and every effect that MuJoCo has a term for written in; a comment names those it lacks.
-Where the data have a fault, refined.toml has the lines that put it right, and the values of both are those of the fit
-to the table put right: those of the fit to the faulty one mean nothing.
+Where the data have a fault, refined.toml has the lines that put it right, and the values of both are fitted to the
+mended table: those of the fit to the faulty one mean nothing.
 """
 
 from __future__ import annotations
@@ -144,7 +144,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
     note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
     note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
     if result.wiring is not None:
-        fitted = "the table with its fault" if result.mended is None else "the table put right"
+        fitted = "the table with its fault" if result.mended is None else "the mended table"
         note = f"fitted to {fitted} ({result.wiring.fault}){f', {note}' if missing else ''}"
     note += "".join(f"; {held}" for held in _approximate(result, simulator))
     # "--" would end an XML comment.

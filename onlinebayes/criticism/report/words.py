@@ -145,7 +145,7 @@ def put_right(result: Criticism) -> str:
             "refined.toml and refined.xml hold the model fitted to the table with the fault: put it right and run "
             "again before you use them."
         )
-    values = "its fitted values and refined.xml are those of the fit to the table put right."
+    values = "its values and refined.xml are fitted to the mended table."
     if keys_of(result.wiring):
         return f"refined.toml has the fault put right; {values}"
     return f"refined.toml reads the table with the fault, which can only be put right there; {values}"

@@ -224,3 +224,18 @@ def test_a_change_between_runs_is_the_answer() -> None:
     assert "a parameter differs between runs" in page
     assert "Values of joint.carriage.damping would do as well." in page
     assert "scope = &quot;per_run&quot;" in page or 'scope = "per_run"' in page
+
+
+def test_a_rival_stands_right_below_its_accepted_effect() -> None:
+    result = criticism()
+    rows = list(result.candidates)
+    first = dataclasses.replace(rows[0], indistinguishable_from=("actuator_delay@motor",))
+    late = dataclasses.replace(rows[4], p_value=0.987, indistinguishable_from=(first.effect,))
+    made = dataclasses.replace(result, candidates=(first, *rows[1:4], late, rows[5]))
+    assert words.in_order(made)[1].effect == late.effect
+    assert words.in_order(made)[1].p_value is None  # of what it brings beside the accepted one, which says nothing
+    assert words.in_order(result)[2].score_gain == rows[2].score_gain  # judged in the accepted effect's own round
+    page = to_html(made)
+    table = page[page.index("Ranking of 6 candidate effects") :]
+    assert table.index("actuator delay at motor") < table.index("joint stiffness at carriage")
+    assert "explains as much as dry friction at carriage" in table

@@ -174,7 +174,7 @@ def test_a_fault_is_put_right_in_the_refined_files(folder: Path) -> None:
     assert "# refined.toml has the fault put right" in text
     written = (out / "refined.xml").read_text()
     assert "all accepted effects" not in written
-    assert "fitted to the table put right (qpos.carriage: the reversed sign)" in written.splitlines()[0]
+    assert "fitted to the mended table (qpos.carriage: the reversed sign)" in written.splitlines()[0]
     assert mujoco.MjModel.from_xml_string(written).body("carriage").mass[0] == pytest.approx(95.0)
 
 
