@@ -69,7 +69,7 @@ def test_a_slow_torque_that_nothing_explains_is_unexplained() -> None:
 @pytest.mark.slow
 def test_both_models_are_replayed_row_beside_row(monkeypatch: pytest.MonkeyPatch) -> None:
     # Numerics this strict ask for a finer step once friction stands in the model; 5 ms are no whole number of 2 ms.
-    monkeypatch.setattr(numerics, "SHARE", 0.001)
+    monkeypatch.setattr(numerics, "STEP_ERROR_SHARE", 0.001)
     result = judge(measured(friction=0.5, seconds=12.0, step=0.005))
     assert result.accepted == ("dry_friction@j",)
     assert result.numerics.timestep < 0.002

@@ -149,7 +149,13 @@ def judged_stage(
         best = min((j.fitted.projected.objective for j in judged if j.admissible), default=math.inf)
         try:
             fitted, effect = refit(
-                found.current, found.windows, candidate.effect, candidate.start, HOPELESS_RATIO * best, candidate.others
+                found.current,
+                found.windows,
+                candidate.effect,
+                candidate.start,
+                HOPELESS_RATIO * best,
+                candidate.others,
+                candidate.promise,
             )
         except BadInput:  # it diverges from where screening would start it
             continue
@@ -213,21 +219,24 @@ def refit(
     start: dict[str, float],
     hopeless: float = math.inf,
     others: Sequence[dict[str, float]] = (),
+    promised: float = 0.0,
 ) -> tuple[Fit, Effect]:
     """The current model with ``effect`` added, fitted to convergence from ``start``; ``hopeless`` as for ``fit``.
 
     The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see
     :mod:`.fitting.inactive_effects`. Where there are ``others`` to begin from, the best of all these fits. The grown
-    model contains the current one: a fit that ends above it was led astray from where it began, and begins again where
-    the effect is nothing.
+    model contains the current one: a fit that ends above it, or lowers the misfit by less than half of what screening
+    ``promised`` (a share of the RMS), was led astray from where it began, and begins again half-way to nothing, and at
+    nothing.
 
     Returns:
         The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see
         :mod:`.candidates.longer`).
     """
     fitted = _fitted(current, windows, effect, start, hopeless)
-    nothing = [dict(effect.neutral)] if fitted.projected.objective > current.projected.objective else []
-    for other in (*nothing, *others):
+    astray = fitted.projected.objective > (1 - promised) * current.projected.objective
+    nearer = [_halved(effect, start), dict(effect.neutral)] if astray else []
+    for other in (*nearer, *others):
         try:
             again = _fitted(current, windows, effect, other, min(hopeless, fitted.projected.objective))
         except BadInput:  # it diverges from there
@@ -240,6 +249,12 @@ def refit(
             break
         fitted, effect = again, wider
     return fitted, effect
+
+
+def _halved(effect: Effect, start: dict[str, float]) -> dict[str, float]:
+    """The effect at half the size."""
+    nothing = effect.neutral[effect.magnitude]
+    return {**start, effect.magnitude: nothing + 0.5 * (start[effect.magnitude] - nothing)}
 
 
 def _fitted(current: Fit, windows: Windows, effect: Effect, start: dict[str, float], hopeless: float) -> Fit:

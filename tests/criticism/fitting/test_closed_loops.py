@@ -76,12 +76,12 @@ def test_a_log_that_mujoco_wrote_is_as_soft_as_mujoco(simulator: MujocoSimulator
 def test_friction_at_the_slider_is_recovered_though_screening_begins_astray(
     simulator: MujocoSimulator, without_shape_checks: None
 ) -> None:
-    """Screening's size with the damping that stood in for it errs more than the model without: it begins again at 0."""
+    """Screening's size with the damping that stood in for it errs more than the model without: it starts at half."""
     log = Measurement.from_runs(driven_slider_crank(0.8, runs=4, seconds=4.0))
     task = prepared(simulator, log, ["r3"], Selection(), None)
     base = ground(task.simulator, task.fit_runs, task.selection)
     (effect,) = propose(base.fitted.simulator, base.windows, ["dry_friction@slider"])
     (screened,) = survey(base.fitted, base.windows, [effect], None).screened
-    fitted, _ = refit(base.fitted, base.windows, effect, screened.start)
+    fitted, _ = refit(base.fitted, base.windows, effect, screened.start, promised=screened.promise)
     assert misfit(fitted.projected) < 0.1 * misfit(base.fitted.projected)
     assert fitted.theta.tolist() == pytest.approx([0.01, 0.8], rel=0.05)

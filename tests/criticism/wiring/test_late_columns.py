@@ -92,7 +92,7 @@ def test_a_motor_as_late_may_be_it(monkeypatch) -> None:
     assert lead is not None
     assert lead[0] == Shifted(("qpos.right",), 3, STEP)
     assert not is_the_logs(table, *lead)
-    monkeypatch.setattr(late_columns, "EQUAL", 0.0)  # no motor is asked: the rows are whole
+    monkeypatch.setattr(late_columns, "EQUAL_ERROR_RATIO", 0.0)  # no motor is asked: the rows are whole
     assert is_the_logs(table, *lead)
 
 
