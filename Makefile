@@ -10,7 +10,7 @@ WORKERS ?= 2
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs cartpole pendulum emps measured cost versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs cartpole pendulum emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 14
 
@@ -56,6 +56,8 @@ measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/re
 	$(BIN)/python -m recipes.studies.measured
 cost: setup      ## seconds and memory of refine, and how they grow -> docs/results/cost.json
 	$(BIN)/python -m recipes.studies.cost
+screening: setup ## all candidates of six joints screened both ways, side by side -> docs/results/screening.json
+	$(BIN)/python -m recipes.studies.screening
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers

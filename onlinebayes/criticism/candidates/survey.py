@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, opposites, trials
-from onlinebayes.criticism.candidates.quick import quicker
+from onlinebayes.criticism.candidates.cheaper_method import by_cheaper_method
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import (
     FEWEST_BLOCKS,
@@ -92,19 +92,18 @@ def survey(current: Fit, windows: Windows, effects: Sequence[Effect], folds: int
         correlation = 0.0
     blocks = make_blocks(windows, correlation, folds)
     scores = cross_validate(current, windows, blocks)
-    return Survey(
-        current, windows, blocks, slow, scores, screen(current, windows, effects, flip_groups(windows, correlation))
-    )
+    cheaper = by_cheaper_method(current, windows, len(trials(effects)))
+    screened = screen(cheaper, windows, effects, flip_groups(windows, correlation))
+    return Survey(current, windows, blocks, slow, scores, screened)
 
 
 def screen(
     current: Fit, windows: Windows, effects: Sequence[Effect], groups: Int[Tensor, " W"]
 ) -> tuple[Screened, ...]:
-    """z and p of every effect; the confounded ones last. ``groups`` are the windows that flip together."""
+    """z and p of every effect, by the fit's own method; the confounded ones last. ``groups`` flip together."""
     if not effects:
         return ()
     tried = trials(effects)
-    current = quicker(current, windows, len(tried))
     horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))

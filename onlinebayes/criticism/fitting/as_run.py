@@ -28,7 +28,7 @@ from onlinebayes.simulators.base import Simulator
 
 NOISE_FLOORS = 1.2  # floors
 FAR_BETTER = 2 / 3
-PROMISING_RATIO = 0.95  # as far as it is fitted
+PROMISING_RATIO = 0.95  # before it is fitted
 STEPS_A_ROW = (1, 2, 4, 5, 10, 20, 40)  # of simulators that write logs
 
 
@@ -128,10 +128,7 @@ def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
         begun = unfitted(model, windows, best.fitted.theta, starts=starts)
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
-    hoped = [_promised(begun) / FAR_BETTER]
-    if rung.scaled_moments == best.rung.scaled_moments:  # other moments are always a little better or worse
-        hoped.append(misfit(begun.projected))
-    if min(hoped) >= left:
+    if min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) >= left:
         return None
     fitted = improve(begun, windows)
     return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None

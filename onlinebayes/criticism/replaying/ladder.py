@@ -35,7 +35,7 @@ class Rung:
     scaled_moments: bool = False
 
     def of(self, simulator: Simulator) -> Simulator:
-        """The simulator integrated so; itself where it is already."""
+        """The simulator run so; itself where it is already."""
         chosen = simulator.with_runge_kutta() if self.runge_kutta else simulator
         chosen = chosen.with_soft_friction() if self.soft_friction else chosen
         chosen = chosen.with_scaled_moments() if self.scaled_moments else chosen

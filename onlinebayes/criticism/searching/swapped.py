@@ -14,16 +14,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.numerics import settle
-from onlinebayes.criticism.judging.acceptance import Judged, contained
+from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import cross_validate, parted, score_gain
 from onlinebayes.criticism.judging.verdict import tied
-from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.replacement import as_judged, can_replace, refitted_with
 from onlinebayes.criticism.searching.stage import Added, Stage, blocks_for
-from onlinebayes.criticism.searching.standing import Standing, carried
-from onlinebayes.runs import BadInput
+from onlinebayes.criticism.searching.standing import Standing
 from onlinebayes.simulators.effects import Effect
 
 
@@ -34,6 +33,8 @@ def swapped(standing: Standing, context: SearchContext) -> Standing | None:
         standing: the model, all its effects in it.
         context: of the search.
     """
+    if len(standing.accepted) < 2:
+        return None
     current, windows = standing.grounds.fitted, standing.grounds.windows
     blocks = blocks_for(current, windows, context.selection.folds)
     scores = cross_validate(current, windows, blocks)
@@ -43,8 +44,10 @@ def swapped(standing: Standing, context: SearchContext) -> Standing | None:
                 return None
             context.watch.say(f"trying {rival.effect.key} in the place of {accepted.effect.key}")
             taken = (*standing.accepted[:k], (stage, rival), *standing.accepted[k + 1 :])
-            fitted = _fitted(standing, taken, rival)
-            if fitted is None:
+            effects = [judged.effect for _, judged in taken]
+            most = current.projected.objective
+            fitted = refitted_with(as_judged(rival), standing.simulator, effects, standing.grounds, most)
+            if fitted is None or fitted.projected.objective >= most:
                 continue
             other = cross_validate(fitted, windows, blocks)
             better = score_gain(other, scores, windows.bin_step).gain > 0 and other.rms_long < scores.rms_long
@@ -57,27 +60,10 @@ def _rivals(stage: Stage, accepted: Judged, present: list[Effect]) -> Iterator[J
     """What its round might have taken as well."""
     keys = {effect.key for effect in present}
     for other in stage.judged:
-        nested = accepted.effect.key in contained(other.effect) or other.effect.key in contained(accepted.effect)
-        if other.effect.key in keys or nested or not other.admissible:
+        if not other.admissible or not can_replace(accepted.effect, other.effect, keys):
             continue
         if not parted(accepted.scores, other.scores, stage.windows.bin_step):
             yield other
-
-
-def _fitted(standing: Standing, taken: tuple[Added, ...], rival: Judged) -> Fit | None:
-    """The model with the rival in it, begun at what its own round fitted; None where it diverges or leaves more."""
-    current, windows = standing.grounds.fitted, standing.grounds.windows
-    model = standing.grounds.rung.of(grown(standing.simulator, [judged.effect for _, judged in taken]))
-    theta = carried(current.simulator, current.theta, model)
-    own = rival.fitted.simulator.parameters
-    for address in effect_entries(model, rival.effect):
-        theta[model.parameters.index(address)] = rival.fitted.theta[own.index(address)]
-    most = current.projected.objective
-    try:
-        found = fit(model, windows, theta, current.projected.weight, hopeless=most)
-    except BadInput:
-        return None
-    return found if found.projected.objective < most else None
 
 
 def _taken(standing: Standing, taken: tuple[Added, ...], fitted: Fit, context: SearchContext) -> Standing:

@@ -8,36 +8,21 @@ round that added it. What is not parted (see ``verdict``) is tied.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
-from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.candidates.lookalikes import lookalikes
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.judging.acceptance import Judged, contained
+from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.judging.verdict import tied
 from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.searching.replacement import Rival, as_judged, can_replace, refitted_with
 from onlinebayes.criticism.searching.search import Found
 from onlinebayes.criticism.searching.stage import HOPELESS_RATIO, blocks_for
-from onlinebayes.criticism.searching.standing import carried
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.effects import Effect
 
 NEAR_ERROR_RATIO = 1.5
 """At a coarser step a rival may leave so many times the error of the one that was accepted."""
 
 LOOKALIKE_Z_SHARE = 0.5
 """What looks like the accepted effect had this share of its z in the same round at least."""
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An effect to swap in, and where its refit begins: address -> value [SI]."""
-
-    effect: Effect
-    start: Mapping[str, float]
 
 
 def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, tuple[str, ...]]:
@@ -51,7 +36,7 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
     equal: dict[str, tuple[str, ...]] = {}
     accepted = [judged.effect.key for _, judged in found.accepted]
     for k, (stage, judged) in enumerate(found.accepted):
-        rivals = [r for r in stage.judged if r.fitted.converged and _is_rival(judged.effect, r.effect, accepted)]
+        rivals = [r for r in stage.judged if r.fitted.converged and can_replace(judged.effect, r.effect, accepted)]
         # Two models may differ by nothing but how a coarse step damps the one and not the other.
         anew = found.final.rung != found.base.rung
         step = stage.windows.bin_step
@@ -59,25 +44,12 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
         elif len(found.accepted) == 1:
             near = [r for r in rivals if r.scores.rms_long < NEAR_ERROR_RATIO * judged.scores.rms_long]
-            equal[judged.effect.key] = _swapped(base, found, [_judged_rival(r) for r in near], folds)
+            equal[judged.effect.key] = _swapped(base, found, [as_judged(r) for r in near], folds)
         else:
-            equal[judged.effect.key] = _swapped(base, found, [_judged_rival(r) for r in rivals], folds)
+            equal[judged.effect.key] = _swapped(base, found, [as_judged(r) for r in rivals], folds)
         if k == 0:
             equal[judged.effect.key] += _swapped(base, found, _overlooked(found, judged, accepted), folds)
     return equal
-
-
-def _is_rival(accepted: Effect, other: Effect, present: list[str]) -> bool:
-    """Whether an effect could take the accepted one's place; a richer one that contains it fits by construction."""
-    nested = accepted.key in contained(other) or other.key in contained(accepted)
-    return other.key not in present and not nested
-
-
-def _judged_rival(judged: Judged) -> Rival:
-    """A rival at what its own round fitted."""
-    simulator, theta = judged.fitted.simulator, judged.fitted.theta
-    own = effect_entries(simulator, judged.effect)
-    return Rival(judged.effect, {address: float(theta[simulator.parameters.index(address)]) for address in own})
 
 
 def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]:
@@ -91,7 +63,7 @@ def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]
         if effect.key not in seen
         and z.get(effect.key, 0.0) >= LOOKALIKE_Z_SHARE * z[first.effect.key]
         and effect.target_kind != "parameter"
-        and _is_rival(first.effect, effect, accepted)
+        and can_replace(first.effect, effect, accepted)
     ]
     return [
         Rival(effect, {address: values[name] for address, name in effect_entries(final.simulator, effect).items()})
@@ -106,18 +78,10 @@ def _swapped(base: Simulator, found: Found, rivals: list[Rival], folds: int | No
     windows, final = found.final.windows, found.final.fitted
     blocks = blocks_for(final, windows, folds)
     scores = cross_validate(final, windows, blocks)
-    equal = []
+    beyond, equal = HOPELESS_RATIO * final.projected.objective, []
     for rival in rivals:
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
-        model = found.final.rung.of(grown(base, effects))
-        theta = carried(final.simulator, final.theta, model)
-        for address, value in rival.start.items():
-            theta[model.parameters.index(address)] = value
-        try:
-            beyond = HOPELESS_RATIO * final.projected.objective
-            fitted = fit(model, windows, theta, final.projected.weight, hopeless=beyond)
-        except BadInput:
-            continue
-        if tied(scores, cross_validate(fitted, windows, blocks), windows.bin_step):
+        fitted = refitted_with(rival, base, effects, found.final, beyond)
+        if fitted is not None and tied(scores, cross_validate(fitted, windows, blocks), windows.bin_step):
             equal.append(rival.effect.key)
     return tuple(equal)

@@ -66,12 +66,12 @@ class Bench:
             thetas: M parameter vectors [SI].
         """
         windows = self._mended(fault, self.whole, self.measurement)
-        return replay_rms(self._quick(fault), windows, thetas, windows.noise)
+        return replay_rms(self._first_order(fault), windows, thetas, windows.noise)
 
     def screened(self, fault: Fault, thetas: Float[Tensor, "M P"]) -> Float[Tensor, "C M"]:
         """The same over the first rows of a window, as :data:`SCREENED_PARTS` says, mean over the excerpt."""
         windows = self._mended(fault, self._part, self.excerpt)
-        return replay_rms_of_parts(self._quick(fault), windows, thetas, windows.noise).mean(-1)
+        return replay_rms_of_parts(self._first_order(fault), windows, thetas, windows.noise).mean(-1)
 
     def refitted(self, fault: Fault, theta: Float[Tensor, " P"]) -> tuple[float, Float[Tensor, " P"]] | None:
         """Start-projected RMS [floors] once the parameters are fitted anew to the table put right, and their values.
@@ -126,7 +126,7 @@ class Bench:
         """The coarse model with a fault put right."""
         return fault.model(self.coarse)
 
-    def _quick(self, fault: Fault) -> Simulator:
+    def _first_order(self, fault: Fault) -> Simulator:
         """The same by a method of first order: hundreds of replays tell gross misfits apart, and a few are fitted."""
         return self.model(fault).with_first_order()
 

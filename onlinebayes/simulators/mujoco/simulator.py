@@ -46,7 +46,7 @@ class MujocoSimulator(Simulator):
         effects: effects to begin with, in order; the same as :meth:`with_effect` for each.
         sensors: sensors that are signals too, ``sensor.<name>`` or ``qfrc.<joint>`` (see :mod:`.sensors`).
         soft_friction: leave the dry friction of effects as soft as the model's own is, in place of one that sticks.
-        scaled_moments: moments of inertia follow the free masses of their bodies (see :mod:`.moments`).
+        scaled_moments: moments of inertia follow the free masses of their bodies (see :mod:`.scaled_moments`).
 
     Attributes:
         spec: the model's spec, effects' structure included; its values are the nominal ones.

@@ -28,7 +28,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects import Effect, sticking
 from onlinebayes.simulators.effects.contact import touching
-from onlinebayes.simulators.mujoco import moments, pseudo_inertia
+from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
     HINGE,
@@ -44,6 +44,7 @@ from onlinebayes.simulators.mujoco.addresses import (
 )
 from onlinebayes.simulators.mujoco.inertials import with_movable_centres
 from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.scaled_moments import INERTIA, follow, followers
 from onlinebayes.simulators.mujoco.sensors import add_torque_sensors, sensor_places
 
 STATE = {
@@ -100,7 +101,7 @@ class MujocoSystem:
         effects: in order.
         sensors: signals that sensors give, ``sensor.<name>`` or ``qfrc.<joint>``.
         soft_friction: leave the dry friction of effects as soft as the model's own is; see :mod:`.sticking`.
-        scaled_moments: moments of inertia follow the free masses of their bodies; see :mod:`.moments`.
+        scaled_moments: moments of inertia follow the free masses of their bodies; see :mod:`.scaled_moments`.
 
     Raises:
         BadInput: the model does not compile, an address or a target does not exist.
@@ -142,9 +143,9 @@ class MujocoSystem:
             _check_staged(self.model, self.joint_actuators, effect)
         arrays = {c.array for a in self.addresses for c in a.cells}
         #: Bodies whose moments could follow their masses.
-        self.followers = moments.followers(self.model, [(array, index) for _, array, index in cells])
+        self.followers = followers(self.model, [(array, index) for _, array, index in cells])
         if scaled_moments and self.followers:
-            arrays |= {moments.INERTIA}
+            arrays |= {INERTIA}
         self._factors = {i: pseudo_inertia.factor(self.model, i) for i in inertials}
         self.fields = tuple(
             sorted(
@@ -189,7 +190,7 @@ class MujocoSystem:
         if self._factors:
             pseudo_inertia.write(fields, self._factors)
         if self.scaled_moments:
-            moments.follow(fields, self.followers, self.model)
+            follow(fields, self.followers, self.model)
         own = {name: fields[name].copy() for name in sticking.SOFTNESS if self.soft_friction and name in fields}
         for effect in self.effects:
             if effect.fields:

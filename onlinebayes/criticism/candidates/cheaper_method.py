@@ -27,7 +27,7 @@ WORTH = 2  # trials to each column of the current model: fewer do not pay for th
 ALIKE = 0.06  # of a column: what the two methods may differ by
 
 
-def quicker(current: Fit, windows: Windows, trials: int) -> Fit:
+def by_cheaper_method(current: Fit, windows: Windows, trials: int) -> Fit:
     """The current model as it is screened: integrated by a cheaper method, or as it stands.
 
     Args:
