@@ -152,8 +152,9 @@ def _sensitivities(
 
 def _moving(windows: Windows, raw: Float[Tensor, "C W n S"]) -> Float[Tensor, "C W n S"]:
     """The columns, 0 where one is rounding: tests are blind to scale, and would take that for an effect."""
-    size = noise_rows(windows, raw.movedim(0, -1)).flatten(0, 1).norm(dim=0)
-    return torch.where((size > STILL)[:, None, None, None], raw, torch.zeros_like(raw))
+    scale = torch.where(windows.seen, 1 / windows.bin_noise, torch.zeros_like(windows.bin_noise))
+    still = ~((raw * scale).flatten(1).norm(dim=1) > STILL)
+    return raw.index_fill(0, still.nonzero()[:, 0], 0.0)
 
 
 def _run_by_run(

@@ -27,7 +27,7 @@ from onlinebayes.criticism.fitting.projection import Projected, project, start_s
 from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.criticism.fitting.strays import best_starts, residual_rows, strayed, strays, window_errors
 from onlinebayes.criticism.replaying.bounded import bounded_least_squares
-from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.criticism.replaying.replay import replay_binned
 from onlinebayes.simulators.base import Simulator
 
 MOST_STEPS = 40
@@ -218,8 +218,8 @@ def descended(
 
     Where a window diverged it is None, too.
     """
-    signals, valid = replay(simulator, windows, theta[None], starts[None])
-    shown = windows.bin(signals)[0]
+    binned, valid = replay_binned(simulator, windows, theta[None], starts[None])
+    shown = binned[0]
     rows = residual_rows(windows, windows.bin(windows.value) - shown, starts)
     now = current.project(rows[..., None])[..., 0].square().sum(1)
     was = current.residual.square().sum(1)

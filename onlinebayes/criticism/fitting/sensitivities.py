@@ -16,7 +16,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.criticism.replaying.replay import replay_binned
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 from onlinebayes.simulators.base import Simulator
 
@@ -72,8 +72,8 @@ def linearise(
         moves = theta.new_zeros(Q, P).index_put((world, torch.arange(P, device=theta.device)), steps)
         moved_theta = theta + torch.cat([theta.new_zeros(F, P), moves, theta.new_zeros(1, P)])
         every = len(moved_theta) - (shown is not None)
-        signals, valid = replay(simulator, windows, moved_theta[:every], moved_starts[:every])
-        binned, stable = windows.bin(signals), valid.all(-1)
+        binned, valid = replay_binned(simulator, windows, moved_theta[:every], moved_starts[:every])
+        stable = valid.all(-1)
         if shown is not None:
             binned, stable = torch.cat([binned, shown[None]]), torch.cat([stable, stable.new_ones(1)])
         if not bool(stable[-1]) or bool(stable.all()):
@@ -98,8 +98,7 @@ def linearise_starts(
 ) -> Linearisation:
     """The same with the starts moved alone, by so many times less; the derivatives by theta are left zero."""
     moved = moved_one_by_one(windows, starts, finer)
-    signals, valid = replay(simulator, windows, theta.expand(len(moved), -1), moved)
-    binned = windows.bin(signals)
+    binned, valid = replay_binned(simulator, windows, theta.expand(len(moved), -1), moved)
     by_start = (binned[1:] - binned[0]).movedim(0, -1) * finer / start_steps(windows)[:, None, None, :]
     by_theta = by_start.new_zeros(*by_start.shape[:-1], len(theta))
     return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(valid.all()))
@@ -142,6 +141,5 @@ def columns(
 ) -> tuple[Float[Tensor, "M W n S"], Float[Tensor, " M"]]:
     """How the binned replay differs between ``base`` and each row of ``moved``; 1 where all worlds stayed finite."""
     theta = torch.cat([base[None], moved])
-    signals, valid = replay(simulator, windows, theta, starts.expand(len(theta), *starts.shape))
-    binned = windows.bin(signals)
+    binned, valid = replay_binned(simulator, windows, theta, starts.expand(len(theta), *starts.shape))
     return binned[1:] - binned[0], valid[1:].all(-1).to(base)

@@ -24,7 +24,7 @@ from torch import Tensor
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project, start_misfit, start_shift
 from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise_starts
-from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.criticism.replaying.replay import replay_binned
 from onlinebayes.simulators.base import Simulator
 
 WORSE = 2.0  # times its misfit before the step
@@ -115,8 +115,8 @@ def replayed_rows(
     simulator: Simulator, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
 ) -> tuple[Float[Tensor, "M W m"], Bool[Tensor, "M W"]]:
     """Residuals in noise units, the starts' priors' rows included, and which windows stayed finite."""
-    signals, valid = replay(simulator, windows, theta, starts)
-    wrong = windows.bin(windows.value) - windows.bin(signals)
+    binned, valid = replay_binned(simulator, windows, theta, starts)
+    wrong = windows.bin(windows.value) - binned
     rows = [residual_rows(windows, one, start) for one, start in zip(wrong, starts, strict=True)]
     return torch.stack(rows), valid
 

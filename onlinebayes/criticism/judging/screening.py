@@ -87,12 +87,10 @@ def block_scores(
     r = projected.residual.reshape(V * m)
     r = r - Q @ (Q.T @ r)
 
-    def per_block(rows: Tensor) -> Tensor:
-        summed = rows.reshape(V, m, *rows.shape[1:]).sum(1)
-        return summed.new_zeros(blocks, *summed.shape[1:]).index_add(0, of, summed)
-
-    g = per_block(tilde * r[:, None])
-    h = per_block(Q[:, :, None] * tilde[:, None, :])
+    # r and Q side by side, times c~ window by window: their products row by row would be m Q times as large.
+    by_window = torch.cat([r[:, None], Q], dim=1).reshape(V, m, -1).mT @ tilde.reshape(V, m, C)
+    by_block = by_window.new_zeros(blocks, *by_window.shape[1:]).index_add(0, of, by_window)
+    g, h = by_block[:, 0], by_block[:, 1:]
     norm, whole = tilde.square().sum(0), c.square().sum(0)
     misfit, count = float(r.square().sum()), int((projected.row_weight > 0).sum())
     scale = math.sqrt(misfit / count)

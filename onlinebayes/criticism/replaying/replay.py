@@ -12,7 +12,7 @@ changes in time the window is played piece by piece; see :mod:`.timed`.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import torch
 from jaxtyping import Bool, Float
@@ -42,15 +42,32 @@ def replay(
 
     A world that diverged holds its last finite values: they are numbers, but its flag is False.
     """
+    played = list(_played(simulator, windows, theta, starts))
+    return torch.cat([signals for signals, _ in played]), torch.cat([valid for _, valid in played])
+
+
+def replay_binned(
+    simulator: Simulator,
+    windows: Windows,
+    theta: Float[Tensor, "M P"],
+    starts: Float[Tensor, "M W J2"],
+) -> tuple[Float[Tensor, "M W n S"], Bool[Tensor, "M W"]]:
+    """:func:`replay` averaged over the windows' bins; the rows of all worlds are never held at once."""
+    played = [(windows.bin(signals), valid) for signals, valid in _played(simulator, windows, theta, starts)]
+    return torch.cat([binned for binned, _ in played]), torch.cat([valid for _, valid in played])
+
+
+def _played(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
+) -> Iterator[tuple[Float[Tensor, "m W K S"], Bool[Tensor, "m W"]]]:
+    """Signals and flags of :func:`replay`, some thetas at a time."""
     trajectory_width = windows.rows * windows.count * (starts.shape[-1] + len(windows.columns))
     size = max(1, CHUNK // max(trajectory_width, 1))
-    signals, valid = [], []
+    needed = windows.observed.any(-1)
     for k in range(0, theta.shape[0], size):
         trajectory = rollout(simulator, windows, theta[k : k + size], starts[k : k + size])
-        signals.append(shown(simulator, windows, theta[k : k + size], starts[k : k + size], trajectory))
-        needed = windows.observed.any(-1)
-        valid.append((trajectory["valid"] | ~needed).all(-1))
-    return torch.cat(signals), torch.cat(valid) & torch.isfinite(torch.cat(signals)).all(-1).all(-1)
+        signals = shown(simulator, windows, theta[k : k + size], starts[k : k + size], trajectory)
+        yield signals, (trajectory["valid"] | ~needed).all(-1) & torch.isfinite(signals).all(-1).all(-1)
 
 
 def rollout(
