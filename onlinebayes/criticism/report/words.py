@@ -88,7 +88,7 @@ def headline(result: Criticism) -> str:
         return _compared(result)
     if result.verdict == "missing_effect":
         besides = f"; besides, {_differs(result)}" if result.changes else ""
-        return f"The model misses {effects}{besides}."
+        return f"The model misses {effects}{besides}{_not_all(result)}."
     if result.verdict == "tie":
         return f"Something is missing, and the data cannot tell which: {together(tie_members(result), 'or')}."
     if result.verdict == "adequate":
@@ -109,6 +109,14 @@ def headline(result: Criticism) -> str:
         so_far = f"; so far {together(leading)} leads" if leading else ""
         return f"The model is wrong, and the search was stopped before it could say why{helped}{so_far}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
+
+
+def _not_all(result: Criticism) -> str:
+    """That a law close to the one that is named may be meant, or another besides; empty where only noise is left."""
+    if result.remainder.status == "noise":
+        return ""
+    it = "it" if len(result.accepted) == 1 else "them"
+    return f", or what acts much like {it}: most of the misfit is explained, not all"
 
 
 def improvement(result: Criticism) -> str:

@@ -68,10 +68,16 @@ def bare(result: Criticism, **changes: object) -> Criticism:
     )  # fmt: skip
 
 
+def test_what_leaves_noise_alone_is_named_without_a_reservation() -> None:
+    result = dataclasses.replace(criticism(), remainder=Remainder("noise", {SIGNAL: 1.01}, ""))
+    assert "The model misses dry friction and constant load at carriage." in check(to_html(result, title="drive.toml"))
+
+
 def test_the_first_screen_answers_the_four_questions() -> None:
     page = to_html(criticism(), title="drive.toml", refined=("refined.toml", "refined.xml"))
     text = check(page).partition("What to do next")[0]
-    assert "The model misses dry friction and constant load at carriage." in text
+    named = "The model misses dry friction and constant load at carriage"
+    assert f"{named}, or what acts much like them: most of the misfit is explained, not all." in text
     assert "Held-out error over 1 s: 6.6 mm → 2.0 mm (3.3 times better); noise explains 0.20 mm." in text
     for question in ("How wrong is the model?", "Where?", "What is missing?", "How much better now?"):
         assert question in text
