@@ -11,6 +11,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from jaxtyping import Float
+from torch import Tensor
+
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.fitting.descent import LEAST_GAIN, bounded_step
 from onlinebayes.criticism.fitting.fit import improve, unfitted
@@ -71,7 +74,7 @@ def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Gr
     """
     horizon, model = wanted.horizon_s, final.fitted.simulator
     windows = make_windows(model, measurement, horizon, MEMORY * horizon, final.windows.noise)
-    begun = unfitted(model, windows, final.fitted.theta)
+    begun = unfitted(model, windows, final.fitted.theta, starts=_known_starts(windows, final))
     if leaves_noise(begun, windows, wanted.tolerance):
         return None
     fitted = improve(begun, windows, hopeless=0.0)
@@ -81,6 +84,21 @@ def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Gr
         return None
     numerics, shift = check(model, measurement, windows, fitted)
     return Grounds(windows, fitted, numerics, final.rung, shift, final.as_run)
+
+
+def _known_starts(windows: Windows, shorter: Grounds) -> Float[Tensor, "W J2"]:
+    """The starts [SI] of windows that begin where a shorter one does, as fitted there; else as smoothed.
+
+    What a smoothed start is off by grows with time, and beside friction that lets go at another instant a fit may not
+    find back: it would end above the noise though nothing is missing.
+    """
+    known = shorter.windows
+    place = {at: k for k, at in enumerate(zip(known.run.tolist(), known.first.tolist(), strict=True))}
+    starts = windows.start.clone()
+    for k, at in enumerate(zip(windows.run.tolist(), windows.first.tolist(), strict=True)):
+        if at in place:
+            starts[k] = shorter.fitted.lin.starts[place[at]]
+    return starts
 
 
 def adds_to(again: Found, first: Found, simulator: Simulator, selection: Selection) -> bool:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
+
 import numpy as np
 import pytest
 
+from envs.rigs import RIGS, sized_case, write_case
+from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Criticism, Selection, compare, refine
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -111,6 +116,19 @@ def test_a_stop_over_longer_windows_is_said() -> None:
     assert (result.verdict, result.accepted) == ("adequate", ())
     (note,) = [note for note in result.notes if note.startswith("over windows of")]
     assert "more than noise is left, and the search for its cause was stopped: trust the model over 1 s" in note
+
+
+@pytest.mark.slow
+def test_a_start_that_was_fitted_over_a_second_is_known_over_longer_windows(tmp_path: Path) -> None:
+    """From smoothed starts a fit beside friction ends above the noise over 5 s, though nothing is missing any more."""
+    rig = RIGS["two_link_arm"]
+    rig = replace(rig, protocol=replace(rig.protocol, step=0.005 / rig.protocol.period, fit=8, held=1, seconds=5.0))
+    friction = next(one for one in rig.effects if one.key == "dry_friction@elbow")
+    problem = load_problem(write_case(sized_case(rig, friction, 1.0, 0), tmp_path))
+    result = refine(problem.simulator, problem.measurement, holdout=problem.holdout, candidates=["dry_friction@elbow"])
+    assert result.accepted == ("dry_friction@elbow",)
+    assert "looking over longer windows" in {timing.stage for timing in result.timings}
+    assert not [note for note in result.notes if note.startswith("over windows of")]
 
 
 def test_a_horizon_that_was_asked_for_stands() -> None:
