@@ -14,7 +14,7 @@ from dataclasses import replace
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import MEMORY, make_windows
+from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.descent import LEAST_GAIN, bounded_step
 from onlinebayes.criticism.fitting.fit import improve, unfitted
 from onlinebayes.criticism.fitting.horizon import steady
