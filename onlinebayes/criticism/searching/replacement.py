@@ -6,10 +6,12 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.descent import bounded_step
+from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.searching.stage import HOPELESS_RATIO
 from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -47,6 +49,8 @@ def refitted_with(
 ) -> Fit | None:
     """The model with the rival in it, everything refitted from the model as it stands; None where it diverges.
 
+    None, too, where its first step promises to leave many times what the model as it stands does: that is no rival.
+
     Args:
         rival: what is put in.
         simulator: the base model at its own step.
@@ -60,6 +64,10 @@ def refitted_with(
     for address, value in rival.start.items():
         theta[model.parameters.index(address)] = value
     try:
-        return fit(model, windows, theta, current.projected.weight, hopeless=hopeless)
+        begun = unfitted(model, windows, theta, current.projected.weight, current.lin.starts)
     except BadInput:
         return None
+    _, promised = bounded_step(model, begun.projected, begun.theta, 0.0)
+    if begun.projected.objective - promised > HOPELESS_RATIO * current.projected.objective:
+        return None
+    return improve(begun, windows, hopeless)

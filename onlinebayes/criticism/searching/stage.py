@@ -50,6 +50,9 @@ LEAST_PROMISED_FALL = 0.4 * LEAST_FALL
 LEAST_PROMISE_OF_GROSS = 0.1
 """A candidate that promises to lower a gross misfit by this share is worth a refit, whatever its p."""
 
+MUCH_PROMISED, LEAST_REALISED = 0.25, 0.1
+"""A refit that was promised to lower the misfit by so much and realises less than so much of that was led astray."""
+
 LEFT_OF_GROSS = 0.25
 """A candidate that leaves no more than this share of a gross misfit needs no p."""
 
@@ -225,7 +228,7 @@ def refit(
 
     The linear estimate of a limit may lie where it limits nothing, which a fit cannot leave: see
     :mod:`.fitting.inactive_effects`. Where there are ``others`` to begin from, the best of all these fits. The grown
-    model contains the current one: a fit that ends above it, or lowers the misfit by less than half of what screening
+    model contains the current one: a fit that ends above it, or realises next to nothing of much that screening
     ``promised`` (a share of the RMS), was led astray from where it began, and begins again half-way to nothing, and at
     nothing.
 
@@ -234,7 +237,8 @@ def refit(
         :mod:`.candidates.longer`).
     """
     fitted = _fitted(current, windows, effect, start, hopeless)
-    astray = fitted.projected.objective > (1 - promised) * current.projected.objective
+    realised = 1 - math.sqrt(fitted.projected.objective / max(current.projected.objective, 1e-300))
+    astray = realised < 0 or (promised >= MUCH_PROMISED and realised < LEAST_REALISED * promised)
     nearer = [_halved(effect, start), dict(effect.neutral)] if astray else []
     for other in (*nearer, *others):
         try:
