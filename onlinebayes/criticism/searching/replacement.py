@@ -6,12 +6,14 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import grown
+from onlinebayes.criticism.fitting.blocks import Blocks
 from onlinebayes.criticism.fitting.descent import bounded_step
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.acceptance import Judged, contained
+from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.searching.stage import HOPELESS_RATIO
+from onlinebayes.criticism.searching.stage import HOPELESS_RATIO, blocks_for
 from onlinebayes.criticism.searching.standing import carried
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -24,6 +26,36 @@ class Rival:
 
     effect: Effect
     start: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Incumbent:
+    """The model as it stands, which rivals are held against.
+
+    Args:
+        grounds: it is fitted on.
+        blocks, scores: its cross-validation.
+    """
+
+    grounds: Grounds
+    blocks: Blocks
+    scores: CrossValidated
+
+    @classmethod
+    def on(cls, grounds: Grounds, folds: int | None) -> Incumbent:
+        """The model of these grounds, cross-validated; ``folds`` as in :class:`..results.Selection`."""
+        blocks = blocks_for(grounds.fitted, grounds.windows, folds)
+        return cls(grounds, blocks, cross_validate(grounds.fitted, grounds.windows, blocks))
+
+    def validated(self, fitted: Fit) -> CrossValidated:
+        """Another model's cross-validation on the same blocks."""
+        return cross_validate(fitted, self.grounds.windows, self.blocks)
+
+    def is_out_of_reach(self, begun: Fit) -> bool:
+        """Whether a model's first step promises to leave many times the squared error, and is parted from this one."""
+        _, promised = bounded_step(begun.simulator, begun.projected, begun.theta, 0.0)
+        left, most = begun.projected.objective - promised, HOPELESS_RATIO * self.grounds.fitted.projected.objective
+        return left > most and parted(self.scores, self.validated(begun), self.grounds.windows.bin_step)
 
 
 def can_replace(accepted: Effect, other: Effect, present: Collection[str]) -> bool:
@@ -45,19 +77,21 @@ def as_judged(judged: Judged) -> Rival:
 
 
 def refitted_with(
-    rival: Rival, simulator: Simulator, effects: Sequence[Effect], grounds: Grounds, hopeless: float
+    rival: Rival, simulator: Simulator, effects: Sequence[Effect], incumbent: Incumbent, hopeless: float
 ) -> Fit | None:
-    """The model with the rival in it, everything refitted from the model as it stands; None where it diverges.
-
-    None, too, where its first step promises to leave many times what the model as it stands does: that is no rival.
+    """The model with the rival in it, everything refitted from the model as it stands.
 
     Args:
         rival: what is put in.
         simulator: the base model at its own step.
         effects: all of the refitted model, the rival in its place.
-        grounds: the model as it stands, fitted.
+        incumbent: the model as it stands.
         hopeless: an objective above which a fit that creeps is given up.
+
+    Returns:
+        None where it diverges, or where one look tells that it is out of reach.
     """
+    grounds = incumbent.grounds
     current, windows = grounds.fitted, grounds.windows
     model = grounds.rung.of(grown(simulator, effects))
     theta = carried(current.simulator, current.theta, model)
@@ -67,7 +101,4 @@ def refitted_with(
         begun = unfitted(model, windows, theta, current.projected.weight, current.lin.starts)
     except BadInput:
         return None
-    _, promised = bounded_step(model, begun.projected, begun.theta, 0.0)
-    if begun.projected.objective - promised > HOPELESS_RATIO * current.projected.objective:
-        return None
-    return improve(begun, windows, hopeless)
+    return None if incumbent.is_out_of_reach(begun) else improve(begun, windows, hopeless)

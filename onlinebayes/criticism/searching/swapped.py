@@ -17,11 +17,11 @@ from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import Judged
-from onlinebayes.criticism.judging.score import cross_validate, parted, score_gain
+from onlinebayes.criticism.judging.score import parted, score_gain
 from onlinebayes.criticism.judging.verdict import tied
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.replacement import as_judged, can_replace, refitted_with
-from onlinebayes.criticism.searching.stage import Added, Stage, blocks_for
+from onlinebayes.criticism.searching.replacement import Incumbent, as_judged, can_replace, refitted_with
+from onlinebayes.criticism.searching.stage import Added, Stage
 from onlinebayes.criticism.searching.standing import Standing
 from onlinebayes.simulators.effects import Effect
 
@@ -35,9 +35,8 @@ def swapped(standing: Standing, context: SearchContext) -> Standing | None:
     """
     if len(standing.accepted) < 2:
         return None
-    current, windows = standing.grounds.fitted, standing.grounds.windows
-    blocks = blocks_for(current, windows, context.selection.folds)
-    scores = cross_validate(current, windows, blocks)
+    incumbent = Incumbent.on(standing.grounds, context.selection.folds)
+    most, bin_step = standing.grounds.fitted.projected.objective, standing.grounds.windows.bin_step
     for k, (stage, accepted) in enumerate(standing.accepted[:-1]):
         for rival in _rivals(stage, accepted, standing.effects):
             if context.watch.stopped:
@@ -45,13 +44,12 @@ def swapped(standing: Standing, context: SearchContext) -> Standing | None:
             context.watch.say(f"trying {rival.effect.key} in the place of {accepted.effect.key}")
             taken = (*standing.accepted[:k], (stage, rival), *standing.accepted[k + 1 :])
             effects = [judged.effect for _, judged in taken]
-            most = current.projected.objective
-            fitted = refitted_with(as_judged(rival), standing.simulator, effects, standing.grounds, most)
+            fitted = refitted_with(as_judged(rival), standing.simulator, effects, incumbent, most)
             if fitted is None or fitted.projected.objective >= most:
                 continue
-            other = cross_validate(fitted, windows, blocks)
-            better = score_gain(other, scores, windows.bin_step).gain > 0 and other.rms_long < scores.rms_long
-            if better and not tied(scores, other, windows.bin_step):
+            scores, other = incumbent.scores, incumbent.validated(fitted)
+            better = score_gain(other, scores, bin_step).gain > 0 and other.rms_long < scores.rms_long
+            if better and not tied(scores, other, bin_step):
                 return _taken(standing, taken, fitted, context)
     return None
 

@@ -10,12 +10,11 @@ from __future__ import annotations
 
 from onlinebayes.criticism.candidates.lookalikes import lookalikes
 from onlinebayes.criticism.judging.acceptance import Judged
-from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.judging.verdict import tied
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.searching.replacement import Rival, as_judged, can_replace, refitted_with
+from onlinebayes.criticism.searching.replacement import Incumbent, Rival, as_judged, can_replace, refitted_with
 from onlinebayes.criticism.searching.search import Found
-from onlinebayes.criticism.searching.stage import HOPELESS_RATIO, blocks_for
+from onlinebayes.criticism.searching.stage import HOPELESS_RATIO
 from onlinebayes.simulators.base import Simulator
 
 NEAR_ERROR_RATIO = 1.5
@@ -75,13 +74,11 @@ def _swapped(base: Simulator, found: Found, rivals: list[Rival], folds: int | No
     """The rivals that do as well in the first effect's place, everything refitted."""
     if not rivals:
         return ()
-    windows, final = found.final.windows, found.final.fitted
-    blocks = blocks_for(final, windows, folds)
-    scores = cross_validate(final, windows, blocks)
-    beyond, equal = HOPELESS_RATIO * final.projected.objective, []
+    incumbent, windows = Incumbent.on(found.final, folds), found.final.windows
+    beyond, equal = HOPELESS_RATIO * found.final.fitted.projected.objective, []
     for rival in rivals:
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
-        fitted = refitted_with(rival, base, effects, found.final, beyond)
-        if fitted is not None and tied(scores, cross_validate(fitted, windows, blocks), windows.bin_step):
+        fitted = refitted_with(rival, base, effects, incumbent, beyond)
+        if fitted is not None and tied(incumbent.scores, incumbent.validated(fitted), windows.bin_step):
             equal.append(rival.effect.key)
     return tuple(equal)
