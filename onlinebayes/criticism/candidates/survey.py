@@ -26,7 +26,7 @@ from onlinebayes.criticism.fitting.blocks import (
     t_quantile,
 )
 from onlinebayes.criticism.fitting.fit import Fit, residual_correlation_time
-from onlinebayes.criticism.fitting.projection import noise_rows, project
+from onlinebayes.criticism.fitting.projection import noise_rows, per_noise, project
 from onlinebayes.criticism.fitting.sensitivities import columns
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import SHORT_WINDOWS, CrossValidated, cross_validate
@@ -152,8 +152,7 @@ def _sensitivities(
 
 def _moving(windows: Windows, raw: Float[Tensor, "C W n S"]) -> Float[Tensor, "C W n S"]:
     """The columns, 0 where one is rounding: tests are blind to scale, and would take that for an effect."""
-    scale = torch.where(windows.seen, 1 / windows.bin_noise, torch.zeros_like(windows.bin_noise))
-    still = ~((raw * scale).flatten(1).norm(dim=1) > STILL)
+    still = ~((raw * per_noise(windows)).flatten(1).norm(dim=1) > STILL)
     return raw.index_fill(0, still.nonzero()[:, 0], 0.0)
 
 

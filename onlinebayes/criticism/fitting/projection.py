@@ -77,11 +77,10 @@ def project(
     """
     if weight is None:
         weight = torch.ones_like(windows.noise)
-    seen, noise = windows.seen, windows.bin_noise
     n = windows.bins // pieces
     J2 = windows.start.shape[1]
-    scale = _cut(torch.where(seen, 1 / noise, torch.zeros_like(noise)), pieces)
-    by_start = _cut(lin.by_start * windows.free_starts.to(noise)[:, None, None, :], pieces) * scale[..., None]
+    scale = _cut(per_noise(windows), pieces)
+    by_start = _cut(lin.by_start * windows.free_starts.to(scale)[:, None, None, :], pieces) * scale[..., None]
     priors = torch.diag_embed(1 / start_looseness(windows)).repeat_interleave(pieces, 0)
     starts = torch.cat([by_start, priors], dim=1)
     basis, triangle = torch.linalg.qr(starts)
@@ -108,6 +107,11 @@ def _cut(by_bin: Float[Tensor, "W bins S ..."], pieces: int) -> Float[Tensor, "V
     return by_bin[:, : n * pieces].unflatten(1, (pieces, n)).flatten(0, 1).flatten(1, 2)
 
 
+def per_noise(windows: Windows) -> Float[Tensor, "W n S"]:
+    """What turns a bin's SI unit into noise units: 1 / sd of its average, 0 where nothing was observed."""
+    return torch.where(windows.seen, 1 / windows.bin_noise, torch.zeros_like(windows.bin_noise))
+
+
 def row_weights(windows: Windows, weight: Float[Tensor, " S"], pieces: int = 1) -> Float[Tensor, "V m"]:
     """What each row in noise units counts: its signal's weight where it was observed, the mean one for the priors."""
     seen = _cut(windows.seen * weight, pieces)
@@ -127,8 +131,7 @@ def start_misfit(windows: Windows, starts: Float[Tensor, "*batch W J2"]) -> Floa
 
 def noise_rows(windows: Windows, by_theta: Float[Tensor, "W n S C"], pieces: int = 1) -> Float[Tensor, "V m C"]:
     """Sensitivities as rows in noise units with the priors' rows (zero: theta does not move a start's prior)."""
-    scale = torch.where(windows.seen, 1 / windows.bin_noise, torch.zeros_like(windows.bin_noise))
-    rows = _cut(by_theta * scale[..., None], pieces)
+    rows = _cut(by_theta * per_noise(windows)[..., None], pieces)
     return torch.cat([rows, rows.new_zeros(rows.shape[0], windows.start.shape[1], rows.shape[2])], dim=1)
 
 

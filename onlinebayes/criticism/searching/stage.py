@@ -50,8 +50,11 @@ LEAST_PROMISED_FALL = 0.4 * LEAST_FALL
 LEAST_PROMISE_OF_GROSS = 0.1
 """A candidate that promises to lower a gross misfit by this share is worth a refit, whatever its p."""
 
-MUCH_PROMISED, LEAST_REALISED = 0.25, 0.1
-"""A refit that was promised to lower the misfit by so much and realises less than so much of that was led astray."""
+MUCH_PROMISED = 0.25
+"""A candidate that promises to lower the misfit by this share promises much."""
+
+LEAST_REALISED = 0.1
+"""A refit that realises less than this part of much that was promised was led astray."""
 
 LEFT_OF_GROSS = 0.25
 """A candidate that leaves no more than this share of a gross misfit needs no p."""

@@ -1,0 +1,38 @@
+"""A refit begins again nearer to nothing where it realised next to nothing of much that screening promised."""
+
+from __future__ import annotations
+
+import pytest
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.fitting.fit import Fit
+from onlinebayes.criticism.searching import stage
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.effects import JointStiffness, QuadraticDrag
+from tests.criticism.rigs import measure, model
+
+SPRING = JointStiffness("rail", Parameter(0.0, 20.0, "N/m"), Parameter(-1.0, 1.0, "m"))
+DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
+
+
+@pytest.mark.parametrize(
+    ("effect", "start", "promised", "begun"),
+    [
+        (DRAG, {"drag": 0.5}, 0.9, [0.5, 0.25, 0.0]),
+        (DRAG, {"drag": 0.5}, 0.2, [0.5]),
+        (SPRING, {"stiffness": 3.0, "springref": 0.0}, 0.9, [3.0]),
+    ],
+    ids=["much was promised and nothing came", "little was promised", "it came"],
+)
+def test_where_a_refit_begins(monkeypatch: pytest.MonkeyPatch, effect, start, promised, begun) -> None:
+    base = ground(model(), measure({SPRING: (4.0, 0.1)}), Selection())
+    sizes, fitted = list[float](), stage._fitted
+
+    def counted(current: Fit, windows, effect, start, hopeless) -> Fit:
+        sizes.append(start[effect.magnitude])
+        return fitted(current, windows, effect, start, hopeless)
+
+    monkeypatch.setattr(stage, "_fitted", counted)
+    stage.refit(base.fitted, base.windows, effect, start, promised=promised)
+    assert sizes == begun
