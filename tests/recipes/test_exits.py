@@ -1,4 +1,7 @@
-"""Studies refuse bad input as the commands do."""
+"""Studies refuse bad input as the commands do, and clean up on SIGTERM as on Ctrl-C."""
+
+import os
+import signal
 
 import pytest
 
@@ -19,3 +22,10 @@ def test_bad_input_is_one_line_and_status_two(capsys: pytest.CaptureFixture[str]
 @pytest.mark.parametrize(("returned", "expected"), [(None, 0), (0, 0), (1, 1)])
 def test_otherwise_the_study_says(returned: int | None, expected: int) -> None:
     assert status("emps", lambda: returned) == expected
+
+
+def test_sigterm_is_ctrl_c() -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(KeyboardInterrupt):
+        status("blind-rigs", lambda: os.kill(os.getpid(), signal.SIGTERM))
+    assert signal.getsignal(signal.SIGTERM) is before
