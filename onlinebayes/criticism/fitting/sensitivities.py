@@ -67,7 +67,8 @@ def linearise(
     Q = int(world.max()) + 1 if P else 0
     moving = windows.free_starts.any(0).nonzero()[:, 0]
     F = len(moving)
-    moved_starts = torch.cat([moved_one_by_one(windows, starts)[1 + moving], starts.expand(Q + 1, *starts.shape)])
+    one_by_one = moved_one_by_one(starts, start_steps(windows))[1 + moving]
+    moved_starts = torch.cat([one_by_one, starts.expand(Q + 1, *starts.shape)])
     for _ in range(SHORTER):
         moves = theta.new_zeros(Q, P).index_put((world, torch.arange(P, device=theta.device)), steps)
         moved_theta = theta + torch.cat([theta.new_zeros(F, P), moves, theta.new_zeros(1, P)])
@@ -94,12 +95,13 @@ def linearise_starts(
     windows: Windows,
     theta: Float[Tensor, " P"],
     starts: Float[Tensor, "W J2"],
-    finer: float = 1.0,
+    finer: Float[Tensor, " W"] | None = None,
 ) -> Linearisation:
-    """The same with the starts moved alone, by so many times less; the derivatives by theta are left zero."""
-    moved = moved_one_by_one(windows, starts, finer)
+    """The same with the starts moved alone, each window's by so many times less; derivatives by theta are left zero."""
+    step = start_steps(windows) if finer is None else start_steps(windows) / finer[:, None]
+    moved = moved_one_by_one(starts, step)
     binned, valid = replay_binned(simulator, windows, theta.expand(len(moved), -1), moved)
-    by_start = (binned[1:] - binned[0]).movedim(0, -1) * finer / start_steps(windows)[:, None, None, :]
+    by_start = (binned[1:] - binned[0]).movedim(0, -1) / step[:, None, None, :]
     by_theta = by_start.new_zeros(*by_start.shape[:-1], len(theta))
     return Linearisation(theta, starts, windows.bin(windows.value) - binned[0], by_start, by_theta, bool(valid.all()))
 
@@ -109,9 +111,9 @@ def start_steps(windows: Windows) -> Float[Tensor, "W J2"]:
     return (START_STEP * windows.start_sd).clamp_min(1e-9)
 
 
-def moved_one_by_one(windows: Windows, starts: Float[Tensor, "W J2"], finer: float = 1.0) -> Float[Tensor, "J21 W J2"]:
-    """The starts as they are, then with each coordinate moved by its step, or by so many times less [SI]."""
-    return torch.cat([starts[None], starts + torch.diag_embed(start_steps(windows) / finer).movedim(1, 0)])
+def moved_one_by_one(starts: Float[Tensor, "W J2"], step: Float[Tensor, "W J2"]) -> Float[Tensor, "J21 W J2"]:
+    """The starts as they are, then with each coordinate moved by its step [SI]."""
+    return torch.cat([starts[None], starts + torch.diag_embed(step).movedim(1, 0)])
 
 
 def together(simulator: Simulator) -> Int[Tensor, " P"]:

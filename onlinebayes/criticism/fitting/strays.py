@@ -11,14 +11,17 @@ A step that overshoots in one window is refused in all of them, and a fit can en
 At its end those that stand out take Gauss-Newton steps of their own, from where they are and as smoothed: each as large
 a part of its step as serves it best, with ever finer differences. (Where a carriage rests on top of a cog a tenth of a
 millimetre a second decides where it goes: differences of some standard deviations see nothing of so narrow a valley.)
+A step that promises next to nothing is not replayed; a start to which the finest differences promise nothing either is
+settled, and so is the smoothed one that has come to where the other was.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
@@ -32,6 +35,8 @@ NOTICED = 0.01  # of the whole misfit
 CONSPICUOUS = 2.0  # times the median misfit
 OWN_STEPS = 6
 FINER, FINEST = 10.0, 3  # differences, from one such step to the next, and how often
+ARRIVED = 0.01  # sd of a smoothed start
+LEAST_PROMISE = 0.1  # of what would be noticed, were it promised to every conspicuous window
 START_STEP_PARTS = (0.0, 1.0, 0.3, 0.1, 0.03)  # none first: where all diverge a start stays
 
 
@@ -72,26 +77,59 @@ def settled_starts(
     worst = torch.nonzero(misfit > CONSPICUOUS * misfit.median())[:, 0]
     if not len(worst) or not bool(windows.free.any()):
         return lin.starts, before, before
-    part, twice = windows.select(worst), windows.select(worst.repeat(2))
-    weight = row_weight[worst].repeat(2, 1)
-    part_of_step = theta.new_tensor(START_STEP_PARTS)[:, None, None]
+    part, least = windows.select(worst), LEAST_PROMISE * NOTICED * before / len(worst)
+    settling = _Settling(simulator, part, row_weight[worst], projected.weight, theta, least)
     starts = torch.cat([lin.starts[worst], part.start])
-    error, going = misfit.new_full((len(starts),), math.inf), torch.arange(len(starts), device=starts.device)
-    for k in range(OWN_STEPS):
-        some = twice.select(going)
-        here = linearise_starts(simulator, some, theta, starts[going], FINER ** min(k, FINEST))
-        shift = start_shift(some, here, project(some, here, projected.weight), torch.zeros_like(theta))
-        tried = starts[going] + part_of_step * shift
-        best, least = best_starts(simulator, some, weight[going], theta, tried)
+    error, level = misfit.new_full((len(starts),), math.inf), worst.new_zeros(len(starts))
+    going = torch.arange(len(starts), device=starts.device)
+    for _ in range(OWN_STEPS):
+        best, misses, hopeful = settling.step(going % len(worst), starts[going], FINER ** level[going])
         stays = (best == starts[going]).all(1)
-        starts, error = starts.index_copy(0, going, best), error.index_copy(0, going, least)
-        if k >= FINEST:  # the same step would follow from the same place
-            going = going[~stays]
+        starts, error = starts.index_copy(0, going, best), error.index_copy(0, going, misses)
+        # At the finest level the same step would follow from the same place.
+        done = (level[going] == FINEST) & (stays | ~hopeful)
+        level[going] = torch.where(hopeful, (level[going] + 1).clamp_max(FINEST), FINEST)
+        going = going[~done]
+        going = going[~settling.arrived(starts)[going]]
         if not len(going):
             break
     error, chain = error.view(2, -1).min(0)
     found = starts.view(2, len(worst), -1)[chain, torch.arange(len(worst), device=chain.device)]
     return lin.starts.index_copy(0, worst, found), before, float(misfit.index_copy(0, worst, error).sum())
+
+
+@dataclass(frozen=True)
+class _Settling:
+    """Windows whose starts settle one by one at a given theta; steps that promise less than ``least`` are not tried."""
+
+    simulator: Simulator
+    windows: Windows
+    row_weight: Float[Tensor, "W m"]
+    weight: Float[Tensor, " S"]
+    theta: Float[Tensor, " P"]
+    least: float
+
+    def step(
+        self, which: Int[Tensor, " N"], starts: Float[Tensor, "N J2"], finer: Float[Tensor, " N"]
+    ) -> tuple[Float[Tensor, "N J2"], Float[Tensor, " N"], Bool[Tensor, " N"]]:
+        """Starts of the windows ``which`` one step on, their misfits there, and which were promised something."""
+        windows, row_weight = self.windows.select(which), self.row_weight[which]
+        here = linearise_starts(self.simulator, windows, self.theta, starts, finer)
+        freed, misfit = project(windows, here, self.weight), misfits(windows, here, row_weight)
+        hopeful = ~(misfit - freed.residual.square().sum(1) <= self.least)  # what diverged is tried, too
+        some = torch.nonzero(hopeful)[:, 0]
+        if len(some):
+            shift = start_shift(windows, here, freed, torch.zeros_like(self.theta))[some]
+            tried = starts[some] + starts.new_tensor(START_STEP_PARTS)[:, None, None] * shift
+            best, error = best_starts(self.simulator, windows.select(some), row_weight[some], self.theta, tried)
+            starts, misfit = starts.index_copy(0, some, best), misfit.index_copy(0, some, error)
+        return starts, misfit, hopeful
+
+    def arrived(self, starts: Float[Tensor, "W2 J2"]) -> Bool[Tensor, " W2"]:
+        """Which of the second half are where their windows' first ones are."""
+        first, second = starts.view(2, *self.windows.start.shape)
+        same = ((first - second).abs() <= ARRIVED * self.windows.start_sd).all(1)
+        return torch.cat([torch.zeros_like(same), same])
 
 
 def window_errors(
