@@ -46,6 +46,12 @@ from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, Para
 MOST_REFITS_OF_A_GROUP = 2
 """So many candidates of one group are refitted at most."""
 
+RUGGED = 0.5
+"""Part of the usual promise that a rugged effect needs: between two values of its grid it promises less than it has."""
+
+MOST_LEADS = 3
+"""Beside so many candidates that were not admissible alone those that are tried last are looked for."""
+
 LEAST_FALL_ON_TRIAL = 0.3
 """What lowers a gross error by this share is taken on trial though it leaves more than noise."""
 
@@ -131,10 +137,15 @@ def tried_last(
             break  # an effect that explains all goes before a number for every instant
         watch.say(f"looking {what}")
         screened = survey(current.fitted, current.windows, effects, selection.folds)
-        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= LEAST_PROMISE_OF_GROSS]
+        promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= _least_promise(one.effect)]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
         tried.append(judged_stage(screened, refits[:MOST_REFITS_OF_A_GROUP], current.numerics, stricter, watch))
     return tried
+
+
+def _least_promise(effect: Effect) -> float:
+    """What a candidate must promise of a gross misfit."""
+    return LEAST_PROMISE_OF_GROSS * (RUGGED if effect.rugged else 1.0)
 
 
 def last_found(current: Grounds, tried: Sequence[Stage], selection: Selection) -> Last | None:
@@ -162,10 +173,11 @@ def found_beside(
     groups: Sequence[Group],
     context: SearchContext,
 ) -> Last | None:
-    """What leaves noise beside the significant candidate that gains most, of rounds in which none was admissible.
+    """What leaves noise beside one of the significant candidates that fail fewest rules, where none was admissible.
 
-    A late motor and cogging hide each other: neither lowers a gross misfit by much. Whether the candidate is needed
-    beside what was found is asked at the end, as of every effect (see :mod:`.needless`).
+    A late motor and cogging hide each other: neither lowers a gross misfit by much, and what gains most may be neither
+    (of a dead zone and cogging it was a Stribeck curve). Whether the candidate is needed beside what was found is asked
+    at the end, as of every effect (see :mod:`.needless`).
 
     Args:
         tried: the rounds.
@@ -174,25 +186,41 @@ def found_beside(
     leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < context.selection.alpha]
     if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_FLOORS:
         return None
-    lead = max(leads, key=lambda added: added[1].gain.gain)
-    context.watch.say(f"looking beside {lead[1].effect.key}")
-    beside = replace(current, fitted=lead[1].fitted)
-    others = _without(groups, {lead[1].effect.key})
-    found = last_found(beside, tried_last(beside, others, context), context.selection)
-    return None if found is None or not found.believed else replace(found, lead=lead)
+    for lead in _nearest(leads):
+        context.watch.say(f"looking beside {lead[1].effect.key}")
+        beside = replace(current, fitted=lead[1].fitted)
+        others = _without(groups, {lead[1].effect.key})
+        found = last_found(beside, tried_last(beside, others, context), context.selection)
+        if found is not None and found.believed:
+            return replace(found, lead=lead)
+        if context.watch.stopped:
+            break
+    return None
 
 
-def instead(base: Grounds, current: Grounds, accepted: Sequence[Added], context: SearchContext) -> Added | None:
+def _nearest(leads: Sequence[Added]) -> list[Added]:
+    """The leads that fail fewest rules, of these the ones that gain most, each effect once."""
+    best: dict[str, Added] = {}
+    for lead in sorted(leads, key=lambda added: (len(added[1].failed), -added[1].gain.gain)):
+        best.setdefault(lead[1].effect.key, lead)
+    return list(best.values())[:MOST_LEADS]
+
+
+def instead(
+    base: Grounds, current: Grounds, accepted: Sequence[Added], context: SearchContext, tried: set[str]
+) -> Added | None:
     """The one effect that explains alone what several do; None without any.
 
     One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
-    constant load), or one that was found last and does no worse without those that mimicked it before.
+    constant load), or one that was found last and does no worse without those that mimicked it before; none that was
+    ``tried`` on the base model itself.
     """
     several = {judged.effect.key for _, judged in accepted}
     if len(several) < 2:
         return None
     rivals = [judged.effect for _, judged in accepted if judged.effect.rare]
     rivals += [effect for _, effects in _effects(base) for effect in effects if contained(effect) & several]
+    rivals = [effect for effect in rivals if effect.key not in tried]
     if not rivals:
         return None
     selection = context.selection

@@ -109,6 +109,7 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
     stages: list[Stage] = []
     seen: set[frozenset[str]] = set()
     last: list[tuple[Group, ...]] = []  # of what is tried last, each time
+    alone: set[str] = set()  # of these, what was tried with nothing else
     before_trial: Standing | None = None  # comes back unless noise is all that is left
     with watch.giving_up():
         while standing.grounds.numerics.sufficient and not watch.stopped:
@@ -126,6 +127,8 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
                 continue
             if not (added or watch.stopped or standing.at_floor(selection.tolerance)) and context.everything:
                 last.append(last_candidates(standing.grounds, standing.effects) if len(last) < MOST_LAST else ())
+                if not (standing.effects or standing.changes):
+                    alone = {effect.key for _, group in last[-1] for effect in group}
                 if (latest := _latest(context, standing, stages[-1], last[-1])) is not None:
                     added = latest.added
                     before_trial = before_trial or (None if latest.believed else standing)
@@ -140,7 +143,7 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
     if before_trial is not None and not standing.at_floor(selection.tolerance):
         standing = before_trial
     if not watch.stopped:
-        standing = _simplest(context, base, without_needless(standing, context))
+        standing = _simplest(context, base, without_needless(standing, context), alone)
     late = {effect.key: effect for groups in last for _, group in groups for effect in group}
     tried = (*effects, *late.values())
     accepted, changes = standing.accepted, standing.changes
@@ -204,12 +207,12 @@ def _extended(context: SearchContext, standing: Standing, added: Sequence[Added]
     return without_idle(standing, standing.accepted[:-1], context) or standing
 
 
-def _simplest(context: SearchContext, base: Grounds, standing: Standing) -> Standing:
-    """The model with fewer effects, or one in place of several, where they explain as much."""
+def _simplest(context: SearchContext, base: Grounds, standing: Standing, alone: set[str]) -> Standing:
+    """The model with fewer effects, or one in place of several, not one tried ``alone``, where they explain as much."""
     if context.watch.stopped or not standing.at_floor(context.selection.tolerance):
         return standing
     standing = with_fewer(standing, context)
     if standing.changes or not context.everything:
         return standing
-    one = instead(base, standing.grounds, standing.accepted, context)
+    one = instead(base, standing.grounds, standing.accepted, context, alone)
     return standing if one is None else with_effects(standing, [one], context, alone=True)

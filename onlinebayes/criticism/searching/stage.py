@@ -56,6 +56,9 @@ MUCH_PROMISED = 0.25
 LEAST_REALISED = 0.1
 """A refit that realises less than this part of much that was promised was led astray."""
 
+HALF_REALISED = 0.5
+"""A limit's refit that realises less than this part of much that was promised may have stopped at its peaks."""
+
 LEFT_OF_GROSS = 0.25
 """A candidate that leaves no more than this share of a gross misfit needs no p."""
 
@@ -243,6 +246,8 @@ def refit(
     realised = 1 - math.sqrt(fitted.projected.objective / max(current.projected.objective, 1e-300))
     astray = realised < 0 or (promised >= MUCH_PROMISED and realised < LEAST_REALISED * promised)
     nearer = [_halved(effect, start), dict(effect.neutral)] if astray else []
+    if _limits(effect) and promised >= MUCH_PROMISED and realised < HALF_REALISED * promised:
+        nearer = [dict(other) for other in effect.starts]
     for other in (*nearer, *others):
         try:
             again = _fitted(current, windows, effect, other, min(hopeless, fitted.projected.objective))
@@ -256,6 +261,11 @@ def refit(
             break
         fitted, effect = again, wider
     return fitted, effect
+
+
+def _limits(effect: Effect) -> bool:
+    """Whether the effect is a limit: it does nothing at its upper bound alone."""
+    return effect.neutral[effect.magnitude] == effect.parameters[effect.magnitude].high
 
 
 def _halved(effect: Effect, start: dict[str, float]) -> dict[str, float]:

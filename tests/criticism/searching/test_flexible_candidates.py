@@ -1,17 +1,27 @@
 """What is tried last is found without being asked for; what is another law is not taken for it."""
 
 import math
+from dataclasses import replace
 
 import pytest
 
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.data.windows import make_windows
+from onlinebayes.criticism.searching import flexible_candidates
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.flexible_candidates import Last, last_candidates, last_found, tried_last
+from onlinebayes.criticism.searching.flexible_candidates import (
+    MOST_LEADS,
+    Last,
+    found_beside,
+    last_candidates,
+    last_found,
+    tried_last,
+)
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.searching.stage import refit
+from onlinebayes.criticism.searching.stage import refit, run_stage
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.effects import ActuatorDelay, Cogging, DryFriction
+from onlinebayes.runs import Watch
+from onlinebayes.simulators.effects import ActuatorDeadZone, ActuatorDelay, Cogging, DryFriction
 from tests.criticism.replaying.test_timed import DAMPING, measured, table
 from tests.criticism.rigs import measure, model
 
@@ -39,6 +49,32 @@ def test_a_drift_is_found() -> None:
 @pytest.mark.slow
 def test_friction_is_none_of_them() -> None:
     assert found(measure({FRICTION: (1.0,)}, runs=9)) is None
+
+
+def test_beside_which_candidates_the_last_ones_are_looked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those that fail fewest rules first, then those that gain most; what may be chance is none."""
+    data = measure({FRICTION: (1.0,)}, runs=9)
+    base = ground(model(), data, Selection())
+    stage = run_stage(base.fitted, base.windows, (FRICTION,), base.numerics, Selection())
+    (judged,) = stage.judged
+    rank = {"most": (2, 90.0), "nearest": (1, 40.0), "next": (1, 30.0), "last": (3, 80.0), "chance": (0, 99.0)}
+    leads = [
+        replace(
+            judged,
+            effect=DryFriction(name, FRICTION.frictionloss),
+            failed=("rule",) * failed,
+            gain=replace(judged.gain, gain=gain),
+            p_value=0.5 if name == "chance" else 0.001,
+        )
+        for name, (failed, gain) in rank.items()
+    ]
+    lines, tried = list[str](), list[object]()
+    monkeypatch.setattr(flexible_candidates, "tried_last", lambda current, groups, context: tried.append(current) or [])
+    context = SearchContext(data, Selection(), watch=Watch(say=lines.append))
+    groups = last_candidates(base)
+    assert found_beside([replace(stage, judged=tuple(leads))], base, groups, context) is None
+    assert lines == [f"looking beside dry_friction@{name}" for name in ("nearest", "next", "most")]
+    assert len(tried) == MOST_LEADS
 
 
 @pytest.mark.slow
@@ -70,6 +106,15 @@ def test_cogging_behind_a_late_motor_is_found() -> None:
     result = refine(model(), measure({COGGING: (1.0, 60.0, 0.7), delay: (0.012,)}, runs=9, finer=16))
     assert set(result.accepted) == {"actuator_delay@motor", "cogging@rail"}
     assert result.parameters["cogging@rail.poles"].mean == pytest.approx(60.0, rel=0.01)
+
+
+@pytest.mark.long
+def test_cogging_behind_a_dead_zone_is_found() -> None:
+    dead = ActuatorDeadZone("motor", Parameter(0.0, 5.0, "N"))
+    result = refine(model(), measure({COGGING: (1.0, 60.0, 0.7), dead: (0.6,)}, runs=9, finer=16))
+    assert set(result.accepted) == {"actuator_dead_zone@motor", "cogging@rail"}
+    assert result.parameters["cogging@rail.poles"].mean == pytest.approx(60.0, rel=0.01)
+    assert result.parameters["actuator_dead_zone@motor.width"].mean == pytest.approx(0.6, rel=0.05)
 
 
 @pytest.mark.long

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import pytest
+import torch
 
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.fitting.fit import Fit
+from onlinebayes.criticism.fitting.fit import Fit, unfitted
 from onlinebayes.criticism.searching import stage
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.effects import JointStiffness, QuadraticDrag
+from onlinebayes.simulators.effects import ActuatorSaturation, JointStiffness, QuadraticDrag
 from tests.criticism.rigs import measure, model
 
 SPRING = JointStiffness("rail", Parameter(0.0, 20.0, "N/m"), Parameter(-1.0, 1.0, "m"))
 DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
+LIMIT = ActuatorSaturation("motor", Parameter(0.2, 11.0, "N"))
 
 
 @pytest.mark.parametrize(
@@ -35,4 +37,19 @@ def test_where_a_refit_begins(monkeypatch: pytest.MonkeyPatch, effect, start, pr
 
     monkeypatch.setattr(stage, "_fitted", counted)
     stage.refit(base.fitted, base.windows, effect, start, promised=promised)
+    assert sizes == begun
+
+
+@pytest.mark.parametrize(("promised", "begun"), [(0.9, [9.0, *(s["limit"] for s in LIMIT.starts)]), (0.2, [9.0])])
+def test_a_limit_that_stops_at_the_peaks_begins_again_further_in(monkeypatch, promised, begun) -> None:
+    base = ground(model(), measure({LIMIT: (3.0,)}, runs=3), Selection())
+    limited, sizes = base.fitted.simulator.with_effect(LIMIT), list[float]()
+    stuck = unfitted(limited, base.windows, torch.cat([base.fitted.theta, torch.tensor([10.9]).double()]))
+
+    def counted(current: Fit, windows, effect, start, hopeless) -> Fit:
+        sizes.append(start["limit"])
+        return stuck
+
+    monkeypatch.setattr(stage, "_fitted", counted)
+    stage.refit(base.fitted, base.windows, LIMIT, {"limit": 9.0}, promised=promised)
     assert sizes == begun
