@@ -3,13 +3,17 @@
     u_g = 1/h int_{t_g}^{t_{g+1}} u(t) dt,      y_g = y_i + dy/dt_i (t_g - t_i),   i the nearest measured row
 
 u(t) is the logged command, held between rows. A clock that is even already is left as it is; a jittering one is
-corrected to first order, and a grid row without a measurement within h / 2 has none. Where a log pauses for more than
-``PAUSE`` steps nobody knows what was commanded: the run falls into pieces there, and no window bridges them.
+corrected to first order, and a grid row without a measurement within h / 2 has none. Both the average and the
+correction err by about h^2 times an acceleration's change, which was taken for a late motor: where commands change
+between the measured rows, or rows jitter, the replay's own grid is finer than the sensor's (:func:`replay_step`).
+Where a log pauses for more than ``PAUSE`` steps nobody knows what was commanded: the run falls into pieces there, and
+no window bridges them.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
@@ -30,6 +34,15 @@ CLOSE = 0.2
 
 MOST = 0.95
 """Share of a signal's instants that must lie on rows of the grid before the grid is made for them."""
+
+EXACT = 0.05
+"""Of a grid's step: instants further from its rows jitter."""
+
+JITTER_PARTS = 8
+"""Into so many parts a step is cut whose rows jitter."""
+
+FINEST = 1e-3
+"""No step [s] is cut below this: what happens within it moves no machine."""
 
 
 @dataclass(frozen=True)
@@ -92,6 +105,36 @@ def even_step(measurement: Measurement, timestep: float) -> float:
     that is moved to another row would be compared across a jump of the command.
     """
     return max(1, round(row_step(measurement) / _rows_apart(measurement) / timestep)) * timestep
+
+
+def replay_step(measurement: Measurement, timestep: float) -> float:
+    """Spacing h [s] of what a replay is driven by: as :func:`even_step`, or finer, as commands and jitter ask for.
+
+    Where commands change between the measured rows, the time between their changes; an eighth of the step where more
+    than a few rows, or changes, lie off an even clock of it.
+    """
+    measured = row_step(measurement) / _rows_apart(measurement)
+    step, instants = measured, list(_measured_and_changed(measurement))
+    if any(len(torch.cat([rows, changes]).unique()) > len(rows) / MOST for rows, changes in instants):
+        apart = torch.cat([changes.diff() for _, changes in instants])
+        step = min(step, float(apart.median()))
+    if not all(_even(torch.cat(both), step) for both in instants):
+        step /= JITTER_PARTS
+    return max(1, round(max(step, min(FINEST, measured)) / timestep)) * timestep
+
+
+def _measured_and_changed(measurement: Measurement) -> Iterator[tuple[Tensor, Tensor]]:
+    """Of each run when signals were measured, and when a command took another value [s after its first row]."""
+    for run in measurement.data:
+        time, command = run["time"][run["mask"]], run["command"][run["mask"]]
+        changed = (command[1:] != command[:-1]).any(-1)
+        yield time[run["measured"][run["mask"]].any(-1)] - time[0], time[1:][changed] - time[0]
+
+
+def _even(time: Float[Tensor, " N"], step: float) -> bool:
+    """Whether nearly all instants are whole multiples of a step."""
+    place = time / step
+    return not len(place) or float(((place - place.round()).abs() < EXACT).double().mean()) > MOST
 
 
 def _rows_apart(measurement: Measurement) -> int:

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.coordinates import rotations, velocity
-from onlinebayes.criticism.data.grid import RunGrid, even_step, run_grids
+from onlinebayes.criticism.data.grid import RunGrid, replay_step, run_grids
 from onlinebayes.criticism.data.motion import check_seen
 from onlinebayes.criticism.data.past import Past
 from onlinebayes.criticism.data.tiling import Tiling, tile
@@ -174,7 +174,7 @@ def make_windows(
         BadInput: a joint that no signal shows, an unknown signal, a command that is missing.
     """
     measurement = _in_order(simulator, measurement)
-    step = even_step(measurement, simulator.timestep)
+    step = replay_step(measurement, simulator.timestep)
     if like is not None:
         step = _whole_part(like.step, step, simulator.timestep)
     grids = run_grids(measurement, step)

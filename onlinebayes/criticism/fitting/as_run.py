@@ -49,11 +49,14 @@ class Trial:
         simulator: at its own step, with the effects added so far.
         measurement: the fit runs.
         horizon: H [s].
+        thorough: whether the model's own step is fitted whatever a first step promises: where a machine turns over, one
+            step tells nothing of where a fit ends.
     """
 
     simulator: Simulator
     measurement: Measurement
     horizon: float
+    thorough: bool = False
 
     def windows(self, model: Simulator, known: AsRun) -> Windows:
         """Windows at the model's step, those that are known where it is the same."""
@@ -69,13 +72,14 @@ def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
         trial: the model, and what it is held against.
         judged: the same model fitted on the rung that its numerics asked for.
     """
-    best, tried = judged, {judged.rung}
-    for changed in (_denser, _soft, _own, _finer, _finer):
+    best, tried = judged, set[tuple[Rung, Rung]]()
+    for changed in (_denser, _soft, _own, _finer, _finer, _own):
         if misfit(best.fitted.projected) <= NOISE_FLOORS:
             break
         for rung in changed(trial, best):
-            if rung not in tried:
-                tried.add(rung)
+            # Once more where theta has come nearer meanwhile: far off, a step on another rung promises next to nothing.
+            if rung != best.rung and (rung, best.rung) not in tried:
+                tried.add((rung, best.rung))
                 best = _better(trial, best, rung) or best
     most = max(NOISE_FLOORS, FAR_BETTER * misfit(judged.fitted.projected))
     return best if best is not judged and misfit(best.fitted.projected) <= most else None
@@ -128,9 +132,10 @@ def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
         begun = unfitted(model, windows, best.fitted.theta, starts=starts)
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
-    if min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) >= left:
+    promising = min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) < left
+    if not promising and not (trial.thorough and rung.timestep == trial.simulator.timestep):
         return None
-    fitted = improve(begun, windows)
+    fitted = improve(begun, windows, math.inf if promising else best.fitted.projected.objective)
     return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None
 
 

@@ -5,7 +5,8 @@
 Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
 residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
 model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
-taken while the residual is far above the sensors' noise, for they leave measured rows out. In the end the model as it
+taken while the residual is far above the sensors' noise, for they leave measured rows out; steps longer than the
+model's own not at all where rows jitter or commands change between them. In the end the model as it
 was given, or its own soft friction, is preferred where it follows the log far better (:mod:`.as_run`).
 """
 
@@ -18,7 +19,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.grid import even_step
+from onlinebayes.criticism.data.grid import even_step, replay_step, row_step
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
@@ -89,8 +90,8 @@ def settle(
         fitted: a fit of this model to those grounds' windows, if there is one.
         like: a rung whose friction and moments all rungs have.
     """
-    trial, afar = Trial(simulator, measurement, horizon), begin is None
-    rungs = _rungs(ladder(simulator, horizon), before, like)
+    trial, afar = Trial(simulator, measurement, horizon, thorough=before is None), begin is None
+    rungs = _rungs(ladder(simulator, horizon, row_step(measurement)), before, like)
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
     for rung in rungs:
@@ -192,7 +193,8 @@ def check(
     rows = long.project(noise_rows(windows, moved[..., None]))
     error = float((rows.square().sum() / count).sqrt())
     too_few_rows = rms < ROWS_MATTER_BELOW and _leaves_out(simulator, measurement, windows, fitted)
-    sufficient = error < STEP_ERROR_SHARE * max(rms, LEAST_RESIDUAL) and not too_few_rows
+    fine_enough = error < STEP_ERROR_SHARE * max(rms, LEAST_RESIDUAL)
+    sufficient = fine_enough and not too_few_rows and not _between_rows(simulator, measurement, windows, fitted)
     return Numerics(timestep, error, sufficient), _shift(long.columns.flatten(0, 1), rows.flatten())
 
 
@@ -205,6 +207,13 @@ def _leaves_out(simulator: Simulator, measurement: Measurement, windows: Windows
     """Whether the windows' rows are further apart than the measured ones."""
     finest = min(fitted.simulator.timestep, simulator.timestep)
     return windows.step > even_step(measurement, finest) * (1 + 1e-9)
+
+
+def _between_rows(simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit) -> bool:
+    """Whether commands change, or were measured values moved, within a step longer than the model's own."""
+    finest = min(fitted.simulator.timestep, simulator.timestep)
+    asked = replay_step(measurement, finest)
+    return asked < even_step(measurement, finest) * (1 - 1e-9) and windows.step > asked * (1 + 1e-9)
 
 
 def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:

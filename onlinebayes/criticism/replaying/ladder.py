@@ -1,12 +1,13 @@
 """How finely a model is integrated, from coarse to fine.
 
-    own integrator:  H / 100, halved down to the model's own step h
+    own integrator:  H / 100, halved down to the model's own step h, those that the log's rows fall on
     Runge-Kutta:     the same steps, h / 2 and h / 4, where the model's own integrator is another
     own integrator:  h / 4, h / 16
 
 A first-order integrator errs by h times the motion's rates: on a two-link arm at MuJoCo's default of Euler and 2 ms by
 twice a millimetre-class sensor's noise within a second, and at a sixteenth of that still by a tenth. Runge-Kutta's
-method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step.
+method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step. Where rows
+do not fall on steps, measured values are moved along their slopes, which errs by more than any of these.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from dataclasses import dataclass, replace
 from onlinebayes.criticism.data.tiling import BINS
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.simulators.base import Simulator
+
+ON_STEPS = 0.01  # steps by which a row may miss a whole number of them
 
 
 @dataclass(frozen=True)
@@ -46,19 +49,29 @@ class Rung:
         return replace(self, soft_friction=other.soft_friction, scaled_moments=other.scaled_moments)
 
 
-def ladder(simulator: Simulator, horizon: float) -> list[Rung]:
-    """The rungs for windows of ``horizon`` [s], coarse to fine; only the model's own where its step is fixed."""
+def ladder(simulator: Simulator, horizon: float, row: float) -> list[Rung]:
+    """The rungs for windows of ``horizon`` [s] of a log with rows ``row`` [s] apart, coarse to fine.
+
+    Only the model's own where its step is fixed.
+    """
     own = simulator.timestep
     if not adjustable(simulator):
         return [Rung(own)]
     factor, steps = max(1, int(horizon / BINS / own + 1e-9)), []
     while factor >= 1:
-        steps.append(factor * own)
+        if factor == 1 or _whole(factor * own, row):
+            steps.append(factor * own)
         factor //= 2
     rungs = [Rung(step) for step in steps]
     if first_order(simulator):
         rungs += [Rung(step, True) for step in (*steps, own / 2, own / 4)]
     return [*rungs, Rung(own / 4), Rung(own / 16)]
+
+
+def _whole(step: float, row: float) -> bool:
+    """Whether a row is a whole number of steps, or a step one of rows."""
+    ratio = max(step, row) / min(step, row)
+    return abs(ratio - round(ratio)) < ON_STEPS
 
 
 def adjustable(simulator: Simulator) -> bool:

@@ -8,6 +8,7 @@ The starts are not fitted yet, so that r may be larger than what the fitted mode
 from __future__ import annotations
 
 from onlinebayes.criticism import quantities
+from onlinebayes.criticism.data.grid import row_step
 from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.replaying.ladder import ladder
@@ -29,7 +30,7 @@ def as_given(simulator: Simulator, measurement: Measurement, selection: Selectio
         BadInput: the measurement does not suit the simulator.
     """
     noise = measured_floors(measurement)
-    coarse = ladder(simulator, selection.horizon_s)[0].of(simulator)
+    coarse = ladder(simulator, selection.horizon_s, row_step(measurement))[0].of(simulator)
     windows = make_windows(coarse, measurement, selection.horizon_s, MEMORY * selection.horizon_s, noise)
     nominal = coarse.parameters.clamp(coarse.nominal.to(noise))
     signals, valid = replay(coarse, windows, nominal[None], windows.start[None])

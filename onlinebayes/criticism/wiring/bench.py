@@ -10,6 +10,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.data.grid import row_step
 from onlinebayes.criticism.data.motion import seen_by
 from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.data.windows import Windows, joint_names, make_windows
@@ -155,7 +156,7 @@ class Bench:
 
     @property
     def _rung(self) -> Rung:
-        return self.rung or ladder(self.simulator, self.horizon)[0]
+        return self.rung or ladder(self.simulator, self.horizon, row_step(self.measurement))[0]
 
 
 def total(by_signal: Float[Tensor, " S"], unit: Float[Tensor, " S"] | float = 1.0) -> float:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from onlinebayes.criticism.data.grid import even_step, run_grids
+from onlinebayes.criticism.data.grid import even_step, replay_step, run_grids
 from onlinebayes.criticism.data.tiling import tile
 from onlinebayes.criticism.data.windows import _cut
 from onlinebayes.measurements import Measurement
@@ -126,3 +126,30 @@ def test_a_stray_row_and_a_clock_that_jitters_do_not_refine_the_grid() -> None:
     for time in (row * 0.01, row * 0.01 + draw.uniform(-0.001, 0.001, 2000)):
         run = {"time": time - time[0], "ctrl.motor": 0 * time, "qpos.rail": angle, "qvel.rail": velocity}
         assert even_step(Measurement.from_runs({"run": run}), 1e-3) == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("every", "changes", "jitter", "step"),
+    [
+        (1, 1, 0.0, 0.01),
+        (5, 5, 0.0, 0.05),
+        (5, 1, 0.0, 0.01),
+        (1, 1, 0.2, 0.00125),
+        (1, 1, 1e-3, 0.01),
+        (5, 1, 0.2, 0.00125),
+    ],
+    ids=["even", "held for five rows", "denser commands", "jitter", "hardly any jitter", "both"],
+)
+def test_the_replay_is_driven_as_often_as_commands_and_jitter_ask_for(every, changes, jitter, step) -> None:
+    row, draw = np.arange(1000), np.random.default_rng(0)
+    time = 0.01 * (row + jitter * draw.uniform(-1, 1, 1000))
+    time = time - time[0]
+    measurement = table(time, np.sin(row // changes), np.where(row % every == 0, np.sin(3 * time), np.nan))
+    assert replay_step(measurement, 1e-5) == pytest.approx(step, rel=0.01)
+    assert even_step(measurement, 1e-5) == pytest.approx(0.01 * every, rel=0.01)
+
+
+def test_a_fast_log_that_jitters_is_not_cut_below_a_millisecond() -> None:
+    draw = np.random.default_rng(0)
+    time = np.sort(0.002 * np.arange(1000) + 4e-4 * draw.uniform(-1, 1, 1000))
+    assert replay_step(table(time - time[0], np.sin(time), np.sin(3 * time)), 1e-5) == pytest.approx(1e-3)

@@ -71,6 +71,40 @@ def test_it_is_left_where_noise_is_all_that_a_finer_one_leaves() -> None:
     assert not ground(model, recorded(), Selection()).as_run  # not the step, nor a finer one: it is another method
 
 
+TURNING = """<mujoco><option timestep=".005"/><worldbody><body><joint name="shoulder" axis="0 1 0" damping=".05"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.3" size=".03" mass="1"/>
+<body pos="0 0 -.3"><joint name="elbow" axis="0 1 0" damping=".02"/>
+<geom type="capsule" fromto="0 0 0 0 0 -.25" size=".02" mass=".5"/></body></body></worldbody>
+<actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/></actuator></mujoco>"""
+
+
+def turning(runs: int = 4, seconds: float = 2.0) -> Measurement:
+    """Two links that turn over, integrated by Euler's method at the file's own 5 ms."""
+    model, rng, tables = mujoco.MjModel.from_xml_string(TURNING), np.random.default_rng(1), {}
+    time = ROW * np.arange(round(seconds / ROW) + 1)
+    for number in range(runs):
+        data = mujoco.MjData(model)
+        phase, rate = rng.uniform(0, 6, (2, 3, 1)), rng.uniform(0.3, 2.0, (2, 3, 1))
+        torque = (np.array([3.0, 1.0])[:, None, None] * np.sin(2 * np.pi * rate * time + phase)).sum(1)
+        angle = np.empty((len(time), 2))
+        for row in range(len(time)):
+            data.ctrl[:], angle[row] = torque[:, row], data.qpos + rng.normal(0, 1e-4, 2)
+            mujoco.mj_step(model, data, 2)
+        columns = {"time": time, "ctrl.m1": torque[0], "ctrl.m2": torque[1]}
+        tables[f"run{number}"] = {**columns, "qpos.shoulder": angle[:, 0], "qpos.elbow": angle[:, 1]}
+    signals = [Signal(f"qpos.{joint}", "rad", sd=1e-4) for joint in ("shoulder", "elbow")]
+    return Measurement.from_runs(tables, signals=signals)
+
+
+def test_the_own_step_is_fitted_where_one_step_of_theta_tells_nothing() -> None:
+    """Ended as unexplained, at many floors: what one step promises is far from where a fit of such motion ends."""
+    dampings = ParameterSpace({f"joint.{joint}.damping": Parameter(0.0, 1.0) for joint in ("shoulder", "elbow")})
+    grounds = ground(MujocoSimulator(TURNING, dampings, threads=1), turning(), Selection())
+    assert grounds.as_run
+    assert misfit(grounds.fitted.projected) < 1.1
+    assert grounds.fitted.theta.tolist() == pytest.approx([0.05, 0.02], rel=1e-3)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("timestep", [0.002, 0.0005])
 def test_its_friction_is_kept_soft(timestep: float) -> None:

@@ -35,10 +35,17 @@ class OneIntegrator(MujocoSimulator):
 def test_the_ladder_goes_down_to_a_sixteenth() -> None:
     own = [Rung(0.01), Rung(0.005), Rung(0.0025)]
     fine = [Rung(0.000625), Rung(0.00015625)]
-    assert ladder(MujocoSimulator(SLIDE.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *fine]
+    assert ladder(MujocoSimulator(SLIDE.replace("0.01", "0.0025"), FREE), 1.0, 0.01) == [*own, *fine]
     smooth = [Rung(step, True) for step in (0.01, 0.005, 0.0025, 0.00125, 0.000625)]
-    assert ladder(MujocoSimulator(EULER.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *smooth, *fine]
-    assert ladder(OneIntegrator(EULER.replace("0.01", "0.0025"), FREE), 1.0) == [*own, *fine]
+    assert ladder(MujocoSimulator(EULER.replace("0.01", "0.0025"), FREE), 1.0, 0.01) == [*own, *smooth, *fine]
+    assert ladder(OneIntegrator(EULER.replace("0.01", "0.0025"), FREE), 1.0, 0.01) == [*own, *fine]
+
+
+def test_rows_fall_on_the_steps_of_every_rung() -> None:
+    simulator = MujocoSimulator(SLIDE.replace("0.01", "0.002"), FREE)
+    for row, steps in ((0.01, [0.01, 0.002]), (0.02, [0.01, 0.004, 0.002]), (0.006, [0.002]), (0.0205, [0.002])):
+        coarse = [rung.timestep for rung in ladder(simulator, 1.0, row) if rung.timestep >= simulator.timestep]
+        assert coarse == pytest.approx(steps), row
 
 
 def test_a_rung_changes_step_and_method_and_nothing_else() -> None:

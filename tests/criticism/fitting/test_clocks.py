@@ -1,0 +1,52 @@
+"""A model that is right is right on any clock: commands denser than the sensor, and rows that jitter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.fitting.projection import misfit
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.mujoco import MujocoSimulator
+
+STEP, NOISE = 0.004, 1e-4  # of the simulator that writes the log [s], of the sensor [rad]
+ROWS, EVERY, RUNS = 750, 5, 6  # of that simulator, rows a measured one, runs
+ARM = """<mujoco><option timestep=".004" integrator="RK4"/><worldbody><body>
+<joint name="arm" axis="0 1 0" damping=".05"/>
+<geom type="capsule" size=".03" fromto="0 0 0 0 0 -.3" mass=".3"/></body></worldbody>
+<actuator><motor name="motor" joint="arm"/></actuator></mujoco>"""
+FREE = ParameterSpace({"joint.arm.damping": Parameter(0.0, 1.0, "N m s/rad")})
+
+
+def measured(held: int, jitters: bool) -> Measurement:
+    """The right model's own replay: a command for ``held`` rows, the angle at each fifth or, jittering, next to it."""
+    arm, draw = MujocoSimulator(ARM, FREE, worlds=RUNS, threads=1), np.random.default_rng(0)
+    time = STEP * torch.arange(ROWS + 1, dtype=torch.float64)
+    rate, phase = torch.from_numpy(draw.uniform((0.5, 0.0), (3.0, 6.0), (RUNS, 4, 2))).unbind(-1)
+    command = 0.5 * torch.sin(6.28 * rate[..., None] * time + phase[..., None]).sum(1)[..., None]
+    command = command[:, ::held].repeat_interleave(held, 1)[:, : ROWS + 1]
+    inputs = TensorDict({"command": command[:, :-1]}, batch_size=(RUNS, ROWS))
+    path = arm.rollout(torch.full((RUNS, 1), 0.05, dtype=torch.float64), arm.state, inputs, time[1:])["qpos"][..., 0]
+    angle = torch.nn.functional.pad(path, (1, 0)).numpy() + NOISE * draw.normal(size=(RUNS, ROWS + 1))
+    runs = {}
+    for run in range(RUNS):
+        shown = np.arange(0, ROWS + 1, EVERY) + (draw.integers(-1, 2, ROWS // EVERY + 1) if jitters else 0)
+        shown = shown.clip(0, ROWS)
+        seen = np.full(ROWS + 1, np.nan)
+        seen[shown] = angle[run, shown]
+        columns = {"time": time.numpy(), "ctrl.motor": command[run, :, 0].numpy(), "qpos.arm": seen}
+        runs[f"run{run}"] = columns
+    return Measurement.from_runs(runs, signals=[Signal("qpos.arm", "rad", sd=NOISE)])
+
+
+@pytest.mark.parametrize(("held", "jitters"), [(5, False), (1, False), (1, True)], ids=["even", "denser", "jitters"])
+def test_the_right_model_leaves_noise(held: int, jitters: bool) -> None:
+    """Replayed in steps that rows do not fall on, by the average of five commands, it left 39 floors."""
+    grounds = ground(MujocoSimulator(ARM, FREE, threads=1), measured(held, jitters), Selection())
+    assert misfit(grounds.fitted.projected) < 1.1
+    assert grounds.fitted.theta.tolist() == pytest.approx([0.05], rel=0.01)
