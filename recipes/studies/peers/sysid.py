@@ -66,11 +66,13 @@ class Problem:
     def residual(self, x: ndarray, params: sysid.ParameterDict) -> tuple[list[ndarray], list[Any], list[Any]]:
         """Weighed residuals, a column for each column of x."""
         windows = self.task.fit_windows
-        columns = []
-        for values in x.reshape(len(self.freed), -1).T:
-            wrong = (self.simulated(values, windows, params) - windows.value.numpy()) / self.task.noise.numpy()
-            columns.append(np.nan_to_num(wrong[windows.measured.numpy()], nan=FAR, posinf=FAR, neginf=-FAR))
+        columns = [self.weighed(values, windows, params) for values in x.reshape(len(self.freed), -1).T]
         return [np.stack(columns, 1) if x.ndim > 1 else columns[0]], [], []
+
+    def weighed(self, x: ndarray, windows: Windows, params: sysid.ParameterDict) -> Float[ndarray, " n"]:
+        """simulated - measured at x over windows, at what was measured [noise]."""
+        wrong = (self.simulated(x, windows, params) - windows.value.numpy()) / self.task.noise.numpy()
+        return np.nan_to_num(wrong[windows.measured.numpy()], nan=FAR, posinf=FAR, neginf=-FAR)
 
     def simulated(self, x: ndarray, windows: Windows, params: sysid.ParameterDict) -> Float[ndarray, "W K S"]:
         """Signals at x over windows."""
