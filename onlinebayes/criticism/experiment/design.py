@@ -20,10 +20,12 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.grid import row_step
 from onlinebayes.criticism.data.windows import joint_names
+from onlinebayes.criticism.experiment.check import check_table
 from onlinebayes.criticism.experiment.inputs import Inputs, family
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload, find_limits
 from onlinebayes.criticism.experiment.plan import Plan, Remedy, Rivalry, Tried
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
+from onlinebayes.criticism.experiment.postures import postures
 from onlinebayes.criticism.experiment.remedies import PARTED, loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
@@ -76,7 +78,8 @@ def next_experiment(
         The plan; None where it was interrupted.
 
     Raises:
-        BadInput: no actuators, a free or ball joint, no rivals, or limits that admit no input at all.
+        BadInput: no actuators, a free or ball joint, no rivals, no posture that a command holds, or limits that
+            admit no input at all.
     """
     joint_names(simulator)  # refuses free and ball joints: postures are not drawn for them
     watch = Watch(interrupt=interrupt) if progress is None else Watch(progress, interrupt)
@@ -93,7 +96,8 @@ def _proposed(
     """The plan that parts these rivals; None where it was interrupted."""
     model = rivals.hypotheses[0].simulator
     limits = find_limits(model, measurement, rivals.windows, allowed, _least_seconds(rivals))
-    every = family(rivals.windows, limits, model.commands, _affordable(rivals, limits))
+    starts = postures(rivals.windows, limits, rivals.hypotheses[0])
+    every = family(rivals.windows, limits, model.commands, starts, _affordable(rivals, limits))
     trials = []
     for payload in (None, *([allowed.payload] if allowed.payload else [])):
         carrying = f" with {payload.mass:g} kg at '{payload.body}'" if payload else ""
@@ -186,6 +190,7 @@ def _plan(
     chosen = part.inputs.select(torch.tensor([row], device=sigma.device))
     rivalries = _rivalries(rivals, limits, trials[0], sigma, best, measurement)
     time, command = _table(chosen, measurement)
+    check_table(time, command, chosen.held[0], limits, rivals.hypotheses[0].simulator.commands)
     tracks = {h.name: _track(loaded(h, part.payload), chosen, rivals, time) for h in rivals.hypotheses}
     model = rivals.hypotheses[0].simulator
     return Plan(

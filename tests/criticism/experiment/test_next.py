@@ -12,7 +12,7 @@ from tensordict import TensorDict
 from onlinebayes.criticism import Criticism, Selection, diagnose, refine
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.experiment import Allowed, Payload, next_experiment
-from onlinebayes.criticism.experiment.inputs import family
+from onlinebayes.criticism.experiment.inputs import Posture, family
 from onlinebayes.criticism.experiment.limits import find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.experiment.rivals import Pair, explanation, find_rivals
@@ -62,8 +62,9 @@ def load_pair() -> tuple[Pair, Measurement, tuple]:
     windows = make_windows(model, measured, 1.0, MEMORY)
     base = explanation("base", fit(model, windows, torch.tensor(sprung.TRUTH, dtype=torch.float64)), windows)
     limits = find_limits(model, measured, windows, replace(WIDE, seconds=4.0), 0.0)
+    start = Posture("", windows.start[0, :1], 60 * windows.start[0, :1])
     inputs = (
-        family(windows, limits, ("motor",))
+        family(windows, limits, ("motor",), [start])
         .select(torch.tensor([0, 5, 9]))
         .scaled(torch.full((3,), 0.05, dtype=torch.float64))
     )
