@@ -73,7 +73,7 @@ def summary(plan: Plan, folder: Path, names: Sequence[str]) -> str:
     if plan.decides:
         lines.append(("start", plan_words.beginning(plan)))
     for rivalry in plan.rivalries:
-        lines.append(("structural" if rivalry.structural else "decides", plan_words.expected(rivalry)))
+        lines.append((plan_words.outcome(rivalry), plan_words.expected(rivalry)))
         if rivalry.structural:
             lines.append(("", plan_words.remedy(rivalry)))
     if plan.decides:

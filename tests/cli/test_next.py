@@ -61,6 +61,10 @@ def test_the_result_says_what_it_expects(done: tuple[Path, str]) -> None:
     assert found["chosen"] == found["tried"][0]
     assert len(found["tried"]) > 10
     assert all(pair["structural"] == (pair["best"] < 3) for pair in found["rivalries"])
+    for number, pair in enumerate(found["rivalries"]):
+        assert pair["decides"] == (pair["sigma"] >= 3 and pair["fall"] >= 0.05)
+        assert pair["fall"] == found["chosen"]["sigma"][number]["fall"]
+        assert not (pair["structural"] and pair["too_small"])
     page = (folder / "next.html").read_text()
     assert "ctrl.motor" in page
     assert all(name in page for pair in found["rivalries"] for name in pair["names"])

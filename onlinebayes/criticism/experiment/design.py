@@ -1,10 +1,11 @@
 """What to record next: of all admissible inputs the one under which the rivals differ most.
 
-    chosen = argmax over inputs u of  min over pairs of rivals (a, b) of  separation(a, b; u)
+    chosen = argmax over inputs u of  min over pairs of rivals (a, b) of  strength(a, b; u)
 
-Separation is the smaller of both ways round: whichever of the two is true, the other must go. The inputs are compared
-to first order; the best few, and each pair's own best, with the models fitted anew. A pair that no input parts by 3
-sigma is structural: it takes no part in the choice, unless all are. Atkinson and Fedorov (1975): designs that
+Strength is the separation, the smaller of both ways round (whichever of the two is true, the other must go), and less
+where an effect would not be accepted for what it shows (:mod:`.deciding`). The inputs are compared to first order; the
+best few, and each pair's own best, with the models fitted anew. A pair that no input parts by 3 sigma is structural;
+one that no input decides takes no part in the choice, unless all are so. Atkinson and Fedorov (1975): designs that
 discriminate between models (T-optimality), here with what the present data say as the prior.
 """
 
@@ -20,11 +21,14 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.grid import row_step
 from onlinebayes.criticism.data.windows import joint_names
+from onlinebayes.criticism.experiment.check import check_table
+from onlinebayes.criticism.experiment.deciding import PARTED, accepted_from, rescaled, strength
 from onlinebayes.criticism.experiment.inputs import Inputs, family
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload, find_limits
 from onlinebayes.criticism.experiment.plan import Plan, Remedy, Rivalry, Tried
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
-from onlinebayes.criticism.experiment.remedies import PARTED, loaded, loaded_pair, remedies
+from onlinebayes.criticism.experiment.postures import postures
+from onlinebayes.criticism.experiment.remedies import loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
 from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
@@ -42,12 +46,18 @@ REPEATS = 4  # new runs outweigh all older ones, and by flipping the signs of tw
 
 @dataclass(frozen=True)
 class _Trials:
-    """All admissible inputs without or with a payload, and the separation of every rivalry under each."""
+    """All admissible inputs without or with a payload, and what every rivalry is under each."""
 
     inputs: Inputs
     payload: Payload | None
     sigma: Float[Tensor, "N R"]
+    fall: Float[Tensor, "N R"]
     refitted: Bool[Tensor, " N"]
+
+    @property
+    def strength(self) -> Float[Tensor, "N R"]:
+        """See :mod:`.deciding`."""
+        return strength(self.sigma, self.fall)
 
 
 @one_torch_thread()
@@ -76,7 +86,8 @@ def next_experiment(
         The plan; None where it was interrupted.
 
     Raises:
-        BadInput: no actuators, a free or ball joint, no rivals, or limits that admit no input at all.
+        BadInput: no actuators, a free or ball joint, no rivals, no posture that a command holds, or limits that
+            admit no input at all.
     """
     joint_names(simulator)  # refuses free and ball joints: postures are not drawn for them
     watch = Watch(interrupt=interrupt) if progress is None else Watch(progress, interrupt)
@@ -93,14 +104,16 @@ def _proposed(
     """The plan that parts these rivals; None where it was interrupted."""
     model = rivals.hypotheses[0].simulator
     limits = find_limits(model, measurement, rivals.windows, allowed, _least_seconds(rivals))
-    every = family(rivals.windows, limits, model.commands, _affordable(rivals, limits))
+    starts = postures(rivals.windows, limits, rivals.hypotheses[0])
+    every = family(rivals.windows, limits, model.commands, starts, _affordable(rivals, limits))
+    plays = max(REPEATS, math.ceil(_least_seconds(rivals) / limits.seconds))
     trials = []
     for payload in (None, *([allowed.payload] if allowed.payload else [])):
         carrying = f" with {payload.mass:g} kg at '{payload.body}'" if payload else ""
         watch.say(f"playing {every.count} inputs{carrying}")
         safe = admissible([loaded(h, payload) for h in rivals.hypotheses], every, limits)
         if safe.count:
-            trials.append(_compared(rivals, safe, payload, measurement))
+            trials.append(_compared(rivals, safe, payload, measurement, plays))
         if watch.stopped:
             return None
     if not trials:
@@ -114,8 +127,7 @@ def _proposed(
     if watch.stopped:
         return None
     plan = _plan(result, rivals, limits, trials, measurement)
-    enough = math.ceil(_least_seconds(rivals) / limits.seconds)
-    return replace(plan, refused=every.count - trials[0].inputs.count, recordings=max(REPEATS, enough) + 1)
+    return replace(plan, refused=every.count - trials[0].inputs.count, recordings=plays + 1)
 
 
 def _affordable(rivals: Rivals, limits: Limits) -> int:
@@ -134,32 +146,35 @@ def _least_seconds(rivals: Rivals) -> float:
     )
 
 
-def _compared(rivals: Rivals, inputs: Inputs, payload: Payload | None, measurement: Measurement) -> _Trials:
+def _compared(rivals: Rivals, inputs: Inputs, payload: Payload | None, measurement: Measurement, plays: int) -> _Trials:
     pairs = [loaded_pair(pair, payload) for pair in rivals.pairs]
-    each = torch.stack([separations(pair, inputs, rivals.windows, measurement.signals) for pair in pairs], -1)
-    sigma = torch.stack([each[:, list(rivals.of(names))].amin(-1) for names in rivals.names], -1)
-    return _Trials(inputs, payload, sigma, torch.zeros(inputs.count, dtype=torch.bool, device=sigma.device))
+    each = [separations(pair, inputs, rivals.windows, measurement.signals, plays=plays) for pair in pairs]
+    sigma = torch.stack([torch.stack([each[k].sigma for k in rivals.of(n)]).amin(0) for n in rivals.names], -1)
+    fall = torch.stack([torch.stack([each[k].fall for k in rivals.of(n)]).amin(0) for n in rivals.names], -1)
+    return _Trials(inputs, payload, sigma, fall, torch.zeros(inputs.count, dtype=torch.bool, device=sigma.device))
 
 
 def _confirmed(rivals: Rivals, trials: _Trials, measurement: Measurement, watch: Watch) -> _Trials:
     """The leading inputs with the models fitted anew, until it is interrupted."""
-    order = _worth(trials.sigma).argsort(descending=True)[:REFITTED].tolist()
-    leading = dict.fromkeys([*order, *trials.sigma.argmax(0).tolist()])
-    sigma, done = trials.sigma.clone(), trials.refitted.clone()
+    order = _worth(trials.strength).argsort(descending=True)[:REFITTED].tolist()
+    leading = dict.fromkeys([*order, *trials.strength.argmax(0).tolist()])
+    sigma, fall, done = trials.sigma.clone(), trials.fall.clone(), trials.refitted.clone()
     for n in leading:
         if watch.stopped:
             break
         one = trials.inputs.select(torch.tensor([n], device=sigma.device))
         each = [refitted(pair, one, rivals.windows, measurement.signals) for pair in rivals.pairs]
         sigma[n] = sigma.new_tensor([min(each[k] for k in rivals.of(names)) for names in rivals.names])
+        # The error falls by what the separation is made of.
+        fall[n] = rescaled(fall[n], sigma[n] / trials.sigma[n].clamp_min(1e-12))
         done[n] = True
-    return replace(trials, sigma=sigma, refitted=done)
+    return replace(trials, sigma=sigma, fall=fall, refitted=done)
 
 
-def _worth(sigma: Float[Tensor, "N R"]) -> Float[Tensor, " N"]:
-    """The smallest separation of each input over the rivalries that some input decides; over all where none does."""
-    open_ = sigma.amax(0) >= PARTED
-    return sigma[:, open_].amin(-1) if bool(open_.any()) else sigma.amin(-1)
+def _worth(strong: Float[Tensor, "N R"]) -> Float[Tensor, " N"]:
+    """The smallest strength of each input over the rivalries that some input decides; over all where none does."""
+    open_ = strong.amax(0) >= PARTED
+    return strong[:, open_].amin(-1) if bool(open_.any()) else strong.amin(-1)
 
 
 def _plan(
@@ -169,23 +184,18 @@ def _plan(
     trials: Sequence[_Trials],
     measurement: Measurement,
 ) -> Plan:
-    sigma = torch.cat([part.sigma for part in trials])
-    tried = [
-        Tried(name, float(scale), part.payload, tuple(row), bool(done))
-        for part in trials
-        for name, scale, row, done in zip(
-            part.inputs.names, part.inputs.scale, part.sigma.tolist(), part.refitted, strict=True
-        )
-    ]
-    worth = _worth(sigma)
+    sigma, fall = (torch.cat([getattr(part, name) for part in trials]) for name in ("sigma", "fall"))
+    tried = [one for part in trials for one in _tried(part)]
+    worth = _worth(strength(sigma, fall))
     # Where one was refitted, only those that were are compared: first order flatters what bends.
     eligible = torch.cat([part.refitted | (part.payload is not None) for part in trials])
     order = torch.where(eligible, worth, worth - 1e9).argsort(descending=True).tolist()
     best = order[0]
     part, row = (trials[0], best) if best < trials[0].inputs.count else (trials[1], best - trials[0].inputs.count)
     chosen = part.inputs.select(torch.tensor([row], device=sigma.device))
-    rivalries = _rivalries(rivals, limits, trials[0], sigma, best, measurement)
+    rivalries = _rivalries(rivals, limits, trials[0], sigma, fall, best, measurement)
     time, command = _table(chosen, measurement)
+    check_table(time, command, chosen.held[0], limits, rivals.hypotheses[0].simulator.commands)
     tracks = {h.name: _track(loaded(h, part.payload), chosen, rivals, time) for h in rivals.hypotheses}
     model = rivals.hypotheses[0].simulator
     return Plan(
@@ -206,19 +216,53 @@ def _plan(
     )
 
 
+def _tried(part: _Trials) -> list[Tried]:
+    rows = zip(
+        part.inputs.names,
+        part.inputs.scale.tolist(),
+        part.sigma.tolist(),
+        part.fall.tolist(),
+        part.refitted.tolist(),
+        strict=True,
+    )
+    return [
+        Tried(name, scale, part.payload, tuple(sigma), tuple(None if math.isnan(f) else f for f in fall), done)
+        for name, scale, sigma, fall, done in rows
+    ]
+
+
 def _rivalries(
-    rivals: Rivals, limits: Limits, bare: _Trials, sigma: Float[Tensor, "N R"], best: int, measurement: Measurement
+    rivals: Rivals,
+    limits: Limits,
+    bare: _Trials,
+    sigma: Float[Tensor, "N R"],
+    fall: Float[Tensor, "N R"],
+    best: int,
+    measurement: Measurement,
 ) -> tuple[Rivalry, ...]:
-    found = []
+    found, strong = [], strength(sigma, fall)
     for r, names in enumerate(rivals.names):
-        most = float(sigma[:, r].max())
+        most, pairs = float(sigma[:, r].max()), [rivals.pairs[k] for k in rivals.of(names)]
         structural = most < PARTED
         helps: tuple[Remedy, ...] = ()
         if structural:
             closest = bare.inputs.select(bare.sigma[:, r].argsort(descending=True)[:REFITTED])
-            pairs = [rivals.pairs[k] for k in rivals.of(names)]
             helps = remedies(pairs, closest, limits, rivals.windows, measurement.signals)
-        found.append(Rivalry(names, float(sigma[best, r]), most, structural, helps))
+        added, asked = pairs[0].added, float(fall[best, r])
+        found.append(
+            Rivalry(
+                names,
+                float(sigma[best, r]),
+                most,
+                structural,
+                helps,
+                fall=None if math.isnan(asked) else asked,
+                decides=float(strong[best, r]) >= PARTED,
+                too_small=not structural and float(strong[:, r].max()) < PARTED,
+                accepted_from=accepted_from(added, float(strong[best, r])),
+                unit=added.unit if added else "",
+            )
+        )
     return tuple(found)
 
 

@@ -2,7 +2,7 @@
 
     u(t) = u0 + a w(t) s(t),     s one of chirps, steps, stairs, a slow triangle, sums of sines;  w(0) = w(T) = 0
 
-u0 is the command that was held at the posture when a run began, a the largest amplitude that the limits leave. w rises
+u0 is the command that holds the posture (see :mod:`.postures`), a the largest amplitude that the limits leave. w rises
 and falls as a raised cosine, so that the machine is never jolted. The second form of a shape is balanced: a constant
 and a ramp are taken from it so that its integral and double integral vanish, which brings a free mass back to where it
 was, at rest. Edges of steps are as long as the rate allows.
@@ -11,7 +11,7 @@ was, at rest. Edges of steps are as long as the rate allows.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -22,9 +22,22 @@ from torch import Tensor
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.limits import Limits
 
-POSTURES = 3
-ANOTHER = 0.2  # of the travel, by which postures differ that are worth a start of their own
 TAPER = 0.1  # of the length, at most one horizon
+
+
+@dataclass(frozen=True)
+class Posture:
+    """A start at rest.
+
+    Args:
+        name: what to add to an input's name; empty for the first.
+        start: q0 of the J joints [m, rad].
+        held: u0 of the U commands [command units].
+    """
+
+    name: str
+    start: Float[Tensor, " J"]
+    held: Float[Tensor, " U"]
 
 
 @dataclass(frozen=True)
@@ -36,7 +49,7 @@ class Inputs:
         step: spacing of the rows [s].
         command: held from each row until the next [command units].
         start: posture [m, rad].
-        held: command that belongs to the posture [command units].
+        held: command that holds the posture [command units].
         scale: share of the largest amplitude that was left of each.
     """
 
@@ -63,19 +76,23 @@ class Inputs:
         return replace(self, command=held + factor[:, None, None] * (self.command - held), scale=self.scale * factor)
 
 
-def family(windows: Windows, limits: Limits, names: tuple[str, ...], most: int = 96) -> Inputs:
+def family(
+    windows: Windows, limits: Limits, names: tuple[str, ...], postures: Sequence[Posture], most: int = 96
+) -> Inputs:
     """All inputs, within the bounds of the commands and their rates.
 
     Args:
-        windows: of the measured runs; give the clock, the horizon and the postures.
+        windows: of the measured runs; give the clock and the horizon.
         limits: what is admissible.
         names: of the U actuators.
+        postures: where inputs begin and end, each held by a command within the bounds.
         most: number of inputs; of more, every so many-th is taken.
     """
     rows = max(2, round(limits.seconds / windows.step)) + 1
     t = torch.arange(rows, dtype=windows.start.dtype, device=windows.start.device) * windows.step
     found = []
-    for place, start, held in _postures(windows, limits):
+    for posture in postures:
+        place, start, held = posture.name, posture.start, posture.held
         for actuators in _together(limits):
             who = names[actuators[0]] if len(actuators) == 1 else "all"
             for what, shape in _shapes(t, windows.horizon, _edges(limits, actuators), len(actuators)):
@@ -100,24 +117,9 @@ def family(windows: Windows, limits: Limits, names: tuple[str, ...], most: int =
 
 
 def _slow_enough(inputs: Inputs, limits: Limits) -> Inputs:
+    """Nearer to the held command, which lies within the bounds, as far as the rates ask."""
     rate = (inputs.command[:, 1:] - inputs.command[:, :-1]).abs().amax(1) / inputs.step
     return inputs.scaled((limits.rate / rate.clamp_min(1e-300)).amin(1).clamp_max(1.0))
-
-
-def _postures(windows: Windows, limits: Limits) -> list[tuple[str, Float[Tensor, " J"], Float[Tensor, " U"]]]:
-    """Where runs began, and what was commanded there: the first, and those that differ from it most."""
-    J = windows.free.shape[1]
-    firsts = [int((windows.run == r).nonzero()[0]) for r in windows.run.unique()]
-    q, u = windows.start[firsts, :J], windows.command[firsts, 0]
-    width = (limits.travel_high - limits.travel_low).clamp_min(1e-12)
-    chosen = [0]
-    while len(chosen) < min(POSTURES, len(firsts)):
-        apart = ((q[:, None] - q[chosen]) / width).abs().amax(-1).amin(1)
-        if float(apart.max()) < ANOTHER:
-            break
-        chosen.append(int(apart.argmax()))
-    names = [""] + [f", from where run '{windows.runs[int(windows.run[firsts[k]])]}' began" for k in chosen[1:]]
-    return [(name, q[k], u[k]) for name, k in zip(names, chosen, strict=True)]
 
 
 def _together(limits: Limits) -> list[tuple[int, ...]]:

@@ -20,6 +20,7 @@ class Tried:
         scale: share of the largest admissible command that the motion's limits left.
         payload: what was fixed to the model, or None.
         sigma: expected separation of each pair, in the plan's order, to first order or refitted.
+        fall: by which share it would lower the error if the effect is there, of each pair; None where none is added.
         refitted: whether the models were fitted anew for it.
     """
 
@@ -27,6 +28,7 @@ class Tried:
     scale: float
     payload: Payload | None
     sigma: tuple[float, ...]
+    fall: tuple[float | None, ...] = ()
     refitted: bool = False
 
 
@@ -48,6 +50,12 @@ class Rivalry:
         best: the largest that any input tried would give.
         structural: whether that is below 3, so that no admissible recording would part them.
         remedies: what would, best first; empty where nothing that was tried does, or nothing is needed.
+        fall: share by which the effect, if it is there, lowers the error under the chosen input; None where no effect
+            is added.
+        decides: whether the chosen input parts them by 3 sigma, and that fall is what acceptance asks for.
+        too_small: whether they are parted, but no admissible recording lowers the error by so much.
+        accepted_from: size from which on the effect would be accepted under the chosen input [``unit``]; None likewise.
+        unit: of that size.
     """
 
     names: tuple[str, str]
@@ -55,6 +63,11 @@ class Rivalry:
     best: float
     structural: bool
     remedies: tuple[Remedy, ...] = ()
+    fall: float | None = None
+    decides: bool = True
+    too_small: bool = False
+    accepted_from: float | None = None
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -93,5 +106,5 @@ class Plan:
 
     @property
     def decides(self) -> bool:
-        """Whether any pair of rivals is parted by the chosen input."""
-        return any(not rivalry.structural for rivalry in self.rivalries)
+        """Whether some pair of rivals is one that a recording decides."""
+        return any(not rivalry.structural and not rivalry.too_small for rivalry in self.rivalries)

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Bool, Float
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits
+from onlinebayes.criticism.replaying.replay import VISIBLE
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.simulators.base import Simulator
 
@@ -41,14 +42,41 @@ def play(hypothesis: Hypothesis, inputs: Inputs) -> TensorDict:
     """The trajectories under every input, batch size (N, K): row 0 is the posture, at rest; ``"valid"`` beside it."""
     N, K, _ = inputs.command.shape
     theta = hypothesis.theta.expand(N, -1)
-    start = TensorDict({"qpos": inputs.start, "qvel": torch.zeros_like(inputs.start)}, batch_size=(N,))
-    state = hypothesis.simulator.assembled(start)
+    state = at_rest(hypothesis.simulator, theta, inputs.start, inputs.held, K * inputs.step)
     times = torch.arange(1, K, dtype=theta.dtype, device=theta.device) * inputs.step
     commands = TensorDict({"command": inputs.command[:, :-1]}, batch_size=(N, K - 1))
     path = hypothesis.simulator.rollout(theta, state, commands, times)
     rows = {key: torch.cat([state[key][:, None], path[key]], 1) for key in ("qpos", "qvel")}
     valid = torch.cat([torch.ones_like(path["valid"][:, :1]), path["valid"]], 1)
     return TensorDict({**rows, "valid": valid}, batch_size=(N, K))
+
+
+def at_rest(
+    simulator: Simulator,
+    theta: Float[Tensor, "N P"],
+    start: Float[Tensor, "N J"],
+    held: Float[Tensor, "N U"],
+    seconds: float,
+) -> TensorDictBase:
+    """States at rest whose hidden parts (delay buffers, activations) know nothing but the held command.
+
+    Args:
+        simulator, theta: of the worlds.
+        start: postures [m, rad].
+        held: commands that were there before [command units].
+        seconds: for how long at most [s]. Force stages are at rest until a recording begins.
+    """
+    state = simulator.assembled(TensorDict({"qpos": start, "qvel": torch.zeros_like(start)}, batch_size=(len(start),)))
+    hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
+    memory = max((effect.memory for effect in simulator.effects if not effect.staged), default=0.0)
+    past = seconds if set(hidden) - {"effects"} else min(memory, seconds)
+    if not hidden or past < simulator.timestep:
+        return state
+    before = TensorDict({"command": held[:, None]}, batch_size=(len(held), 1))
+    left = simulator.rollout(theta, state, before, theta.new_tensor([past]))
+    for key in hidden:
+        state[key] = left[key][:, -1]
+    return state
 
 
 def keeps(trajectory: TensorDict, limits: Limits) -> Bool[Tensor, " N"]:

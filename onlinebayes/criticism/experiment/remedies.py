@@ -14,6 +14,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.experiment.deciding import PARTED
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits, Payload
 from onlinebayes.criticism.experiment.plan import Remedy
@@ -24,7 +25,6 @@ from onlinebayes.measurements import Signal
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
-PARTED = 3.0
 ACCURACY = 1e-3
 MOST_BODIES = 8
 
@@ -54,14 +54,15 @@ def loaded(hypothesis: Hypothesis, payload: Payload | None) -> Hypothesis:
 
 def loaded_pair(pair: Pair, payload: Payload | None) -> Pair:
     """Both rivals with the payload; what the present data say was measured without it, and stays."""
-    return Pair(loaded(pair.truth, payload), replace(pair.other, hypothesis=loaded(pair.other.hypothesis, payload)))
+    other = replace(pair.other, hypothesis=loaded(pair.other.hypothesis, payload))
+    return replace(pair, truth=loaded(pair.truth, payload), other=other)
 
 
 def weakest(
     pairs: Sequence[Pair], inputs: Inputs, present: Windows, signals: Sequence[Signal], noise: Tensor | None = None
 ) -> Float[Tensor, " N"]:
     """The smaller of both ways round, under each input."""
-    return torch.stack([separations(pair, inputs, present, signals, noise) for pair in pairs]).amin(0)
+    return torch.stack([separations(pair, inputs, present, signals, noise).sigma for pair in pairs]).amin(0)
 
 
 def _sensors(pairs: Sequence[Pair], inputs: Inputs, present: Windows, signals: Sequence[Signal]) -> list[Remedy]:

@@ -2,7 +2,8 @@
 
     effects accepted    the final model, and the same with an accepted effect swapped for one that it cannot be told
                         from, or where there is none for the next by score: each against each
-    nothing accepted    the base model with one effect, as large as the data leave possible, against the base model
+    nothing accepted    the base model with one effect, as large as the data leave possible, its other parameters
+                        adapted to the present data beside it (:mod:`.adapted`), against the base model
 
 What the present data say about a model's parameters goes with it:
 
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import grown, propose, trials
 from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
@@ -66,10 +68,26 @@ class Explanation:
 
 @dataclass(frozen=True)
 class Pair:
-    """If ``truth`` is true, is ``other`` ruled out?"""
+    """If ``truth`` is true, is ``other`` ruled out?
+
+    Args:
+        truth: what is true.
+        other: what is to be ruled out.
+        added: where ``truth`` is ``other`` with one effect more, which must then be accepted: its size; else None.
+    """
 
     truth: Hypothesis
     other: Explanation
+    added: Size | None = None
+
+
+@dataclass(frozen=True)
+class Size:
+    """Value of an effect's first parameter and the one at which it does nothing [``unit``]."""
+
+    value: float
+    neutral: float
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -218,9 +236,12 @@ def _excluded(result: Criticism, grounds: Grounds, base: Explanation, found: dic
         effect = found[candidate.effect]
         values = _possible(effect, candidate)
         model = grown(grounds.fitted.simulator, [effect])
-        theta = torch.cat([base.hypothesis.theta, base.hypothesis.theta.new_tensor(values)])
-        size = f"{effect.key} = {values[0]:.3g} {effect.parameters[effect.magnitude].unit}".rstrip()
-        pairs.append(Pair(Hypothesis(size, model, theta), base))
+        begin = torch.cat([base.hypothesis.theta, base.hypothesis.theta.new_tensor(values)])
+        free = len(base.hypothesis.theta)
+        theta = adapted(model, grounds.windows, begin, free, base.fitted.lin.starts, base.weight)
+        added = Size(values[0], effect.neutral[effect.magnitude], effect.parameters[effect.magnitude].unit)
+        name = f"{effect.key} = {added.value:.3g} {added.unit}".rstrip()
+        pairs.append(Pair(Hypothesis(name, model, theta), base, added))
     return tuple(pairs)
 
 

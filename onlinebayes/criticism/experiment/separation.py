@@ -10,15 +10,20 @@ Linear in d, this is a screening: a model may bend further than its tangent, or 
 other model fit the present data and the predicted ones together, and counts what that costs,
 
     x^2 = (Delta / tau) (min over theta of |r~|^2 over both  -  min over theta of |r~|^2 over the present data)
+
+An effect is accepted only where it also lowers the error by 5 % (``judging.acceptance``), over the present data and n
+new recordings together:
+
+    fall = 1 - sqrt(S / (S + E)),     S what noise leaves of both,  E what the other one's d for all of them adds
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
@@ -27,16 +32,35 @@ from onlinebayes.criticism.experiment.play import predicted
 from onlinebayes.criticism.experiment.rivals import Explanation, Pair, rows_of
 from onlinebayes.criticism.fitting.descent import difference_steps
 from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.projection import project
+from onlinebayes.criticism.fitting.projection import Projected, project
 from onlinebayes.criticism.fitting.sensitivities import linearise
 from onlinebayes.criticism.replaying.bounded import bounded_least_squares
 from onlinebayes.measurements import Signal
 from onlinebayes.runs import BadInput
 
 
+@dataclass(frozen=True)
+class Separation:
+    """What each of N inputs does about one pair.
+
+    Args:
+        sigma: expected separation by one recording.
+        fall: share by which the effect that is true lowers the error, over the present data and all new recordings; nan
+            for a pair that no added effect makes.
+    """
+
+    sigma: Float[Tensor, " N"]
+    fall: Float[Tensor, " N"]
+
+
 def separations(
-    pair: Pair, inputs: Inputs, present: Windows, signals: Sequence[Signal], noise: Float[Tensor, " S"] | None = None
-) -> Float[Tensor, " N"]:
+    pair: Pair,
+    inputs: Inputs,
+    present: Windows,
+    signals: Sequence[Signal],
+    noise: Float[Tensor, " S"] | None = None,
+    plays: int = 1,
+) -> Separation:
     """Expected separation under each input, to first order; 0 where the other model's replay diverges.
 
     Args:
@@ -45,6 +69,7 @@ def separations(
         present: windows of the present data.
         signals: what is measured under the inputs.
         noise: floor of each of them [SI]; the present data's where they are the same signals.
+        plays: recordings that are fitted, for the fall of the error.
     """
     other = pair.other
     windows = predicted_windows(pair, inputs, present, signals, present.noise if noise is None else noise)
@@ -55,24 +80,46 @@ def separations(
         windows.start,
         difference_steps(other.fitted.projected),
     )
+    nothing = inputs.command.new_zeros(inputs.count)
+    unasked = torch.full_like(nothing, torch.nan)
     if not lin.valid:
-        return inputs.command.new_zeros(inputs.count)
+        return Separation(nothing, unasked if pair.added is None else nothing)
     extra = len(signals) - len(other.weight)
     weight = torch.cat([other.weight, other.weight.new_ones(extra)])
     projected = project(windows, lin, weight)
-    found = []
+    share = windows.bin_step / max(other.tau, windows.bin_step)
+    sigma, falls = [], []
     for n in range(inputs.count):
-        r, C = rows_of(projected, (windows.run == n).nonzero()[:, 0])
-        found.append(_least(r, C, windows.bin_step / max(other.tau, windows.bin_step), other))
-    return torch.stack(found)
+        mine = (windows.run == n).nonzero()[:, 0]
+        r, C = rows_of(projected, mine)
+        step = _step(r, C, share, other)
+        square = share * (r - C @ step).square().sum() + step @ other.information @ step
+        sigma.append(square.clamp_min(0.0).sqrt())
+        falls.append(unasked[0] if pair.added is None or extra else _fall(projected, mine, share, other, plays))
+    return Separation(torch.stack(sigma), torch.stack(falls))
 
 
-def _least(r: Float[Tensor, " m"], C: Float[Tensor, "m P"], share: float, other: Explanation) -> Float[Tensor, ""]:
+def _step(
+    r: Float[Tensor, " m"], C: Float[Tensor, "m P"], share: float, other: Explanation, plays: int = 1
+) -> Float[Tensor, " P"]:
+    """How the other model's parameters adapt to so many equal recordings, kept by what the present data say."""
     space, theta = other.hypothesis.simulator.parameters, other.hypothesis.theta
-    normal, gradient = share * (C.T @ C) + other.information, share * (C.T @ r)
-    step = bounded_least_squares(normal, gradient, space.low.to(theta) - theta, space.high.to(theta) - theta)
-    square = share * r.square().sum() - 2 * gradient @ step + step @ normal @ step
-    return square.clamp_min(0.0).sqrt()
+    normal, gradient = plays * share * (C.T @ C) + other.information, plays * share * (C.T @ r)
+    return bounded_least_squares(normal, gradient, space.low.to(theta) - theta, space.high.to(theta) - theta)
+
+
+def _fall(new: Projected, mine: Int[Tensor, " V"], share: float, other: Explanation, plays: int) -> Float[Tensor, ""]:
+    """Fall of the error, in noise units as acceptance takes it: what the other model misses beyond noise goes."""
+    r, C = rows_of(new, mine)
+    step, old = _step(r, C, share, other, plays), other.fitted.projected
+
+    def square(projected: Projected, rows: Float[Tensor, "V m"]) -> Float[Tensor, ""]:
+        return (projected.measured_rows(rows) / projected.weight).square().sum()
+
+    # Each new window is as noisy as the present ones are on average; what adapting costs there counts, too.
+    noise = square(old, old.residual) * (1 + plays * len(mine) / len(old.residual))
+    missed = plays * square(new, new.residual[mine] - new.columns[mine] @ step) + square(old, old.columns @ step)
+    return 1 - (noise / (noise + missed)).sqrt()
 
 
 def refitted(pair: Pair, inputs: Inputs, present: Windows, signals: Sequence[Signal]) -> float:

@@ -68,6 +68,7 @@ def to_dict(plan: Plan) -> dict[str, Any]:
 
 def _tried(plan: Plan, tried: Tried) -> dict[str, Any]:
     sigma = [
-        {"names": rivalry.names, "sigma": value} for rivalry, value in zip(plan.rivalries, tried.sigma, strict=True)
+        {"names": rivalry.names, "sigma": value, "fall": fall}
+        for rivalry, value, fall in zip(plan.rivalries, tried.sigma, tried.fall, strict=True)
     ]
-    return {**asdict(tried), "sigma": sigma}
+    return {**{key: value for key, value in asdict(tried).items() if key != "fall"}, "sigma": sigma}

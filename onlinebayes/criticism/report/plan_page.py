@@ -49,19 +49,21 @@ def _rivalries(plan: Plan) -> Html:
             f"{number}. {' or '.join(rivalry.names)}",
             f"{rivalry.sigma:.3g}",
             f"{rivalry.best:.3g}",
+            plan_words.acceptance(rivalry),
             plan_words.remedy(rivalry) if rivalry.structural else "",
         ]
         for number, rivalry in enumerate(plan.rivalries, 1)
     ]
     note = (
         "How surely a recording rules out one model if the other is true, its parameters and the windows' starts "
-        "having adapted. Below 3 under every input the two are structurally alike."
+        "having adapted. Below 3 under every input the two are structurally alike. An effect is accepted only where it "
+        "lowers the error, over the present runs and the new ones, by enough, too."
     )
     return section(
         "What is open",
         table(
             "Rivals, and how surely a recording parts them",
-            ("rivals", "sigma, this input", "sigma, best input", "what would part them"),
+            ("rivals", "sigma, this input", "sigma, best input", "if the effect is there", "what would part them"),
             rows,
         ),
         note=note,

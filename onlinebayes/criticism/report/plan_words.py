@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism.experiment import Plan, Rivalry, Tried
+from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 
 
 def headline(plan: Plan) -> str:
@@ -26,13 +27,36 @@ def beginning(plan: Plan) -> str:
     return f"at rest, {posture}"
 
 
+def outcome(rivalry: Rivalry) -> str:
+    """What becomes of one pair of rivals, in a word or two."""
+    if rivalry.structural:
+        return "structural"
+    if rivalry.too_small:
+        return "too small"
+    return "decides" if rivalry.decides else "left open"
+
+
 def expected(rivalry: Rivalry) -> str:
     """What the chosen input does about one pair of rivals."""
     first, second = rivalry.names
     if rivalry.structural:
         return f"{first} or {second}: at most {rivalry.best:.2g} sigma under any admissible input"
-    weak = "" if rivalry.sigma >= 3 else f", not enough (another input gives {rivalry.best:.3g})"
-    return f"{first} or {second}: {rivalry.sigma:.3g} sigma{weak}"
+    if rivalry.too_small:
+        return f"{first} or {second}: {rivalry.sigma:.3g} sigma, but {acceptance(rivalry)}"
+    weak = "" if rivalry.decides else f", not enough (another input gives {rivalry.best:.3g})"
+    asked = f"; {acceptance(rivalry)}" if rivalry.fall is not None else ""
+    return f"{first} or {second}: {rivalry.sigma:.3g} sigma{weak}{asked}"
+
+
+def acceptance(rivalry: Rivalry) -> str:
+    """Whether an effect would be accepted for what it shows, and from which size on; empty where none is added."""
+    if rivalry.fall is None:
+        return ""
+    size = f"{rivalry.accepted_from:.3g} {rivalry.unit}".rstrip() if rivalry.accepted_from is not None else ""
+    return (
+        f"it would lower the error by {100 * rivalry.fall:.2g} %, and {100 * LEAST_FALL:g} % are asked"
+        f"{f': accepted from about {size} on' if size else ''}"
+    )
 
 
 def remedy(rivalry: Rivalry) -> str:

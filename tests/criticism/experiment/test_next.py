@@ -12,11 +12,13 @@ from tensordict import TensorDict
 from onlinebayes.criticism import Criticism, Selection, diagnose, refine
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.experiment import Allowed, Payload, next_experiment
-from onlinebayes.criticism.experiment.inputs import family
+from onlinebayes.criticism.experiment.adapted import adapted
+from onlinebayes.criticism.experiment.deciding import strength
+from onlinebayes.criticism.experiment.inputs import Posture, family
 from onlinebayes.criticism.experiment.limits import find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.experiment.rivals import Pair, explanation, find_rivals
-from onlinebayes.criticism.experiment.separation import refitted, separations
+from onlinebayes.criticism.experiment.rivals import Pair, Size, explanation, find_rivals
+from onlinebayes.criticism.experiment.separation import predicted_windows, refitted, separations
 from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.results import Wiring
 from onlinebayes.measurements import Measurement, Signal
@@ -62,8 +64,9 @@ def load_pair() -> tuple[Pair, Measurement, tuple]:
     windows = make_windows(model, measured, 1.0, MEMORY)
     base = explanation("base", fit(model, windows, torch.tensor(sprung.TRUTH, dtype=torch.float64)), windows)
     limits = find_limits(model, measured, windows, replace(WIDE, seconds=4.0), 0.0)
+    start = Posture("", windows.start[0, :1], 60 * windows.start[0, :1])
     inputs = (
-        family(windows, limits, ("motor",))
+        family(windows, limits, ("motor",), [start])
         .select(torch.tensor([0, 5, 9]))
         .scaled(torch.full((3,), 0.05, dtype=torch.float64))
     )
@@ -78,7 +81,7 @@ def test_what_parameters_can_do_does_not_separate(load_pair: tuple) -> None:
     for size in (0.0, 0.01, 0.02):
         theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([size], dtype=torch.float64)])
         true = Pair(replace(pair.truth, theta=theta), pair.other)
-        sigma.append(separations(true, inputs, windows, measured.signals))
+        sigma.append(separations(true, inputs, windows, measured.signals).sigma)
     sd = float(torch.linalg.inv(pair.other.information)[1, 1].sqrt())
     assert float(sigma[0].max()) < 0.05  # what the smoothing of the starts errs by
     torch.testing.assert_close(sigma[2], 2 * sigma[1], rtol=0.02, atol=0.05)
@@ -92,10 +95,55 @@ def test_first_order_agrees_with_refitting_where_the_model_is_nearly_linear(load
     model = sprung.model().with_effect(sprung.LOAD)
     theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
     true = Pair(Hypothesis("load", model, theta), pair.other)
-    quick = separations(true, inputs, windows, measured.signals)
+    quick = separations(true, inputs, windows, measured.signals).sigma
     slow = [refitted(true, inputs.select(torch.tensor([n])), windows, measured.signals) for n in range(3)]
     torch.testing.assert_close(quick, quick.new_tensor(slow), rtol=0.1, atol=0.1)
     assert float(quick.min()) > 3
+
+
+def test_the_fall_of_the_error_is_that_of_a_refit(load_pair: tuple) -> None:
+    """A load of 0.003 N: its fall is what the refit's objective rises by, and goes with the square of the size."""
+    pair, measured, (windows, inputs) = load_pair
+    model = sprung.model().with_effect(sprung.LOAD)
+    one, falls = inputs.select(torch.tensor([1])), []
+    for size in (0.003, 0.006):
+        theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([size], dtype=torch.float64)])
+        true = Pair(Hypothesis("load", model, theta), pair.other, Size(size, 0.0, "N"))
+        falls.append(float(separations(true, one, windows, measured.signals).fall))
+        new = predicted_windows(true, one, windows, measured.signals, windows.noise)
+        noise = pair.other.fitted.projected.objective * (1 + new.count / windows.count)
+        sigma = refitted(true, one, windows, measured.signals)
+        rise = sigma**2 * max(pair.other.tau, windows.bin_step) / windows.bin_step
+        assert falls[-1] == pytest.approx(1 - (noise / (noise + rise)) ** 0.5, rel=0.1)
+    assert torch.isnan(separations(replace(true, added=None), one, windows, measured.signals).fall).all()
+    small, large = (float(strength(torch.tensor(1e9), torch.tensor(fall))) for fall in falls)
+    assert large == pytest.approx(2 * small, rel=1e-3)
+
+
+def test_more_recordings_lower_the_error_by_more(load_pair: tuple) -> None:
+    """The present data, which show nothing, count for less."""
+    pair, measured, (windows, inputs) = load_pair
+    theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
+    true = Pair(Hypothesis("load", sprung.model().with_effect(sprung.LOAD), theta), pair.other, Size(0.003, 0.0, "N"))
+    once, often = (separations(true, inputs, windows, measured.signals, plays=n) for n in (1, 4))
+    assert bool((often.fall > once.fall).all())
+    torch.testing.assert_close(often.sigma, once.sigma)
+
+
+def test_an_effect_that_a_parameter_mimics_contradicts_nothing(load_pair: tuple) -> None:
+    """Were there friction of 0.5 N s/m, the damping that was fitted without it would be too large by that."""
+    pair, measured, (windows, inputs) = load_pair
+    base = pair.other.hypothesis.theta
+    begin = torch.cat([base, torch.tensor([0.5], dtype=torch.float64)])
+    model, starts = pair.truth.simulator, pair.other.fitted.lin.starts
+    theta = adapted(model, windows, begin, 2, starts, pair.other.weight)
+    assert float(theta[1]) == pytest.approx(float(base[1]) - 0.5, abs=1e-3)
+    assert float(theta[2]) == 0.5
+    unmoved, moved = (
+        separations(replace(pair, truth=replace(pair.truth, theta=t)), inputs, windows, measured.signals).sigma
+        for t in (begin, theta)
+    )
+    assert float(moved.max()) < 0.1 < 3 < float(unmoved.max())
 
 
 FREE_SLIDE = sprung.MODEL.replace(' damping="8" stiffness="60"', "")

@@ -1,4 +1,4 @@
-"""The family of inputs: within the limits, smooth at both ends, and balanced where it says so."""
+"""The family of inputs: within the limits, without a jolt at both ends, and balanced where it says so."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism.data.windows import Windows, make_windows
-from onlinebayes.criticism.experiment.inputs import Inputs, family
+from onlinebayes.criticism.experiment.inputs import Inputs, Posture, family
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
 from onlinebayes.runs import BadInput
@@ -27,9 +27,14 @@ def limits() -> Limits:
     return Limits(-5 * one, 8 * one, 60 * one, -0.1 * one, 0.1 * one, 0.5 * one, 6.0)
 
 
+def hanging(held: float) -> list[Posture]:
+    """Where the sprung slide begins, held by so much."""
+    return [Posture("", torch.tensor([sprung.REST]).double(), torch.tensor([held]).double())]
+
+
 @pytest.fixture(scope="module")
 def inputs(windows: Windows, limits: Limits) -> Inputs:
-    return family(windows, limits, ("motor",))
+    return family(windows, limits, ("motor",), hanging(60 * sprung.REST))
 
 
 def test_commands_and_their_rates_keep_to_the_limits(inputs: Inputs, limits: Limits) -> None:
@@ -51,11 +56,20 @@ def test_inputs_begin_and_end_at_the_held_command_without_a_jolt(inputs: Inputs)
     assert bool((away[:, [1, -2]].amax((1, 2)) < 0.01 * largest).all())
 
 
+def test_a_slow_rate_does_not_take_commands_out_of_their_bounds(windows: Windows) -> None:
+    """Brought nearer to what is held, which lies within the bounds, they stay there."""
+    one = torch.ones(1, dtype=torch.float64)
+    narrow = Limits(-0.5 * one, 0.5 * one, one, -one, one, one, 6.0)
+    command = family(windows, narrow, ("motor",), hanging(-0.49)).command
+    assert float(command.abs().max()) <= 0.5 + 1e-9
+    assert float((command[:, 1:] - command[:, :-1]).abs().max()) <= windows.step * (1 + 1e-9)
+
+
 def test_balanced_inputs_bring_a_free_mass_back_to_rest(windows: Windows) -> None:
     """No integral and no double integral is left, so that neither speed nor place of a free mass is."""
     one = torch.ones(1, dtype=torch.float64)
     wide = Limits(-20 * one, 20 * one, 1e6 * one, -one, one, one, 6.0)
-    inputs = family(windows, wide, ("motor",))
+    inputs = family(windows, wide, ("motor",), hanging(0.0))
     balanced = [n for n, name in enumerate(inputs.names) if "balanced" in name]
     pushed = (inputs.command - inputs.held[:, None])[balanced][..., 0]
     speed = pushed.cumsum(1) * inputs.step
