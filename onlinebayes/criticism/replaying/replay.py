@@ -25,6 +25,7 @@ from onlinebayes.criticism.replaying.charted import chart_of
 from onlinebayes.criticism.replaying.recall import recall
 from onlinebayes.criticism.replaying.scoped import unfold
 from onlinebayes.criticism.replaying.timed import pieces
+from onlinebayes.runs import heed
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import sense, unsense
 
@@ -167,6 +168,7 @@ def _drive(
     step: float,
     copies: int,
 ) -> TensorDict:
+    heed()
     W, K, _ = command.shape
     inputs = TensorDict({"command": _repeat(command, copies)}, batch_size=(copies * W, K))
     if not bool((enable == 1).all()):
