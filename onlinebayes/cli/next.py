@@ -15,7 +15,7 @@ from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan import write_plan
 from onlinebayes.criticism.split import split
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput, Interrupt, Stopped
 
 WIDTH, COLUMN = 80, 12
 
@@ -48,7 +48,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
             if result.interrupted:
                 return _stopped()
             fit_runs, _ = split(problem.measurement, problem.holdout)
-            with Interrupt("onlinebayes: stopping after the stage in hand; Ctrl-C again ends it at once") as interrupt:
+            with Interrupt("onlinebayes: stopping; Ctrl-C again ends the step in hand at once") as interrupt:
                 plan = next_experiment(
                     result,
                     problem.simulator,
@@ -58,6 +58,8 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
                     progress=_log,
                     interrupt=interrupt,
                 )
+        except Stopped:
+            return _stopped()
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         if plan is None:

@@ -17,7 +17,7 @@ from onlinebayes.cli.wiring_lines import composed
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import write_report
 from onlinebayes.criticism.report.refined import noted
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput, Interrupt, Stopped
 
 
 def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
@@ -39,6 +39,9 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     with writable(Path(out)) as folder:
         try:
             result = criticise(command, problem)
+        except Stopped:
+            _log("stopped before the model was fitted; nothing is written")
+            return 130
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
@@ -64,7 +67,7 @@ def criticise(command: str, problem: Problem) -> Criticism:
 
 def _criticised(command: str, problem: Problem) -> Criticism:
     model, data, how = problem.simulator, problem.measurement, problem.selection
-    stopping = "onlinebayes: stopping after the fit in hand; Ctrl-C again gives that one up"
+    stopping = "onlinebayes: stopping with what is known; Ctrl-C again ends the step in hand at once"
     with Interrupt(stopping) as interrupt, Stages() as say:
         if command == "compare":
             return compare(

@@ -17,6 +17,7 @@ from onlinebayes.criticism.findings.answers import parameter_changes, widened_bo
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
 from onlinebayes.criticism.findings.fit_notes import fit_notes
 from onlinebayes.criticism.findings.log_notes import log_notes
+from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
 from onlinebayes.criticism.findings.opening import opened
 from onlinebayes.criticism.findings.ranking import rank, steps
 from onlinebayes.criticism.findings.too_small import too_small_note
@@ -211,13 +212,21 @@ def _notes(
 ) -> tuple[str, ...]:
     """What else a reader should know: of the task, the fit, the held-out runs and the log."""
     parameters, simulator = models.final.parameters, task.simulator
+    # Starts that were taken as measured explain a held-out error, wherever else its runs went.
+    beyond_fit = starts_note(models.final, models.held, models.error, task.selection.tolerance) or new_ground_notes(
+        models.final.replays,
+        reaches(found.final.windows, simulator.commands),
+        reaches(models.held, simulator.commands),
+        models.error.noise_floor,
+        units,
+    )
     return (
         *task.notes,
         *fit_notes(
             simulator, found, task.selection, parameters, miswired=fault is not None, refined=question == "refine"
         ),
         *(_carried_over(task, found, models, units) if found.accepted else ()),
-        *starts_note(models.final, models.held, models.error, task.selection.tolerance),
+        *beyond_fit,
         *too_small_note(candidates, task.selection.alpha),
         *log_notes(candidates, parameters, simulator.commands, tuple(units)),
     )

@@ -64,24 +64,31 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Fo
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
     Arguments as :func:`onlinebayes.criticism.searching.search.search`. With a fault nothing is accepted and no
-    bound widened: the final model is the base model.
+    bound widened: the final model is the base model. A question that is stopped stays without an answer.
+
+    Raises:
+        Stopped: it was interrupted before the base model was fitted.
     """
     measurement, selection, watch = context.measurement, context.selection, context.watch
-    if first := as_given(simulator, measurement, selection):
-        watch.say(first)
-    watch.say("fitting the base model")
-    base = ground(simulator, measurement, selection)
-    if bool(base.windows.observed.any()):
-        units = {signal.name: signal.unit for signal in measurement.signals}
-        watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
-    wiring = _Wiring(base, simulator, context, look(base, simulator, measurement, selection, watch))
-    if (fault := wiring.beyond_doubt) is not None:
-        return Found(base, base, (), (), ()), fault
+    with watch.heeded():
+        if first := as_given(simulator, measurement, selection):
+            watch.say(first)
+        watch.say("fitting the base model")
+        base = ground(simulator, measurement, selection)
+    wiring = _Wiring(base, simulator, context, None)
+    with watch.giving_up():
+        if bool(base.windows.observed.any()):
+            units = {signal.name: signal.unit for signal in measurement.signals}
+            watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
+        wiring = replace(wiring, leads=look(base, simulator, measurement, selection, watch))
+        if (fault := wiring.beyond_doubt) is not None:
+            return Found(base, base, (), (), ()), fault
     found = search(simulator, context, most, base)
-    fault, share = wiring.beside(found)
-    if fault is not None and fault.beats(found.final, selection, share):
-        return replace(found, final=base, accepted=(), widened=None, changes=()), fault
-    return found, None
+    with watch.giving_up():
+        fault, share = wiring.beside(found)
+        if fault is not None and fault.beats(found.final, selection, share):
+            return replace(found, final=base, accepted=(), widened=None, changes=()), fault
+    return replace(found, interrupted=watch.stopped), None
 
 
 @dataclass(frozen=True)

@@ -49,24 +49,28 @@ def compare(
         selection: how effects are judged.
         scope: which parameters differ between runs; None for none.
         progress: takes one line of text between stages; one that ends in a full stop is an answer, to be kept.
-        interrupt: ends the work after the fit in hand, without the wiring check and longer windows.
+        interrupt: ends the work at its next replay, without the wiring check and longer windows.
 
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
+        Stopped: it was interrupted before the base model was fitted.
     """
     stopwatch = Stopwatch(progress)
     watch = Watch(stopwatch, interrupt)
-    task = prepared(simulator, measurement, holdout, selection, scope)
-    if first := as_given(task.simulator, task.fit_runs, task.selection):
-        watch.say(first)
-    watch.say("fitting the base model")
-    base = ground(task.simulator, task.fit_runs, task.selection)
-    fault = None if watch.stopped else suspect(base, task.simulator, task.fit_runs, task.selection, watch)
-    found = Found(base, base, (), (), (), interrupted=watch.stopped, enough=enough_motion(base, task.selection))
-    if fault is None and not watch.stopped and (longer := task.slower(found, watch)) is not None:
-        task, base = task.over(longer), ground(task.simulator, task.fit_runs, longer)
-        found = Found(base, base, (), (), ())
-    return assemble("compare", task, found, fault, stopwatch)
+    fault = None
+    with watch.heeded():
+        task = prepared(simulator, measurement, holdout, selection, scope)
+        if first := as_given(task.simulator, task.fit_runs, task.selection):
+            watch.say(first)
+        watch.say("fitting the base model")
+        base = ground(task.simulator, task.fit_runs, task.selection)
+        found = Found(base, base, (), (), (), enough=enough_motion(base, task.selection))
+    with watch.giving_up():
+        fault = suspect(base, task.simulator, task.fit_runs, task.selection, watch)
+        if fault is None and (longer := task.slower(found, watch)) is not None:
+            base = ground(task.simulator, task.fit_runs, longer)
+            task, found = task.over(longer), Found(base, base, (), (), ())
+    return assemble("compare", task, replace(found, interrupted=watch.stopped), fault, stopwatch)
 
 
 @one_torch_thread()
@@ -85,10 +89,14 @@ def diagnose(
 
     Args:
         candidates: ``"all"``, or effect names, ``name@target`` keys and effects with bounds of their own.
-        interrupt: stops the search after the fit in hand; what was found until then is returned.
+        interrupt: stops the search at its next replay; what was found until then is returned.
+
+    Raises:
+        BadInput, Stopped: as :func:`compare`.
     """
     stopwatch = Stopwatch(progress)
-    task = prepared(simulator, measurement, holdout, selection, scope)
+    with Watch(stopwatch, interrupt).heeded():
+        task = prepared(simulator, measurement, holdout, selection, scope)
     return _searched("diagnose", task, candidates, 1, stopwatch, interrupt)
 
 
@@ -106,7 +114,8 @@ def refine(
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
     stopwatch = Stopwatch(progress)
-    task = prepared(simulator, measurement, holdout, selection, scope)
+    with Watch(stopwatch, interrupt).heeded():
+        task = prepared(simulator, measurement, holdout, selection, scope)
     return _searched("refine", task, candidates, MOST_EFFECTS, stopwatch, interrupt)
 
 
@@ -122,13 +131,21 @@ def _searched(
     watch = Watch(stopwatch, interrupt)
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
     found, fault = inquire(task.simulator, context, most)
-    stopped = False
-    if fault is None and not watch.stopped and (longer := task.slower(found, watch)) is not None:
-        again, late_fault = inquire(task.simulator, replace(context, selection=longer), most)
-        if late_fault is None and adds_to(again, found, task.simulator, longer):
-            task, found = task.over(longer), again
-        else:
-            stopped = again.interrupted
-            task = task.unexplained_over(longer, stopped)
+    longer = again = late_fault = None
+    with watch.giving_up():
+        longer = task.slower(found, watch) if fault is None and not watch.stopped else None
+    with watch.giving_up():
+        if longer is not None:
+            again, late_fault = inquire(task.simulator, replace(context, selection=longer), most)
+    stopped = watch.stopped
+    if (
+        longer is not None
+        and again is not None
+        and late_fault is None
+        and adds_to(again, found, task.simulator, longer)
+    ):
+        task, found = task.over(longer), again
+    elif longer is not None:
+        task = task.unexplained_over(longer, stopped)
     result = assemble(question, task, found, fault, stopwatch)
     return replace(result, interrupted=result.interrupted or stopped)

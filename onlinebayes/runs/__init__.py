@@ -2,7 +2,7 @@
 
 from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
-from onlinebayes.runs.interrupt import Interrupt
+from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
 from onlinebayes.runs.names import nearest, similar
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.results import ResultTable, Row
@@ -17,9 +17,11 @@ __all__ = [
     "Progress",
     "ResultTable",
     "Row",
+    "Stopped",
     "Watch",
     "atomic_path",
     "generator",
+    "heed",
     "nearest",
     "one_torch_thread",
     "seed_everything",

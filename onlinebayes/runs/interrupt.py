@@ -1,4 +1,8 @@
-"""A clean stop: the first Ctrl-C or SIGTERM asks the loop to end, a second Ctrl-C ends it at once."""
+"""A clean stop: the first Ctrl-C or SIGTERM asks the loop to end, a second Ctrl-C ends it at once.
+
+A fit may take minutes. Within a block that heeds the request the next :func:`heed`, which every replay begins with,
+raises :class:`Stopped`: nobody between the two needs to know who may ask for a stop.
+"""
 
 from __future__ import annotations
 
@@ -6,17 +10,40 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from types import FrameType, TracebackType
 from typing import Any
+
+from onlinebayes.runs.errors import BadInput
+
+_HEEDED: ContextVar[Interrupt | None] = ContextVar("heeded", default=None)
+"""Who may ask the block in hand to end."""
+
+
+class Stopped(BadInput):
+    """Raised in place of a replay where the work is to end.
+
+    Whoever goes on without a fit that diverges goes on without one that was stopped, and then looks whether it is to.
+    """
+
+    def __init__(self) -> None:
+        super().__init__("stopped before the fit in hand had ended")
+
+
+def heed() -> None:
+    """Raise :class:`Stopped` if the block in hand has been asked to end; nothing outside of such blocks."""
+    interrupt = _HEEDED.get()
+    if interrupt is not None and interrupt.requested:
+        raise Stopped
 
 
 class Interrupt:
     """Context in which Ctrl-C and SIGTERM set :attr:`requested` instead of raising.
 
-    A loop looks at ``requested`` between its steps, keeps what it has and returns. A second Ctrl-C raises
-    ``KeyboardInterrupt`` as usual, which within :meth:`giving_up` leaves that block only. SIGTERM only ever asks:
-    ``timeout`` sends it to the process and to its group, twice at once. Outside the main thread, where handlers cannot
-    be set, the context does nothing.
+    A loop looks at ``requested`` between its steps, keeps what it has and returns; what lasts long stops at its next
+    replay within :meth:`heeded` and :meth:`giving_up`. A second Ctrl-C raises ``KeyboardInterrupt`` as usual, which
+    within :meth:`giving_up` leaves that block only. SIGTERM only ever asks: ``timeout`` sends it to the process and to
+    its group, twice at once. Outside the main thread, where handlers cannot be set, the context does nothing.
 
     Args:
         message: what the first request prints on standard error; nothing when empty.
@@ -42,11 +69,21 @@ class Interrupt:
             signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set from Python
 
     @contextmanager
-    def giving_up(self) -> Iterator[None]:
-        """A block that the second Ctrl-C leaves, and after which the work goes on with what it has."""
+    def heeded(self) -> Iterator[None]:
+        """A block that :func:`heed` ends once a stop is asked for: without it there is nothing to go on with."""
+        token = _HEEDED.set(self)
         try:
             yield
-        except KeyboardInterrupt:
+        finally:
+            _HEEDED.reset(token)
+
+    @contextmanager
+    def giving_up(self) -> Iterator[None]:
+        """The same, after which the work goes on with what it has; a second Ctrl-C leaves it at once."""
+        try:
+            with self.heeded():
+                yield
+        except (KeyboardInterrupt, Stopped):
             if not self.requested:
                 raise
 

@@ -19,7 +19,7 @@ class Watch:
 
     Args:
         say: takes one line of progress.
-        interrupt: what asks the work to end after the fit in hand; None where nothing does.
+        interrupt: what asks the work to end; None where nothing does.
     """
 
     say: Callable[[str], None] = _silent
@@ -40,8 +40,12 @@ class Watch:
         """The same for a step that is done as a whole or not at all."""
         return replace(self, interrupt=None)
 
+    def heeded(self) -> AbstractContextManager[None]:
+        """A block of which nothing is known before its end: a stop raises :class:`.interrupt.Stopped` there."""
+        return nullcontext() if self.interrupt is None else self.interrupt.heeded()
+
     def giving_up(self) -> AbstractContextManager[None]:
-        """A block in which a second Ctrl-C gives up what a first one waits for, and keeps what is known."""
+        """A block that a stop leaves at its next replay, and a second Ctrl-C at once; what is known is kept."""
         return nullcontext() if self.interrupt is None else self.interrupt.giving_up()
 
 

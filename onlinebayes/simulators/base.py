@@ -101,6 +101,11 @@ class Simulator(ABC):
         return {}
 
     @property
+    def fed_by_command(self) -> frozenset[str]:
+        """Keys of :attr:`state`, effects aside, that follow from commands and theta whatever moves; none by default."""
+        return frozenset()
+
+    @property
     @abstractmethod
     def nominal(self) -> Float[Tensor, " P"]:
         """Theta of the system as it was built: the model file's own values, and neutral ones for effects."""

@@ -13,6 +13,7 @@ import pytest
 
 from onlinebayes.cli import show, work
 from onlinebayes.cli.main import main
+from onlinebayes.cli.stages import Stages
 from onlinebayes.criticism import Criticism
 from tests.criticism.report.synthetic import criticism, drive
 
@@ -98,7 +99,14 @@ def test_a_signal_keeps_what_is_known(folder, capsys, monkeypatch, result, numbe
     monkeypatch.setattr(work, "refine", asked)
     assert main(arguments("refine", folder)) == 130
     assert (folder / "out" / "here" / "report.json").exists()
-    assert "stopping after the fit in hand" in capsys.readouterr().err
+    assert "stopping with what is known" in capsys.readouterr().err
+
+
+def test_a_stop_before_the_base_fit_is_said_and_leaves_nothing(folder, capsys, monkeypatch):
+    monkeypatch.setattr(Stages, "__call__", lambda _stages, _line: signal.raise_signal(signal.SIGTERM))
+    assert main(arguments("compare", folder)) == 130
+    assert "stopped before the model was fitted; nothing is written" in capsys.readouterr().err
+    assert not (folder / "out").exists()
 
 
 def report_in(folder: Path, recording: bool = True) -> Path:

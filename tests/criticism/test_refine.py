@@ -1,15 +1,19 @@
 """The whole road on small sets whose truth is known, made with MuJoCo; the rig of tests/recipes is not MuJoCo's."""
 
+from collections.abc import Callable
+
 import pytest
 import torch
+from tensordict import TensorDict
 
-from onlinebayes.criticism import Selection, compare, diagnose, refine
+from onlinebayes.criticism import Criticism, Selection, compare, diagnose, refine
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.results import MOVES_NOTHING
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput, Interrupt, Stopped
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction, QuadraticDrag
+from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, NOISE, TRUTH, measure, model
 
 FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
@@ -184,7 +188,7 @@ def test_ctrl_c_within_compare_leaves_out_the_wiring_check() -> None:
 
     def say(line: str) -> None:
         early.append(line)
-        interrupt.requested = True
+        interrupt.requested |= line == check
 
     data = measure({LOAD: (0.5,)}, runs=8)
     stopped = compare(model(), data, progress=say, interrupt=interrupt)
@@ -192,8 +196,23 @@ def test_ctrl_c_within_compare_leaves_out_the_wiring_check() -> None:
     assert stopped.interrupted
     assert not whole.interrupted
     assert stopped.heldout_error == whole.heldout_error
-    assert check in lines
-    assert check not in early
+    assert early == lines[: lines.index(check) + 1] + lines[-2:]
+
+
+@pytest.mark.parametrize("ask", [compare, diagnose, refine])
+def test_a_stop_is_heeded_within_one_replay(monkeypatch: pytest.MonkeyPatch, ask: Callable[..., Criticism]) -> None:
+    """Asked for in the middle of the base fit, which nothing is known before the end of."""
+    interrupt, played, rollout = Interrupt(), list[bool](), MujocoSimulator.rollout
+
+    def counted(*given: object) -> TensorDict:
+        interrupt.requested = len(played) == 20
+        played.append(interrupt.requested)
+        return rollout(*given)
+
+    monkeypatch.setattr(MujocoSimulator, "rollout", counted)
+    with pytest.raises(Stopped):
+        ask(model(), measure({LOAD: (0.5,)}, runs=8), interrupt=interrupt)
+    assert played == [False] * 20 + [True]
 
 
 def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
@@ -202,7 +221,7 @@ def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
 
     def say(line: str) -> None:
         lines.append(line)
-        if line.startswith("adding"):
+        if line.startswith("screening") and line.endswith("round 2"):
             interrupt.requested = True
 
     result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
@@ -222,24 +241,28 @@ def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
     def say(line: str) -> None:
         if line.startswith("refitting"):
             fits.append(line)
-            interrupt.requested = True
+            interrupt.requested = len(fits) == 2
 
     result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
     assert result.interrupted
-    assert fits == ["refitting 1 of 2: constant_load@rail"]
+    assert fits[0] == "refitting 1 of 2: constant_load@rail"
+    assert len(fits) == 2
     assert result.accepted == ()
     assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
     assert result.candidates[0].refused_because == ("stopped before it was added",)
     assert words.headline(result).endswith("before it could say why; so far constant load at rail leads.")
 
 
-def test_a_second_ctrl_c_gives_up_the_fit_in_hand_and_keeps_what_is_known() -> None:
+@pytest.mark.parametrize("twice", [False, True])
+def test_ctrl_c_gives_up_the_fit_in_hand_and_keeps_what_is_known(twice: bool) -> None:
+    """At its next replay; a second one at once."""
     interrupt = Interrupt()
 
     def say(line: str) -> None:
         if line.startswith("adding"):
             interrupt.requested = True
-            raise KeyboardInterrupt
+            if twice:
+                raise KeyboardInterrupt
 
     result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
     assert result.interrupted

@@ -8,7 +8,7 @@ import threading
 
 import pytest
 
-from onlinebayes.runs import Interrupt
+from onlinebayes.runs import BadInput, Interrupt, Stopped, heed
 
 
 def press() -> None:
@@ -50,6 +50,26 @@ def test_a_block_may_be_given_up():
     assert done == ["what comes after"]
     with pytest.raises(KeyboardInterrupt), Interrupt().giving_up():
         raise KeyboardInterrupt  # nobody had asked for a stop before
+
+
+def test_a_block_that_heeds_ends_where_it_looks():
+    interrupt, done = Interrupt(), []
+    with interrupt.heeded():
+        heed()
+        interrupt.requested = True
+        with pytest.raises(Stopped):
+            heed()
+    heed()  # outside of the block nobody is asked
+    with interrupt.giving_up():
+        done.append("before")
+        with Interrupt().heeded():
+            heed()  # the innermost block's own
+        heed()
+        done.append("after")
+    assert done == ["before"]
+    with pytest.raises(Stopped), Interrupt().giving_up():
+        raise Stopped  # by another one's request
+    assert issubclass(Stopped, BadInput)  # who does without a fit that diverges does without one that was stopped
 
 
 def test_without_a_message_it_is_silent(capsys):

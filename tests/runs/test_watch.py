@@ -1,13 +1,15 @@
 """What long work keeps an eye on."""
 
-from onlinebayes.runs import UNWATCHED, Interrupt, Watch
+import pytest
+
+from onlinebayes.runs import UNWATCHED, Interrupt, Stopped, Watch, heed
 
 
 def test_nobody_watches_by_default() -> None:
     UNWATCHED.say("a line")
     assert not UNWATCHED.stopped
-    with UNWATCHED.giving_up():
-        pass
+    with UNWATCHED.giving_up(), UNWATCHED.heeded():
+        heed()
 
 
 def test_it_says_and_stops_as_it_is_asked() -> None:
@@ -22,3 +24,8 @@ def test_it_says_and_stops_as_it_is_asked() -> None:
     assert (watch.stopped, watch.quiet.stopped, watch.unstoppable.stopped) == (True, True, False)
     with watch.giving_up():
         raise KeyboardInterrupt
+    with watch.giving_up():
+        heed()
+        raise AssertionError
+    with pytest.raises(Stopped), watch.heeded():
+        heed()

@@ -80,7 +80,7 @@ def next_experiment(
         candidates: the effects that it tried.
         allowed: the user's own limits.
         progress: takes one line of text between stages.
-        interrupt: ends the work after the stage in hand.
+        interrupt: ends the work at its next replay.
 
     Returns:
         The plan; None where it was interrupted.

@@ -11,6 +11,7 @@ from onlinebayes.criticism import quantities
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.results import Estimate, Selection
 from onlinebayes.criticism.searching.search import Found
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -41,7 +42,11 @@ def fit_notes(
     return (
         *_of_the_step(simulator, found, refined and not miswired),
         *_of_the_windows(found, selection),
-        *(() if miswired or found.widened is not None else _of_bounds(found, parameters)),
+        *(
+            ()
+            if miswired or found.widened is not None
+            else of_bounds(found.final.fitted.simulator.parameters, parameters)
+        ),
         *of_sums([judged.effect for _, judged in found.accepted]),
     )
 
@@ -99,13 +104,16 @@ def _of_the_windows(found: Found, selection: Selection) -> Iterator[str]:
         )
 
 
-def _of_bounds(found: Found, parameters: Mapping[str, Estimate]) -> Iterator[str]:
-    """A value of the model's own on its bound; zero as a lower one is where many laws end, and no surprise."""
-    space = dict(found.final.fitted.simulator.parameters)
+def of_bounds(space: ParameterSpace, parameters: Mapping[str, Estimate]) -> Iterator[str]:
+    """A value of the model's own on its bound; zero as a lower one is where many laws end, and no surprise.
+
+    Where the data do not determine the value they ask for nothing: it lies where the fit happened to leave it.
+    """
+    bounds = dict(space)
     for name, value in parameters.items():
-        if value.at_bound is None or "@" in name or name not in space:
+        if value.at_bound is None or not value.identifiable or "@" in name or name not in bounds:
             continue
-        end = space[name].low if value.at_bound == "low" else space[name].high
+        end = bounds[name].low if value.at_bound == "low" else bounds[name].high
         if end != 0:
             yield (
                 f"{name} ends on its bound of {quantities.exact(end, value.unit)}: the data may ask for more than was "

@@ -23,7 +23,7 @@ from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.fitting.strays import replayed_rows
 from onlinebayes.criticism.replaying.ladder import Rung, first_order
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.base import Simulator
 
 NOISE_FLOORS = 1.2  # floors
@@ -130,6 +130,8 @@ def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
         windows = trial.windows(model, best)
         starts = best.fitted.lin.starts if windows.start.shape == best.windows.start.shape else None
         begun = unfitted(model, windows, best.fitted.theta, starts=starts)
+    except Stopped:
+        raise  # the grounds without it would be judged otherwise than the whole of the work would
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
     promising = min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) < left

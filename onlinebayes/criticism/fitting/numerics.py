@@ -30,7 +30,7 @@ from onlinebayes.criticism.replaying.ladder import Rung, adjustable, first_order
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.base import Simulator
 
 STEP_ERROR_SHARE = 0.1
@@ -106,6 +106,8 @@ def settle(
             if starts is not None and starts.shape != windows.start.shape:
                 starts = None  # a finer clock fits another window into a run
             here = known or unfitted(stepped, windows, begin, starts=starts)
+        except Stopped:
+            raise  # what a coarser rung has was not fitted
         except BadInput:
             # Too coarse a step may not fit the windows, or make the model diverge; a finer one follows.
             if last and first:

@@ -60,6 +60,11 @@ class Around(Simulator):
         return self.physics.contacts
 
     @property
+    def fed_by_command(self) -> frozenset[str]:
+        """Those of the physics."""
+        return self.physics.fed_by_command
+
+    @property
     def failed(self) -> Bool[Tensor, " N"]:
         """Worlds that diverged since their last reset."""
         return self.physics.failed

@@ -5,8 +5,9 @@
 Hidden states of effects are those that the run left before the window. Where they follow from its command and its
 measured motion alone (heat), they are worked out along that; see :mod:`.recall`. Others (delay buffers) come from a
 forced replay: each world first runs through the commands of the seconds before its window, as many as the effects
-remember, then its positions and velocities are set to the window's start and the hidden states kept. Where a parameter
-changes in time the window is played piece by piece; see :mod:`.timed`.
+remember, then its positions and velocities are set to the window's start and the hidden states kept. Where these follow
+from commands alone (filters, delays), worlds of one theta share that run, from wherever they start: it may last many
+times a window. Where a parameter changes in time the window is played piece by piece; see :mod:`.timed`.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -24,6 +25,7 @@ from onlinebayes.criticism.replaying.charted import chart_of
 from onlinebayes.criticism.replaying.recall import recall
 from onlinebayes.criticism.replaying.scoped import unfold
 from onlinebayes.criticism.replaying.timed import pieces
+from onlinebayes.runs import heed
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import sense, unsense
 
@@ -88,10 +90,13 @@ def rollout(
     recalled = recall(physics, windows, unfolded) if hidden else {}
     remembered = history_rows(chart.physics, windows, recalled) if hidden else 0
     if remembered:
+        shared = fed_by_command(chart.physics, recalled).issuperset(hidden)
+        alone, world = distinct(theta) if shared else (torch.arange(M), torch.arange(M))
+        of_each = (alone[:, None] * W + torch.arange(W)).flatten().to(worlds.device)
         before, enable = windows.history[:, -remembered:], windows.history_enable[:, -remembered:]
-        past = _drive(chart.physics, worlds, state, before, enable, windows.step, M)
+        past = _drive(chart.physics, worlds[of_each], state[of_each], before, enable, windows.step, len(alone))
         for key in hidden:
-            state[key] = past[key][:, -1]
+            state[key] = past[key][:, -1].unflatten(0, (len(alone), W))[world].flatten(0, 1)
     for key, value in recalled.items():
         state["effects", key] = value
     played: list[TensorDict] = []
@@ -125,6 +130,19 @@ def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[st
     return min(rows, windows.history.shape[1])
 
 
+def fed_by_command(simulator: Simulator, recalled: Collection[str] = ()) -> frozenset[str]:
+    """Parts of a state that are the same from every start: they follow from commands and theta, or were recalled."""
+    moved = any(e.has_force and e.remembers and e.key not in recalled for e in simulator.effects)
+    return simulator.fed_by_command | (frozenset() if moved else {"effects"})
+
+
+def distinct(theta: Float[Tensor, "M P"]) -> tuple[Int[Tensor, " m"], Int[Tensor, " M"]]:
+    """The first row of each theta there is, and for every row which of these it equals."""
+    seen: dict[tuple[float, ...], int] = {}
+    world = [seen.setdefault(tuple(row), len(seen)) for row in theta.tolist()]
+    return torch.tensor([world.index(k) for k in range(len(seen))]), torch.tensor(world)
+
+
 def shown(
     simulator: Simulator,
     windows: Windows,
@@ -150,6 +168,7 @@ def _drive(
     step: float,
     copies: int,
 ) -> TensorDict:
+    heed()
     W, K, _ = command.shape
     inputs = TensorDict({"command": _repeat(command, copies)}, batch_size=(copies * W, K))
     if not bool((enable == 1).all()):

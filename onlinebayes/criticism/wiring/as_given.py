@@ -3,19 +3,27 @@
     r_s = RMS over all windows of y_s - y_s(nominal theta, smoothed start)        [SI, and over the sensor noise]
 
 The starts are not fitted yet, so that r may be larger than what the fitted model leaves even where the model is right.
+The model runs at its own step. Only where that would take long it takes a longer one, and that is said: its error of
+integration is in r, too.
 """
 
 from __future__ import annotations
 
+from jaxtyping import Float
+from torch import Tensor
+
 from onlinebayes.criticism import quantities
 from onlinebayes.criticism.data.grid import row_step
 from onlinebayes.criticism.data.noise import measured_floors
-from onlinebayes.criticism.data.windows import MEMORY, make_windows
+from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.replaying.ladder import ladder
-from onlinebayes.criticism.replaying.replay import replay
+from onlinebayes.criticism.replaying.replay import history_rows, replay
 from onlinebayes.criticism.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
+
+MOST_STEPS = 500_000
+"""The first answer takes no more steps of integration: some seconds of them."""
 
 
 def as_given(simulator: Simulator, measurement: Measurement, selection: Selection) -> str:
@@ -30,10 +38,9 @@ def as_given(simulator: Simulator, measurement: Measurement, selection: Selectio
         BadInput: the measurement does not suit the simulator.
     """
     noise = measured_floors(measurement)
-    coarse = ladder(simulator, selection.horizon_s, row_step(measurement))[0].of(simulator)
-    windows = make_windows(coarse, measurement, selection.horizon_s, MEMORY * selection.horizon_s, noise)
-    nominal = coarse.parameters.clamp(coarse.nominal.to(noise))
-    signals, valid = replay(coarse, windows, nominal[None], windows.start[None])
+    model, windows = _affordable(simulator, measurement, selection.horizon_s, noise)
+    nominal = model.parameters.clamp(model.nominal.to(noise))
+    signals, valid = replay(model, windows, nominal[None], windows.start[None])
     if not bool(valid.all()):
         return f"As it was given, the model diverges in {int((~valid).sum())} of {windows.count} windows."
     seen = windows.observed
@@ -44,4 +51,21 @@ def as_given(simulator: Simulator, measurement: Measurement, selection: Selectio
     name, unit = measurement.signals[worst].name, measurement.signals[worst].unit
     size, over = quantities.text(float(rms[worst]), unit), quantities.times(float(rms[worst] / noise[worst]))
     given = "With nothing fitted and added effects at zero" if simulator.effects else "As it was given"
-    return f"{given}, the model errs by {size} in {name}, {over} the sensor noise."
+    longer = model.timestep > simulator.timestep
+    step = f", integrated in steps of {quantities.exact(model.timestep, 's')}" if longer else ""
+    return f"{given}{step}, the model errs by {size} in {name}, {over} the sensor noise."
+
+
+def _affordable(
+    simulator: Simulator, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"]
+) -> tuple[Simulator, Windows]:
+    """The model by its own method at its own step, or at the shortest longer one that does not take long."""
+    own = (rung for rung in ladder(simulator, horizon, row_step(measurement)) if not rung.runge_kutta)
+    steps = sorted({rung.timestep for rung in own if rung.timestep >= simulator.timestep})
+    for step in steps:
+        model = simulator if step == simulator.timestep else simulator.with_timestep(step)
+        windows = make_windows(model, measurement, horizon, MEMORY * horizon, noise)
+        rows = windows.count * (windows.rows + history_rows(model, windows))
+        if rows * windows.step / step <= MOST_STEPS:
+            break
+    return model, windows

@@ -32,6 +32,18 @@ from onlinebayes.simulators.mujoco.variants import gravity_compensated, laden
 from onlinebayes.simulators.mujoco.worlds import Worlds
 from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
 
+FED_BY_COMMAND = frozenset(
+    int(kind)
+    for kind in (
+        mujoco.mjtDyn.mjDYN_NONE,
+        mujoco.mjtDyn.mjDYN_INTEGRATOR,
+        mujoco.mjtDyn.mjDYN_FILTER,
+        mujoco.mjtDyn.mjDYN_FILTEREXACT,
+        mujoco.mjtDyn.mjDYN_MUSCLE,
+    )
+)
+"""Kinds of activation that the control alone drives."""
+
 
 class MujocoSimulator(Simulator):
     """N worlds of one MJCF model, bit for bit what ``mj_step`` gives over N models whose fields were changed.
@@ -153,6 +165,11 @@ class MujocoSimulator(Simulator):
             first, count = int(self.model.body_jntadr[i]), int(self.model.body_jntnum[i])
             chains.append((*chains[self.model.body_parentid[i]], *joints[first : first + count]))
         return {name: chains[self.model.body(name).id] for name in self.body_sizes}
+
+    @property
+    def fed_by_command(self) -> frozenset[str]:
+        """Activations, where every actuator's are a filter's, an integrator's or a muscle's."""
+        return frozenset({"act"}) if set(self.model.actuator_dyntype.tolist()) <= FED_BY_COMMAND else frozenset()
 
     @property
     def servos(self) -> tuple[str, ...]:

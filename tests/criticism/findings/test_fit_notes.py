@@ -1,7 +1,10 @@
-"""What is said of accepted laws that are, by their equations, others."""
+"""What is said of accepted laws that are, by their equations, others, and of values on their bounds."""
 
-from onlinebayes.criticism.findings.fit_notes import of_sums
-from onlinebayes.parameters import Parameter
+from dataclasses import replace
+
+from onlinebayes.criticism.findings.fit_notes import of_bounds, of_sums
+from onlinebayes.criticism.results import Estimate
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import AsymmetricFriction, ConstantLoad, DryFriction
 
 FORCE = Parameter(0.0, 5.0, "N")
@@ -18,3 +21,13 @@ def test_friction_that_depends_on_direction_is_friction_and_a_load() -> None:
 def test_friction_and_a_load_at_other_joints_are_two_things() -> None:
     assert not list(of_sums([DryFriction("rail", FORCE), ConstantLoad("hinge", EITHER)]))
     assert not list(of_sums([DryFriction("rail", FORCE)]))
+
+
+def test_a_value_on_its_bound_is_said_where_the_data_determine_it() -> None:
+    """The mass of what falls moves nothing: its fit ends anywhere, also on a bound."""
+    space = ParameterSpace({"body.box.mass": Parameter(1.0, 10.0, "kg")})
+    mass = Estimate(10.0, 0.1, 9.8, 10.0, "kg", at_bound="high")
+    (note,) = of_bounds(space, {"body.box.mass": mass})
+    assert note.startswith("body.box.mass ends on its bound of 10 kg: the data may ask for more")
+    assert not list(of_bounds(space, {"body.box.mass": replace(mass, identifiable=False)}))
+    assert not list(of_bounds(space, {"body.box.mass": replace(mass, at_bound=None)}))

@@ -1,10 +1,18 @@
+import pytest
 import torch
 
 from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
-from tests.criticism.rigs import TRUTH, measure, model
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.rigs import FREE, SLIDE, TRUTH, measure, model
+
+MOTOR = '<motor name="motor" joint="rail"/>'
+FILTER = '<general name="motor" joint="rail" dyntype="filter" dynprm="0.3"/>'
+DC_MOTOR = (
+    '<dcmotor name="motor" joint="rail" motorconst="0.05" resistance="2.0" inductance="0.001" nominal="12 0.1 100"/>'
+)
 
 DELAY = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
 
@@ -46,3 +54,26 @@ def test_a_world_that_diverges_is_flagged_alone() -> None:
     signals, valid = replay(simulator, windows, thetas, windows.start.expand(2, *windows.start.shape))
     assert valid.all(-1).tolist() == [True, False]
     assert bool(torch.isfinite(signals[0]).all())
+
+
+@pytest.mark.parametrize(("actuator", "shared"), [(FILTER, True), (DC_MOTOR, False)])
+def test_what_commands_alone_left_behind_is_run_once_for_every_theta(
+    monkeypatch: pytest.MonkeyPatch, actuator: str, shared: bool
+) -> None:
+    """A filter's state, which the run before decides, is the same from every start; a motor's current is not."""
+    simulator = MujocoSimulator(SLIDE.replace(MOTOR, actuator), FREE, threads=1)
+    windows = make_windows(simulator, measure(runs=2), 1.0, 2.0)
+    thetas = torch.tensor([[2.0, 1.0], [3.0, 0.5], [2.0, 1.0], [2.0, 1.0]]).double()
+    starts = windows.start + 0.01 * torch.randn(4, *windows.start.shape, dtype=torch.float64)
+    alone = [replay(simulator, windows, thetas[k : k + 1], starts[k : k + 1])[0][0] for k in range(4)]
+    played, rollout = list[tuple[int, int]](), MujocoSimulator.rollout
+
+    def counted(self, theta, state, inputs, times):
+        played.append((len(theta) // windows.count, len(times)))
+        return rollout(self, theta, state, inputs, times)
+
+    monkeypatch.setattr(MujocoSimulator, "rollout", counted)
+    together, _ = replay(simulator, windows, thetas, starts)
+    assert played == [(2 if shared else 4, 200), (4, windows.rows)]
+    for k in range(4):
+        assert torch.equal(together[k], alone[k])
