@@ -90,7 +90,7 @@ def load_problem(
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
     for line in beside_bounds(simulator, parameters):
         note(line)
-    measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
+    measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
     measurement, tied = completed(simulator, measurement)
     for line in tied:
         note(line)
@@ -220,6 +220,14 @@ def _begun(top: Section, measurement: Measurement) -> Measurement:
         raise top.error("skip_s", f"{seconds:g} s is no time", "give the seconds to leave out, 0 or more")
     with top.at("skip_s"):
         return measurement.after(seconds)
+
+
+def _seen(measurement: Measurement, note: Callable[[str], None]) -> Measurement:
+    """The measurement without columns that are empty throughout, as if they were not there."""
+    seen = measurement.seen()
+    if empty := [signal.name for signal in measurement.signals if signal not in seen.signals]:
+        note(f"not measured in any run, and left out: {', '.join(empty)}")
+    return seen
 
 
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:
