@@ -18,6 +18,7 @@ import numpy as np
 from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, match, match_time
 from onlinebayes.cli.model import signal_units
+from onlinebayes.cli.outputs import check_apart
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
@@ -67,9 +68,10 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         force: write over a file that is there.
 
     Raises:
-        BadInput: the model or a log cannot be read, or the file is there already.
+        BadInput: the model or a log cannot be read or would be written over, or the file is there already.
     """
     target = Path(out)
+    check_apart([target], {**{Path(log): "a log" for log in logs}, Path(model): "the model"})
     if target.exists() and not force:
         raise BadInput("the file is there already", "choose another --out, or write over it with --force", where=out)
     if not target.parent.is_dir():

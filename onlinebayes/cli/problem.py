@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -53,6 +53,7 @@ class Problem:
         selection: how they are judged.
         added: keys of the effects that are already part of the model.
         scope: which parameters differ between runs; None for none.
+        inputs: file -> what it is to the problem, e.g. ``"the model"``.
     """
 
     path: Path
@@ -63,6 +64,7 @@ class Problem:
     selection: Selection
     added: tuple[str, ...]
     scope: Scope | None = None
+    inputs: Mapping[Path, str] = field(default_factory=dict)
 
 
 def load_problem(
@@ -105,7 +107,9 @@ def load_problem(
         _check_measured(part, what, path)
     simulator, added = add_effects(effects, add, simulator, fit, parameters.effects, selection.horizon_s)
     scope = _scope(top, effects, parameters, simulator, measurement)
-    return Problem(path, simulator, measurement, holdout, candidates, selection, added, scope)
+    inputs = {path: "the problem file", path.parent / top.text("model"): "the model"}
+    inputs |= {_located(top, table): "a table of the problem" for table in tables}
+    return Problem(path, simulator, measurement, holdout, candidates, selection, added, scope, inputs)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
