@@ -148,7 +148,11 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "latency": (more('[signals."qpos.carriage"]\nlatency = "1 ms"'), "latency: '1 ms' is not a number"),
     "weld": (more("[model_edit]\nweld = ['carrige']"), "model_edit.weld: .*no body 'carrige'; nearest: carriage"),
-    "weld driven": (more("[model_edit]\nweld = ['carriage']"), "carriage.toml: model_edit.weld: .*does not compile"),
+    "weld driven": (
+        more("[model_edit]\nweld = ['carriage']"),
+        "carriage.toml: model_edit.weld: body 'carriage' cannot lose its joint 'carriage', which the model needs for "
+        "actuator 'motor'; take what needs it out of the MJCF first, or weld another body$",
+    ),
     "timestep": (more("[model_edit]\ntimestep = 0"), "timestep: 0 s is no step"),
     "integrator": (more("[model_edit]\nintegrator = 'rk4'"), "'rk4' is unknown; use Euler, RK4"),
     "edit": (more("[model_edit]\nwelds = []"), "welds: unknown key; nearest: weld"),
