@@ -213,7 +213,7 @@ def _fitted(result: Criticism) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for name, value in _model(result).parameters.items():
         address = address_of(name)
-        of_run = name.removeprefix(address).strip("[]")
+        of_run = name.removeprefix(address).removeprefix("[").removesuffix("]")  # a glob has brackets of its own
         found.setdefault(address, []).append(f"{of_run} {words.estimate(value)}".strip())
     return found
 
