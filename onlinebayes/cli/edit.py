@@ -51,7 +51,7 @@ def edited(spec: mujoco.MjSpec, edit: Section, actuators: Section) -> mujoco.MjS
     for name in edit.texts("weld", ()):
         with edit.at("weld"):
             _weld(spec, name)
-            compile_spec(spec)  # what moved the joint, or measured it, is there still
+            compile_spec(spec)
     if (timestep := edit.number("timestep")) is not None:
         if timestep <= 0:
             raise edit.error("timestep", f"{timestep:g} s is no step", "give a positive time in seconds")
@@ -87,9 +87,26 @@ def _weld(spec: mujoco.MjSpec, name: str) -> None:
     if not (joints := list(body.joints)):
         raise BadInput(f"body '{name}' has no joint of its own", "it is welded already")
     for joint in joints:
+        if users := _users(spec, joint.name):
+            problem = (
+                f"body '{name}' cannot lose its joint '{joint.name}', which the model needs for {', '.join(users)}"
+            )
+            raise BadInput(problem, "take what needs it out of the MJCF first, or weld another body")
         spec.delete(joint)
     for key in list(spec.keys):  # they hold positions of the joints that are gone
         spec.delete(key)
+
+
+def _users(spec: mujoco.MjSpec, joint: str) -> list[str]:
+    """What in the model cannot be without a joint: ``actuator 'motor'``, ``sensor 'encoder'``."""
+    of_joint = mujoco.mjtObj.mjOBJ_JOINT
+    found = [("actuator", a.name) for a in spec.actuators if a.trntype in ON_JOINTS and a.target == joint]
+    found += [("sensor", s.name) for s in spec.sensors if s.objtype == of_joint and s.objname == joint]
+    pairs = [e for e in spec.equalities if e.type == mujoco.mjtEq.mjEQ_JOINT]
+    found += [("equality", e.name) for e in pairs if joint in (e.name1, e.name2)]
+    wraps = [(t.name, wrap) for t in spec.tendons for wrap in t.path if wrap.type == mujoco.mjtWrap.mjWRAP_JOINT]
+    found += [("tendon", name) for name, wrap in wraps if wrap.target.name == joint]
+    return [f"{kind} '{name}'" if name else f"a nameless {kind}" for kind, name in dict.fromkeys(found)]
 
 
 def _check_input(table: Section, model: mujoco.MjModel, i: int) -> None:

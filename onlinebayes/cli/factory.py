@@ -59,7 +59,7 @@ def from_factory(model: str, parameters: ParameterSpace) -> Simulator | mujoco.M
         return made if isinstance(made, Simulator) else _spec(made, model)
     except BadInput:
         raise
-    except Exception as error:  # the user's own code: whatever it raises is theirs to mend
+    except (Exception, SystemExit) as error:  # the user's own code: whatever it raises is theirs to mend
         raise BadInput(f"'{model}' raised {type(error).__name__}: {error}", "mend the factory") from error
 
 
@@ -68,7 +68,7 @@ def import_module(name: str) -> ModuleType:
     with _current_folder():
         try:
             return importlib.import_module(name)
-        except Exception as error:
+        except (Exception, SystemExit) as error:  # a script that ends with sys.exit does not choose our exit status
             problem = f"module '{name}' cannot be imported: {type(error).__name__}: {error}"
             raise BadInput(problem, "install it, or run the command in the folder that holds it") from error
 

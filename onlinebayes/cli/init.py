@@ -18,6 +18,7 @@ import numpy as np
 from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, match, match_time
 from onlinebayes.cli.model import signal_units
+from onlinebayes.cli.outputs import check_apart
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
@@ -67,9 +68,10 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         force: write over a file that is there.
 
     Raises:
-        BadInput: the model or a log cannot be read, or the file is there already.
+        BadInput: the model or a log cannot be read or would be written over, or the file is there already.
     """
     target = Path(out)
+    check_apart([target], {**{Path(log): "a log" for log in logs}, Path(model): "the model"})
     if target.exists() and not force:
         raise BadInput("the file is there already", "choose another --out, or write over it with --force", where=out)
     if not target.parent.is_dir():
@@ -100,6 +102,12 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     clock = _clock(sources, shared)
     column = "" if clock is None else clock.column
     matches = match(wanted, [name for name in shared if name not in ("run", column)])
+    if clock is None and not matches:
+        raise BadInput(
+            "no column is one of the model's, and none a clock",
+            f"the model has {_few(wanted)}; the log has {_few(shared)}",
+            where=", ".join(map(str, logs)),
+        )
     have = {found.name for found in matches}
     seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
@@ -113,6 +121,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     taken = {"run", column, *own, *(found.column for found in matches)}
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
     measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing else None
+    if measurement is None:
+        _check_rows(sources, matches, column)
     content = {
         "schema": 1,
         "model": _relative(model, target),
@@ -143,6 +153,21 @@ def _clock(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:
     step = float(np.median(np.abs(np.diff(ticks)))) if len(ticks) > 1 else 1.0
     unit = next((unit for unit, longest in LONGEST_STEP.items() if step <= longest), "ns")
     return replace(clock, unit=unit)
+
+
+def _check_rows(sources: Sequence[Source], matches: Sequence[Match], clock: str) -> None:
+    """Meet what is wrong with the rows of logs that cannot be read as a whole yet."""
+    commands = [found.column for found in matches if found.name.startswith("ctrl.")]
+    numbers = {clock, *(found.column for found in matches)} - {""}
+    for source in sources:
+        text = [name for name in ("run",) if name in source.names]
+        source.columns(sorted(numbers | {*text}), text, commands)
+
+
+def _few(names: Sequence[str], most: int = 6) -> str:
+    """The first of some names, and how many more there are."""
+    shown = ", ".join(f"'{name[:40]}'" for name in names[:most])
+    return shown + (f" and {len(names) - most} more" if len(names) > most else "") or "nothing"
 
 
 def _wrenches(simulator: MujocoSimulator, columns: Sequence[str]) -> list[str]:

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.cli.limits import read_allowed
+from onlinebayes.cli.outputs import check_apart, writable
 from onlinebayes.cli.problem import load_problem, read_toml
 from onlinebayes.cli.section import Section
-from onlinebayes.cli.work import criticise, title_of, writable
+from onlinebayes.cli.work import criticise, title_of
 from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
-from onlinebayes.criticism.report.plan import write_plan
+from onlinebayes.criticism.report.plan import FILES, write_plan
 from onlinebayes.criticism.split import split
 from onlinebayes.runs import BadInput, Interrupt, Stopped
 
@@ -42,6 +43,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
             where=problem_file,
         )
     allowed = read_allowed(Section(read_toml(problem.path), problem_file), problem.simulator)
+    check_apart([Path(out) / name for name in FILES], problem.inputs)
     with writable(Path(out)) as folder:
         try:
             result = criticise("refine", problem)

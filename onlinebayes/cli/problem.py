@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -53,6 +53,7 @@ class Problem:
         selection: how they are judged.
         added: keys of the effects that are already part of the model.
         scope: which parameters differ between runs; None for none.
+        inputs: file -> what it is to the problem, e.g. ``"the model"``.
     """
 
     path: Path
@@ -63,6 +64,7 @@ class Problem:
     selection: Selection
     added: tuple[str, ...]
     scope: Scope | None = None
+    inputs: Mapping[Path, str] = field(default_factory=dict)
 
 
 def load_problem(
@@ -90,7 +92,7 @@ def load_problem(
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
     for line in beside_bounds(simulator, parameters):
         note(line)
-    measurement = _begun(top, _without(top, _read_tables(top, tables, simulator, note)))
+    measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
     measurement, tied = completed(simulator, measurement)
     for line in tied:
         note(line)
@@ -105,7 +107,9 @@ def load_problem(
         _check_measured(part, what, path)
     simulator, added = add_effects(effects, add, simulator, fit, parameters.effects, selection.horizon_s)
     scope = _scope(top, effects, parameters, simulator, measurement)
-    return Problem(path, simulator, measurement, holdout, candidates, selection, added, scope)
+    inputs = {path: "the problem file", path.parent / top.text("model"): "the model"}
+    inputs |= {_located(top, table): "a table of the problem" for table in tables}
+    return Problem(path, simulator, measurement, holdout, candidates, selection, added, scope, inputs)
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -220,6 +224,14 @@ def _begun(top: Section, measurement: Measurement) -> Measurement:
         raise top.error("skip_s", f"{seconds:g} s is no time", "give the seconds to leave out, 0 or more")
     with top.at("skip_s"):
         return measurement.after(seconds)
+
+
+def _seen(measurement: Measurement, note: Callable[[str], None]) -> Measurement:
+    """The measurement without columns that are empty throughout, as if they were not there."""
+    seen = measurement.seen()
+    if empty := [signal.name for signal in measurement.signals if signal not in seen.signals]:
+        note(f"not measured in any run, and left out: {', '.join(empty)}")
+    return seen
 
 
 def _holdout(top: Section, measurement: Measurement) -> tuple[str, ...] | None:

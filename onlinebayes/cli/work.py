@@ -5,11 +5,10 @@ from __future__ import annotations
 import dataclasses
 import json
 import sys
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
+from onlinebayes.cli.outputs import check_apart, clear, names_of, writable
 from onlinebayes.cli.problem import Problem, load_problem, read_toml
 from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import summary
@@ -36,6 +35,7 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
     problem = load_problem(problem_file, add, note=notes.append)
     for line in notes:
         _log(line)
+    check_apart([Path(out) / name for name in names_of(command)], problem.inputs)
     with writable(Path(out)) as folder:
         try:
             result = criticise(command, problem)
@@ -47,6 +47,9 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
         result = noted(result)
         files = write_report(result, folder, title=title_of(problem.path), problem=problem.path)
+        stale = clear(folder, files, problem.inputs)
+    if stale:
+        _log(f"taken away, as an earlier command left it: {', '.join(stale)}")
     print(summary(result, folder, [name for name in files if name.startswith("refined")]))
     if result.interrupted:
         _log("stopped before its end; the report holds what was found until then")
@@ -103,30 +106,6 @@ def earlier_looks(folder: Path) -> int:
     except (OSError, ValueError, KeyError, TypeError):
         return 0
     return looks if isinstance(looks, int) and not isinstance(looks, bool) and looks > 0 else 0
-
-
-@contextmanager
-def writable(folder: Path) -> Iterator[Path]:
-    """The folder, made if need be and tried out before the long work; taken away again when nothing was written.
-
-    Raises:
-        BadInput: it cannot be made or written.
-    """
-    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):
-            pass
-    except OSError as error:
-        problem = "is a file, not a folder" if folder.is_file() else f"cannot be written: {error.strerror}"
-        raise BadInput(problem, "give --out a folder that you may write to", where=str(folder)) from None
-    try:
-        yield folder
-    finally:
-        for parent in made:
-            if any(parent.iterdir()):
-                break
-            parent.rmdir()
 
 
 def _log(line: str) -> None:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from onlinebayes.criticism.data.motion import check_runs
+from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
 from onlinebayes.criticism.fitting.horizon import shortened, steady
 from onlinebayes.criticism.replaying.charted import charted
@@ -59,9 +61,11 @@ def prepared(
 ) -> Task:
     """The task that a user's arguments ask; see :func:`onlinebayes.criticism.refine.compare`."""
     asked = selection or Selection()
-    measurement, tied = completed(simulator, measurement)
+    measurement, tied = completed(simulator, measurement.seen())
     given, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
+    for part in (fit_runs, held_runs):
+        check_runs(joint_names(given), part)
     stepped = in_step(given, fit_runs)
     used = steady(stepped, fit_runs, asked)
     stepped, softness = tied_as_logged(stepped, fit_runs, used.horizon_s)

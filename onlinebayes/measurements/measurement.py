@@ -178,6 +178,15 @@ class Measurement:
             parts.append(self.rows(run, first, rows))
         return concatenate(parts)
 
+    def seen(self) -> Measurement:
+        """The measurement without signals of which no run has a value; unchanged where none has any."""
+        kept = [s for s, any_ in enumerate(self.data["measured"].flatten(0, 1).any(0).tolist()) if any_]
+        if len(kept) in (0, len(self.signals)):
+            return self
+        data = self.data.clone(recurse=False)
+        data["signal"], data["measured"] = data["signal"][..., kept], data["measured"][..., kept]
+        return replace(self, data=data, signals=tuple(self.signals[s] for s in kept))
+
     def with_signals(self, signals: Iterable[Signal]) -> Measurement:
         """The same values with other signal descriptions (sd, resolution, unit) for the signals of these names."""
         given = {signal.name: signal for signal in signals}

@@ -73,20 +73,22 @@ class TableReader:
         wanted = [sources.get(s.name, SignalColumn(s)) for s in self.signals]
         runs: dict[str, Mapping[str, np.ndarray]] = {}
         origin: dict[str, Path] = {}
+        columns: dict[str, list[str]] = {}
         for path in map(Path, paths):
-            for run, values in self._runs_of(path, wanted).items():
+            source = open_source(path)
+            columns[str(path)] = list(source.names)
+            for run, values in self._runs_of(source, wanted).items():
                 if run in runs:
                     again = "is given twice" if path == origin[run] else f"also stands in {origin[run]}"
                     raise BadInput(f"run '{run}' {again}", "give each run a name of its own", where=str(path))
                 runs[run], origin[run] = values, path
         found = {name for values in runs.values() for name in values}
         present = [w.signal for w in wanted if w.signal.name in found]
-        self._check_mapped(found)
+        self._check_mapped(found, columns)
         return Measurement.from_runs(runs, present, self.commands)
 
-    def _runs_of(self, path: Path, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
-        source = open_source(path)
-        names = set(source.names)
+    def _runs_of(self, source: Source, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
+        path, names = source.path, set(source.names)
         if (clock := self.clock.column) not in names:
             near = _nearest(clock, source.names) or f"the table has {_list(source.names)}"
             cure = f'{near}; name its column in the problem file: [time] column = "..."'
@@ -101,7 +103,7 @@ class TableReader:
         if not found:
             raise BadInput(
                 "no column that the model has",
-                f"give one of {_list([w.source for w in wanted])}" + _instead(source),
+                f"give one of {_list([w.source for w in wanted])}" + _instead(source.names),
                 where=f"{path}, row 1",
             )
         text = [name for name in ("run",) if name in names]
@@ -155,7 +157,7 @@ class TableReader:
                 if column and (column not in source.names or self._ignored(column)):
                     raise BadInput(
                         f"no column '{column}', which {what} the actuator '{one.actuator}'",
-                        "name the column as the table's header does",
+                        _there(column, source.names),
                         where=f"{source.path}, row 1",
                     )
 
@@ -164,7 +166,8 @@ class TableReader:
             if f"ctrl.{name}" not in values and not (f"enable.{name}" in values and not values[f"enable.{name}"].any()):
                 raise BadInput(
                     f"no column '{one.source}', the command of the model's actuator '{name}'",
-                    f"add it, or 'enable.{name}' with 0 in every row when the actuator was off" + _instead(source),
+                    f"add it, or 'enable.{name}' with 0 in every row when the actuator was off"
+                    + _instead(source.names),
                     where=f"{source.path}, row 1",
                 )
 
@@ -214,13 +217,15 @@ class TableReader:
             where=f"{path}, row 1, column '{column}'",
         )
 
-    def _check_mapped(self, found: set[str]) -> None:
+    def _check_mapped(self, found: set[str], columns: Mapping[str, Sequence[str]]) -> None:
+        """Every mapped signal was ``found`` in one of the tables, path -> its ``columns``, at least."""
         for mapped in self.mapped:
             if mapped.signal.name not in found:
+                there = list(dict.fromkeys(name for names in columns.values() for name in names))
                 raise BadInput(
-                    f"no table has the column '{mapped.source}'",
-                    "name the column as the table's header does",
-                    where=f'[signals."{mapped.signal.name}"]',
+                    f"no column '{mapped.source}', which [signals.\"{mapped.signal.name}\"] names",
+                    _there(mapped.source, there),
+                    where=f"{', '.join([*columns][:3])}{', ...' if len(columns) > 3 else ''}, row 1",
                 )
 
 
@@ -251,11 +256,23 @@ def _run_rows(read: Columns, path: Path) -> dict[str, slice]:
     return found
 
 
-def _instead(source: Source) -> str:
-    """What a log with names of its own does have, for the mapping."""
-    if not source.joined:
-        return ""
-    return f", or map one of its columns: {_list([name for name in source.names if name != 'time'])}"
+def _instead(names: Iterable[str]) -> str:
+    """What a table does have, for the mapping; nothing where it has a clock alone."""
+    there = _others(names)
+    return f", or map one of its columns: {_list(there)}" if there else ""
+
+
+def _there(column: str, names: Sequence[str]) -> str:
+    """Why a column that was named is not there, and what is."""
+    if column in names:
+        return "it is there, but 'ignore' leaves it out: name other columns there"
+    near = _nearest(column, others := _others(names))
+    return f"{near}; the columns are {_list(others)}" if near else f"the columns are {_list(others)}"
+
+
+def _others(names: Iterable[str]) -> list[str]:
+    """The columns that may be a signal or a command."""
+    return [name for name in names if name not in ("run", "time", "")]
 
 
 def _nearest(name: str, known: Sequence[str]) -> str:

@@ -49,6 +49,20 @@ def blank(run: str) -> Callable[[Path], None]:
     return change
 
 
+def hook(*blank: str) -> Callable[[Path], None]:
+    """A second joint, with an empty cell in every row of these runs."""
+
+    def change(folder: Path) -> None:
+        model = (folder / "carriage.xml").read_text()
+        body = '<body name="hook"><joint name="hook" axis="0 1 0"/><geom size=".1" pos="0 0 -1"/></body>'
+        (folder / "carriage.xml").write_text(model.replace("</body>", f"{body}</body>"))
+        head, *rows = (folder / "carriage.csv").read_text().splitlines()
+        rows = [f"{row},{'' if row.split(',')[0] in blank else 0.1}" for row in rows]
+        (folder / "carriage.csv").write_text("\n".join([f"{head},qpos.hook", *rows]))
+
+    return change
+
+
 def milliseconds(folder: Path) -> None:
     rows = [line.split(",") for line in (folder / "carriage.csv").read_text().splitlines()]
     rows = [rows[0]] + [[run, f"{float(t) * 1000:g}", *rest] for run, t, *rest in rows[1:]]
@@ -134,7 +148,11 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "latency": (more('[signals."qpos.carriage"]\nlatency = "1 ms"'), "latency: '1 ms' is not a number"),
     "weld": (more("[model_edit]\nweld = ['carrige']"), "model_edit.weld: .*no body 'carrige'; nearest: carriage"),
-    "weld driven": (more("[model_edit]\nweld = ['carriage']"), "carriage.toml: model_edit.weld: .*does not compile"),
+    "weld driven": (
+        more("[model_edit]\nweld = ['carriage']"),
+        "carriage.toml: model_edit.weld: body 'carriage' cannot lose its joint 'carriage', which the model needs for "
+        "actuator 'motor'; take what needs it out of the MJCF first, or weld another body$",
+    ),
     "timestep": (more("[model_edit]\ntimestep = 0"), "timestep: 0 s is no step"),
     "integrator": (more("[model_edit]\nintegrator = 'rk4'"), "'rk4' is unknown; use Euler, RK4"),
     "edit": (more("[model_edit]\nwelds = []"), "welds: unknown key; nearest: weld"),
@@ -207,6 +225,14 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     ),
     "nothing measured": (blank("first"), r"the fit runs \(first\) have no measured value of qpos.carriage"),
     "nothing held out": (blank("second"), r"the held-out runs \(second\) have no measured value"),
+    "joint not measured in a run": (
+        hook("second"),
+        "carriage.toml: run 'second': joint 'hook' has no measured position: no cell of qpos.hook",
+    ),
+    "joint not measured at all": (
+        hook("first", "second"),
+        "carriage.toml: joint 'hook' has no measured position or velocity; add the column qpos.hook",
+    ),
     "time of day": (table("first,0.05,", "first,12:00:05,"), "row 7, column 'time': '12:00:05' .* write seconds"),
     "time goes back": (table("first,0.05,", "first,0.01,"), "row 7, column 'time': time goes from 0.04 to 0.01"),
     "duplicate time": (table("first,0.05,", "first,0.04,"), "row 7, column 'time': time goes from 0.04 to 0.04"),

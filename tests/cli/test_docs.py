@@ -5,7 +5,13 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import mujoco
+import pytest
+
 from onlinebayes.cli.problem import load_problem
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.addresses import resolve
+from onlinebayes.simulators.mujoco.fields import FIELDS
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -23,6 +29,28 @@ def test_the_complete_example_of_a_problem_file_loads(tmp_path):
     assert loaded.measurement.runs == ("plain", "pulses")
     assert loaded.holdout == ("pulses",)
     assert loaded.measurement.signals[0].sd == 1e-5
+
+
+def test_the_fields_that_may_be_parameters_are_all_listed():
+    """The table is what an address may name; each kind's row has its fields with the indices that they take."""
+    page = (DOCS / "problem-files.md").read_text(encoding="utf-8")
+    chapter = page.partition("### Fields that may be parameters\n")[2].partition("\n###")[0]
+    listed = {kind: re.findall(r"`(.+?)`", row) for kind, row in re.findall(r"^\| (\w+) \| (`.*) \|$", chapter, re.M)}
+    known = {
+        kind: [name if len(columns) == 1 else f"{name}[0..{len(columns) - 1}]" for name, columns in fields.items()]
+        for kind, fields in FIELDS.items()
+    }
+    known["actuator"] += ["kp", "kv"]
+    assert listed == known
+
+
+@pytest.mark.parametrize("field", ["solreflimit", "solimplimit", "solreffriction", "solimpfriction"])
+def test_mjcfs_own_spelling_finds_the_field(field):
+    body = '<body><joint name="j"/><geom size="1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody></mujoco>")
+    near = f"nearest: 'joint.j.{field[:6]}_{field[6:]}'"
+    with pytest.raises(BadInput, match=near):
+        resolve(model, f"joint.j.{field}[0]")
 
 
 def test_the_arrays_example_runs():

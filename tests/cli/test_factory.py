@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from onlinebayes.cli.main import main
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
@@ -109,6 +111,31 @@ def test_a_factory_beside_a_file_from_elsewhere_is_not_run(folder, monkeypatch, 
     (folder / "beside.py").write_text("raise SystemExit('run')\n")
     with pytest.raises(BadInput, match="run the command in the folder that holds it"):
         load_problem(write(folder, PROBLEM.replace("carriage.xml", "beside:make")))
+
+
+@pytest.mark.parametrize("command", ["compare", "next"])
+@pytest.mark.parametrize(
+    ("name", "text", "change", "message"),
+    [
+        ("ends", "import sys\nsys.exit(0)\n", ("carriage.xml", "ends:make"), "model: .*'ends' cannot .*SystemExit: 0"),
+        (
+            "stops",
+            "import sys\ndef make():\n    sys.exit('no rig here')\n",
+            ("carriage.xml", "stops:make"),
+            "model: .*raised SystemExit: no rig here; mend the factory",
+        ),
+        ("quits", "raise SystemExit(3)\n", None, "effects.modules: .*'quits' cannot be imported: SystemExit: 3"),
+    ],
+)
+def test_user_code_that_calls_exit_is_bad_input(folder, monkeypatch, capsys, command, name, text, change, message):
+    """It does not choose the exit status; 0 would say that a report was written."""
+    monkeypatch.chdir(folder)
+    (folder / f"{name}.py").write_text(text)
+    write(folder, PROBLEM.replace(*change) if change else f"{PROBLEM}[effects]\nmodules = ['{name}']\n")
+    assert main([command, "carriage.toml", "--out", "out"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert re.search(message, line)
+    assert not (folder / "out").exists()
 
 
 @pytest.mark.parametrize(

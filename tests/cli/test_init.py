@@ -163,6 +163,42 @@ def test_what_cannot_be_matched_is_named(folder, capsys) -> None:
     assert tomllib.loads(text)["parameters"]
 
 
+@pytest.mark.parametrize("log", ["carriage.toml", "notes.txt", "carriage.xml"])
+def test_a_text_that_is_no_log_of_the_model_makes_no_problem_file(folder, capsys, log: str) -> None:
+    """Any text has a first line; here nothing in it is the model's, and nothing a clock."""
+    (folder / "notes.txt").write_text("\n".join(f"note {k}" for k in range(12)))
+    status, said = make(folder, capsys, log=log)
+    assert status == 2
+    assert said.count("\n") == 1
+    assert f"{log}" in said
+    assert not (folder / "first.toml").exists()
+
+
+def test_a_log_of_another_machine_is_named_by_its_columns(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(",".join(f"c{k}" for k in range(9)) + "\n" + ",".join("1" * 9) + "\n")
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 2
+    assert "lab.csv: no column is one of the model's, and none a clock; the model has 'qpos.carriage'" in said
+    assert "the log has 'c0', 'c1', 'c2', 'c3', 'c4', 'c5' and 3 more" in said
+
+
+@pytest.mark.parametrize(
+    ("head", "row", "message"),
+    [
+        ("time,ctrl.motor,channel 7", "0.02,1", "row 4: 2 cells where the header has 3"),
+        ("t,Position_mm", "0.02,far", "row 4, column 'Position_mm': 'far' is not a number"),
+        ("time,channel 7", "noon,1", "row 4, column 'time': 'noon' is not a number"),
+    ],
+)
+def test_malformed_rows_are_met_where_columns_are_missing_too(folder, capsys, head, row, message) -> None:
+    cells = [",".join([f"0.0{k}", *"0" * head.count(",")]) for k in range(2)]
+    (folder / "lab.csv").write_text("\n".join([head, *cells, row]) + "\n")
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 2
+    assert f"lab.csv, {message}" in said
+    assert not (folder / "first.toml").exists()
+
+
 def test_foreign_columns_that_look_like_the_models_are_ignored(folder, capsys) -> None:
     (folder / "carriage.csv").write_text(
         "\n".join(f"{row},{'qpos.wheel' if k == 0 else '0.1'}" for k, row in enumerate(table().splitlines())) + "\n"

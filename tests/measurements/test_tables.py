@@ -103,8 +103,42 @@ def test_a_column_may_be_mapped_to_a_signal(tmp_path):
     assert m.signals == (Signal("qpos.carriage", "m", sd=1e-4),)
     assert m.data["signal"][0, 0, 0].item() == pytest.approx(0.4)
     assert m.data["measured"][0, :, 0].tolist() == [True, False]
-    with pytest.raises(BadInput, match=r"\[signals.*no table has the column 'position'"):
-        read(tmp_path, GOOD.replace("qpos.carriage", "qvel.carriage"), mapped=mapped)
+
+
+@pytest.mark.parametrize(
+    ("text", "changes", "message"),
+    [
+        (
+            GOOD.replace("qpos.carriage", "qvel.carriage"),
+            {},
+            r"log\.csv, row 1: no column 'position', which \[signals\.\"qpos\.carriage\"\] names; "
+            r"the columns are 'ctrl\.motor', 'qvel\.carriage'$",
+        ),
+        (GOOD.replace("qpos.carriage", "Position"), {}, r"or map one of its columns: 'ctrl\.motor', 'Position'$"),
+        (
+            "time,ctrl.motor,qvel.carriage,position\n0,1,0,0\n1,1,0,0\n",
+            {"ignore": ["pos*"]},
+            "no column 'position'.*it is there, but 'ignore' leaves it out",
+        ),
+        (
+            "time," + ",".join(f"c{k}" for k in range(15)) + "\n" + ",".join("0" * 16) + "\n",
+            {},
+            r"give one of 'position', 'qvel\.carriage', or map .*: 'c0', .*, 'c11' and 3 more$",
+        ),
+    ],
+)
+def test_the_columns_that_are_there_are_named_where_one_is_missed(tmp_path, text, changes, message):
+    mapped = [SignalColumn(Signal("qpos.carriage", "m"), column="position")]
+    with pytest.raises(BadInput, match=message):
+        read(tmp_path, text, mapped=mapped, **changes)
+
+
+def test_a_mapped_column_that_no_table_has_names_the_tables(tmp_path):
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.csv").write_text(GOOD.replace("a,", f"{name}a,").replace("b,", f"{name}b,"))
+    mapped = [SignalColumn(Signal("qvel.carriage", "m/s"), column="speed")]
+    with pytest.raises(BadInput, match=r"one\.csv, .*two\.csv, row 1: no column 'speed'"):
+        reader(mapped=mapped).read([tmp_path / "one.csv", tmp_path / "two.csv"])
 
 
 def test_an_actuator_that_is_off_needs_no_command(tmp_path):
@@ -122,7 +156,9 @@ def test_a_switch_may_have_a_name_of_its_own(tmp_path):
     m = read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.torque_enable")])
     assert m.commands == ("motor",)
     assert m.data["enable"].flatten().tolist() == [1.0, 0.0]
-    with pytest.raises(BadInput, match=r"no column 'ctrl\.enabled', which switches the actuator 'motor'"):
+    with pytest.raises(
+        BadInput, match=r"no column 'ctrl\.enabled', which switches .*'motor'; nearest: ctrl.torque_enable; the columns"
+    ):
         read(tmp_path, text, commanded=[CommandColumn("motor", enable="ctrl.enabled")])
 
 
@@ -162,7 +198,10 @@ BAD = {
     "no time column": (GOOD.replace("time", "Time"), "row 1: no column 'time'; nearest: Time"),
     "joint": (GOOD.replace("qpos.carriage", "qpos.carrige"), "column 'qpos.carrige': .*nearest: qpos.carriage"),
     "actuator": (GOOD.replace("ctrl.motor", "ctrl.moto"), "column 'ctrl.moto': .*no actuator 'moto'; nearest: motor"),
-    "no command": ("time,qpos.carriage\n0,0\n1,0\n", "row 1: no column 'ctrl.motor', the command"),
+    "no command": (
+        "time,qpos.carriage,u\n0,0,0\n1,0,0\n",
+        "row 1: no column 'ctrl.motor', the command .* or map one of its columns: 'qpos.carriage', 'u'$",
+    ),
     "no signal": ("time,ctrl.motor\n0,0\n1,0\n", "row 1: no column that the model has; give one of 'qpos.carriage'"),
     "latin": (GOOD.encode().replace(b"0.5", b"\xe9"), "row 3, byte 0xe9: the file is not UTF-8"),
     "utf-16": (GOOD.encode("utf-16"), "the file is UTF-16"),

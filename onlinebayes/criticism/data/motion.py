@@ -13,10 +13,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
@@ -96,6 +97,38 @@ def check_seen(simulator: Simulator, joints: Sequence[str], names: Sequence[str]
                 f"joint '{joints[j]}' has no measured position, and the motion depends on it",
                 f"add the column qpos.{joints[j]}; its velocity does alone where only differences of position matter",
             )
+
+
+def check_runs(joints: Sequence[str], measurement: Measurement) -> None:
+    """Every run has a value of the signal by which each joint is seen: a joint without one would rest at 0.
+
+    Args:
+        joints: the simulator's, in its order.
+        measurement: the runs.
+
+    Raises:
+        BadInput: a joint that no signal shows, or not in one of the runs.
+    """
+    names = [signal.name for signal in measurement.signals]
+    shown = [seen_by(joint, names) for joint in joints]
+    measured = measurement.data["measured"].any(1)
+    for run, seen in zip(measurement.runs, measured, strict=True):
+        for one in shown:
+            if not bool(seen[one.column]):
+                raise BadInput(
+                    f"joint '{one.joint}' has no measured {'position' if one.position else 'velocity'}: "
+                    f"no cell of {one.signal} has a value in this run",
+                    f"fill them, leave the run out (exclude), or weld the joint{_or_speed(one, names, seen)}",
+                    where=f"run '{run}'",
+                )
+
+
+def _or_speed(position: SeenBy, names: Sequence[str], seen: Bool[Tensor, " S"]) -> str:
+    """The way out where the run has the joint's velocity."""
+    rate = f"qvel.{position.joint}"
+    if not position.position or rate not in names or not bool(seen[list(names).index(rate)]):
+        return ""
+    return f"; {rate} does alone where nothing depends on the position: ignore the column {position.signal} then"
 
 
 def _somewhere(simulator: Simulator) -> Float[Tensor, "2 P"]:

@@ -34,6 +34,7 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
     value = torch.cat([grid.value[:, signal] for grid in grids])
     observed = torch.cat([grid.observed[:, signal] for grid in grids])
     step, stride = grids[0].step, max(1, sum(grid.rows for grid in grids) // looks)
+    alive = _alive(observed)
     spreads, shares = [], []
     for m in HALF_WINDOWS:
         rows = _rows_within(grids, m, stride).to(value)
@@ -44,7 +45,7 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
         _, _, rest, free = local_cubic(value, observed, rows * step, m, step)
         dof = float(free.sum())
         spreads.append(float(rest.sum()) / dof if dof > 0 else float("inf"))
-        shares.append(float((free > 0).double().mean()))
+        shares.append(float((free > 0)[alive[rows.long()]].double().mean().nan_to_num(0.0)))
     # A signal slower than the clock has few rows: a cubic that goes through all of them shows nothing.
     spreads = [s if share >= MOSTLY * max(shares) else float("inf") for s, share in zip(spreads, shares, strict=True)]
     chosen, best = HALF_WINDOWS[0], min(spreads)
@@ -52,6 +53,18 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
         if spread <= slack * best:
             chosen = m
     return chosen
+
+
+def _alive(observed: Bool[Tensor, " G1"]) -> Bool[Tensor, " G1"]:
+    """Rows no further from an observed one than these are from one another: a hole, which a half-window would have to
+    span, says nothing of how many rows it should hold."""
+    at = observed.nonzero()[:, 0]
+    if len(at) < 2:
+        return torch.ones_like(observed)
+    rows = torch.arange(len(observed), device=observed.device)
+    after = torch.searchsorted(at, rows).clamp_max(len(at) - 1)
+    nearest = torch.minimum((at[after] - rows).abs(), (at[(after - 1).clamp_min(0)] - rows).abs())
+    return nearest <= at.diff().median()
 
 
 def _rows_within(grids: Sequence[RunGrid], m: int, stride: int) -> Int[Tensor, " L"]:

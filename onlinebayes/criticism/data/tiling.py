@@ -2,13 +2,17 @@
 
 window w: rows g_w .. g_w + K of run r_w, K rows in bins of at most H / 100, one after the other without overlap
 
-No window bridges a gap of the log: each stretch between gaps is tiled by itself.
+No window bridges a gap of the log: each stretch between gaps is tiled by itself. A window is left out where one of
+the joints, though its signal is not that slow, was not measured for more than half of it while others were: where it
+was nobody knows.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
@@ -80,8 +84,12 @@ def tile(
         for first, last in grid.pieces
         for g in _starts(last - first - lead, rows)
     ]
-    # Where commands go on and sensors do not, windows would have nothing to compare.
+    # Where commands go on and sensors do not, windows would have nothing to compare; and where nothing tells where one
+    # of the joints was, the others would move beside one that rests.
     places = [(r, g) for r, g in places if bool(grids[r].observed[g + 1 : g + rows + 1].any())] or places
+    shown = sorted({seen_by(joint, names).column for joint in joints})
+    most = [max(rows / 2, _spacing(grids, s)) for s in shown]
+    places = [(r, g) for r, g in places if _followed(grids[r].observed[g : g + rows + 1, shown], most)] or places
     if not places:
         raise BadInput(
             f"the longest run has {longest} steps of {step:g} s, too few to compare anything",
@@ -89,6 +97,23 @@ def tile(
         )
     cuts = [(r, g * step, (g + rows) * step) for r, g in places]
     return Tiling(tuple(places), rows, bin_rows, *window_starts(sensor, cuts, names, joints, noise), noise)
+
+
+def _followed(observed: Bool[Tensor, "K1 J"], most: Sequence[float]) -> bool:
+    """Whether no joint of a window goes unmeasured for more than so many rows in which another one is measured."""
+    observed = observed[observed.any(-1)]
+    ends = observed.new_ones(1)
+    for column, rows in zip(observed.unbind(-1), most, strict=True):
+        at = torch.cat([ends, column, ends]).nonzero()[:, 0]
+        if int(at.diff().max() - 1) > rows:
+            return False
+    return True
+
+
+def _spacing(grids: Sequence[RunGrid], signal: int) -> float:
+    """Rows from one measured cell of a signal to the next, as a rule; 0 where that is not known."""
+    steps = torch.cat([grid.observed[:, signal].nonzero()[:, 0].diff() for grid in grids])
+    return float(steps.median()) if len(steps) else 0.0
 
 
 def _lead(grids: tuple[RunGrid, ...], names: list[str], joints: tuple[str, ...], horizon: float, step: float) -> int:

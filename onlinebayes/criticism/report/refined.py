@@ -30,6 +30,9 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.assets import put_beside
 from onlinebayes.simulators.mujoco.export import to_xml
 
+FILES = ("refined.toml", "refined.xml")
+"""What ``refine`` writes besides the report, as far as there is a problem file, and a model that MuJoCo takes."""
+
 ASSETS = "refined_assets"
 """Folder beside refined.xml for the meshes and textures that the model had in memory."""
 
@@ -210,7 +213,7 @@ def _fitted(result: Criticism) -> dict[str, list[str]]:
     found: dict[str, list[str]] = {}
     for name, value in _model(result).parameters.items():
         address = address_of(name)
-        of_run = name.removeprefix(address).strip("[]")
+        of_run = name.removeprefix(address).removeprefix("[").removesuffix("]")  # a glob has brackets of its own
         found.setdefault(address, []).append(f"{of_run} {words.estimate(value)}".strip())
     return found
 

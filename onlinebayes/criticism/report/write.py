@@ -11,6 +11,9 @@ from onlinebayes.criticism.report.refined import left_out, noted, write_refined
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs import write_atomic
 
+FILES = ("report.html", "run.rrd", "report.json")
+"""What every command writes."""
+
 
 def write_report(
     result: Criticism, out_dir: str | Path, *, title: str = "", problem: str | Path | None = None
@@ -36,4 +39,4 @@ def write_report(
     write_recording(result, folder / "run.rrd")
     # Last, because programs that wait for the result wait for this one.
     write_atomic(folder / "report.json", to_json(result))
-    return (*refined, "report.html", "run.rrd", "report.json")
+    return (*refined, *FILES)

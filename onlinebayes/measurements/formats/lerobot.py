@@ -14,6 +14,7 @@ names. Source: https://huggingface.co/docs/lerobot. Needs the extra ``onlinebaye
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ LARGEST_INFO = 16 * 2**20
 MOST_FILES = 100_000
 LONGEST = 256
 """Parts of a feature; what has more is an image or a scan."""
+
+VERSION = re.compile(r"v?[23](?!\d)")
 
 EPISODE, TIME = "episode_index", "timestamp"
 OTHER = ("frame_index", "index", "task_index")
@@ -78,12 +81,11 @@ def _features(folder: Path) -> dict[str, list[str] | None]:
         raise BadInput(f"is not JSON: {str(error)[:100]}", "write the data set again", where=str(path)) from None
     features = info.get("features") if isinstance(info, dict) else None
     version = str(info.get("codebase_version", "")) if isinstance(info, dict) else ""
-    if not isinstance(features, dict) or not version.startswith(("v2", "v3")):
-        raise BadInput(
-            f"codebase_version '{version[:20]}' with {'' if isinstance(features, dict) else 'no '}features",
-            "versions 2.x and 3.x can be read: convert it with LeRobot's scripts",
-            where=str(path),
-        )
+    if not isinstance(features, dict):
+        raise BadInput("describes no features", "write the data set again with LeRobot", where=str(path))
+    if not VERSION.match(version):
+        cure = "versions 2.x and 3.x can be: convert it with LeRobot's scripts"
+        raise BadInput(f"codebase_version '{version[:20]}' cannot be read", cure, where=str(path))
     return {name: _parts(name, one, path) for name, one in features.items() if _is_numeric(name, one)}
 
 

@@ -2,7 +2,7 @@
 
 An address resolves to the cells of ``mjModel`` arrays that a value is written to, each with a sign:
 ``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. A name with ``*`` or ``?`` is one value
-for all elements that it matches. The contract's names are MJCF's (see :mod:`.fields`).
+for all elements that it matches. The fields' names are those of :mod:`.fields`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Where MJCF attributes live: address field -> columns of compiled arrays -> attribute of the spec.
 
-An address ``joint.hinge.damping`` names an attribute as MJCF does; MuJoCo compiles it into one or several arrays of
-``mjModel``. The two tables below are all that addresses, fields per world and export know about it.
+An address ``joint.hinge.damping`` names an attribute as MJCF or the spec does; MuJoCo compiles it into one or several
+arrays of ``mjModel``. The two tables below are all that addresses, fields per world and export know about it.
 
 | address field            | compiled array                     | note                                              |
 |--------------------------|------------------------------------|---------------------------------------------------|

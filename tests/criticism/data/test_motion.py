@@ -10,6 +10,7 @@ from onlinebayes.criticism import compare, diagnose, refine
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.data.windows import START_LOOSENESS, make_windows
 from onlinebayes.criticism.report import write_report
+from onlinebayes.criticism.task import prepared
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -97,6 +98,32 @@ def test_a_joint_that_nothing_shows_is_an_error() -> None:
     data["signal"], data["measured"] = data["signal"][..., :0], data["measured"][..., :0]
     with pytest.raises(BadInput, match="no measured position or velocity"):
         make_windows(model(), replace(seen, data=data, signals=()), 1.0)
+
+
+@pytest.mark.parametrize("run", ["run0", "run3"])
+def test_a_joint_that_one_run_does_not_show_is_an_error(run: str) -> None:
+    """A fit run or the held-out one: it is named, and nothing is held at 0."""
+    seen = measure(runs=4)
+    assert seen.runs[-1] == "run3"
+    data = seen.data.clone()
+    data["measured"][seen.runs.index(run)] = False
+    data["signal"][seen.runs.index(run)] = 0.0
+    with pytest.raises(BadInput, match=rf"run '{run}': joint 'rail' has no measured position: no cell of qpos\.rail"):
+        compare(model(), replace(seen, data=data), holdout=["run3"])
+
+
+def test_a_position_that_no_run_holds_is_no_position() -> None:
+    """An empty column beside a tachometer's: the velocity alone shows the joint, as without the column."""
+    seen = tachometer()
+    data = seen.data.clone()
+    for key in ("signal", "measured"):
+        data[key] = torch.cat([torch.zeros_like(data[key]), data[key]], -1)
+    both = replace(seen, data=data, signals=(Signal("qpos.rail", "m"), *seen.signals))
+    assert [signal.name for signal in both.seen().signals] == ["qvel.rail"]
+    assert prepared(model(), both, None, None, None).fit_runs.signals == seen.signals
+    data["measured"][0, :, 0] = True
+    with pytest.raises(BadInput, match=r"run 'run1': .*; qvel\.rail does alone where nothing depends on the position"):
+        prepared(model(), replace(both, data=data), None, None, None)
 
 
 def test_a_runs_past_is_known_from_its_speeds() -> None:

@@ -89,3 +89,12 @@ def test_the_half_window_of_a_slow_signal_holds_more_rows_than_a_cubic_goes_thro
     _, sd, _, dof = local_cubic(slow.value[:, 0], slow.observed[:, 0], t[200:-200:7], m, H)
     assert float(dof.min()) > 0
     assert bool(torch.isfinite(sd).all())
+
+
+def test_a_hole_does_not_make_the_half_window_longer() -> None:
+    """It would have to reach over the hole for most places to hold rows, and be far too long for the motion."""
+    t = torch.arange(1200, dtype=torch.float64) * H
+    whole = grid(torch.sin(9 * t) + 1e-3 * torch.randn(1200, dtype=torch.float64))
+    seen = whole.observed.clone()
+    seen[300:750] = False
+    assert half_window([replace(whole, observed=seen)], 0) <= 1.5 * half_window([whole], 0)

@@ -68,6 +68,17 @@ def test_a_value_a_run_of_an_effect_stays_one(folder: Path) -> None:
     assert new["constant_load@carriage.load"] == [-50.0, 50.0]
 
 
+def test_a_group_of_runs_keeps_its_globs_brackets(folder: Path) -> None:
+    result = criticism(simulator=drive())
+    value = result.final.parameters["body.carriage.mass"]
+    names = ("run plain", "run r[0-2]", "run [ab]*")
+    own = {f"body.carriage.mass[{name}]": value for name in names}
+    result = dataclasses.replace(result, final=dataclasses.replace(result.final, parameters=own))
+    write_refined(result, folder / "out", folder / "drive.toml")
+    text = (folder / "out" / "refined.toml").read_text()
+    assert f"# fitted: {'; '.join(f'{name} 95.1 ± 1.5 kg' for name in names)}" in text
+
+
 def test_a_factory_stays_a_factory(folder: Path) -> None:
     (folder / "drive.toml").write_text(PROBLEM.replace("models/drive.xml", "my.package:build"))
     write_refined(criticism(simulator=drive()), folder / "out", folder / "drive.toml")

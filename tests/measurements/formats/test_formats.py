@@ -42,7 +42,7 @@ def test_mcap_in_protobuf_reads_like_csv(tmp_path):
     assert_same(logs.reader(*logs.MCAP).read([tmp_path / "log.mcap"]), from_csv(tmp_path))
 
 
-@pytest.mark.parametrize("version", ["v2.0", "v2.1", "v3.0"])
+@pytest.mark.parametrize("version", ["v2.0", "v2.1", "v3.0", "2.1", "3.0"])
 def test_a_lerobot_data_set_reads_like_csv(tmp_path, version):
     logs.write_lerobot(tmp_path / "pick", version)
     found = logs.reader(*logs.LEROBOT).read([tmp_path / "pick"])

@@ -1,0 +1,88 @@
+"""The files of a command's folder: apart from what the command reads, and none left of an earlier command.
+
+A report beside the refined model of another one would be taken for its own.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from onlinebayes.criticism.report import refined, write
+from onlinebayes.runs import BadInput
+
+NAMES = (*write.FILES, *refined.FILES)
+"""All that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
+
+
+def names_of(command: str) -> tuple[str, ...]:
+    """What ``compare``, ``diagnose`` or ``refine`` writes."""
+    return NAMES if command == "refine" else write.FILES
+
+
+def check_apart(paths: Sequence[Path], inputs: Mapping[Path, str]) -> None:
+    """No file that is to be written is one that is read.
+
+    Args:
+        paths: to be written.
+        inputs: path -> what it is, e.g. ``"the model"``.
+
+    Raises:
+        BadInput: one is the same file, by whatever name.
+    """
+    for path in paths:
+        if what := _same(path, inputs):
+            raise BadInput(f"is {what}, and would be written over", "choose another --out", where=str(path))
+
+
+def clear(folder: Path, written: Sequence[str], inputs: Mapping[Path, str]) -> tuple[str, ...]:
+    """Take away what an earlier command left under :data:`NAMES`, but for inputs; returns the names.
+
+    Args:
+        folder: the command's.
+        written: names of the files that it wrote this time.
+        inputs: as for :func:`check_apart`.
+    """
+    stale = [name for name in NAMES if name not in written and (folder / name).is_file()]
+    stale = [name for name in stale if not _same(folder / name, inputs)]
+    for name in stale:
+        (folder / name).unlink()
+    return tuple(stale)
+
+
+@contextmanager
+def writable(folder: Path) -> Iterator[Path]:
+    """The folder, made if need be and tried out before the long work; taken away again when nothing was written.
+
+    Raises:
+        BadInput: it is a link, or cannot be made or written.
+    """
+    for link in (folder, *folder.parents):
+        if link.is_symlink() and (link == folder or not link.exists()):
+            gone = "" if link.exists() else ", which is not there"
+            problem = f"is a link to {link.parent / link.readlink()}{gone}"
+            raise BadInput(problem, "give --out the folder itself", where=str(link))
+    made = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        problem = "is a file, not a folder" if folder.is_file() else f"cannot be written: {error.strerror}"
+        raise BadInput(problem, "give --out a folder that you may write to", where=str(folder)) from None
+    try:
+        yield folder
+    finally:
+        for parent in made:
+            if any(parent.iterdir()):
+                break
+            parent.rmdir()
+
+
+def _same(path: Path, inputs: Mapping[Path, str]) -> str:
+    """What a path is among the inputs; empty where it is none of them."""
+    if not path.exists():
+        return ""
+    return next((what for other, what in inputs.items() if other.exists() and path.samefile(other)), "")
