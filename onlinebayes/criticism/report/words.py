@@ -340,7 +340,8 @@ def _beside(rival: Candidate, alpha: float) -> Candidate:
 def briefly(result: Criticism, candidate: Candidate) -> str:
     """The outcome without its numbers: ``brings too little``."""
     if candidate.accepted_with:
-        return "accepted, one of two"
+        partners = [f"#{row.rank}" for row in result.candidates if row.effect in candidate.accepted_with and row.rank]
+        return f"accepted, only with {listing(partners)}" if partners else "accepted, one of a pair"
     if candidate.indistinguishable_from and not candidate.accepted:
         equals = [row for row in result.candidates if row.effect in candidate.indistinguishable_from and row.rank]
         return f"explains as much as {listing([f'#{row.rank}' for row in equals])}" if equals else "explains as much"
