@@ -63,6 +63,7 @@ def starts_note(left: Mapping[str, float], error: HeldOutError) -> tuple[str, ..
         return ()
     worst, still = max(_over_floor(error)[name] for name in left), max(left.values())
     whose = ", ".join(left) if len(left) <= NAMED else f"{len(left)} signals"
+    whose = " and ".join(whose.rsplit(", ", 1))
     return (
         f"the held-out error of {whose} is {'up to ' if len(left) > 1 else ''}{quantities.times(worst)} what noise "
         "explains because its windows start from smoothed measurements, which round off quick turns of the motion; "
