@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from onlinebayes.cli.freeing import free_parameters
-from onlinebayes.cli.matching import Match, match, match_time
+from onlinebayes.cli.matching import Match, could_be, match, match_time
 from onlinebayes.cli.model import signal_units
 from onlinebayes.cli.outputs import check_apart
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
@@ -33,6 +33,8 @@ from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
 LIKE_THE_MODEL = ("ctrl.", "enable.", "qpos.", "qvel.", "qfrc.", "xfrc.")
 LONGEST_STEP = {"s": 1.0, "ms": 1e3, "us": 1e6}
 """Units of a clock, each with the step of a log of one row a second."""
+MOST_NAMED = 4
+"""How many of the columns that a name could be are listed."""
 HEAD = """\
 A first problem file, made by onlinebayes init: read every line, above all the bounds.
 Then: onlinebayes compare {name} --out out   (how wrong is the model?)
@@ -46,14 +48,14 @@ class Draft:
     Args:
         text: of the file.
         matches: columns that were found.
-        missing: names of the model without a column; nothing when the file is complete.
+        missing: names of the model without a column, with those that it could be; nothing when the file is complete.
         follows: positions without a column that constraints tie to those that have one.
         unused: columns of the logs that nothing takes.
     """
 
     text: str
     matches: tuple[Match, ...]
-    missing: tuple[str, ...]
+    missing: Mapping[str, tuple[str, ...]]
     follows: tuple[str, ...]
     unused: tuple[str, ...]
 
@@ -79,10 +81,10 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     drafted = draft(Path(model), [Path(log) for log in logs], target)
     write_atomic(target, drafted.text)
     for found in drafted.matches:
-        said = "" if found.exact else "   (proposed by its name: check it)"
+        said = "" if found.exact else f"   ({found.why}: check it)"
         print(f"matched:   {found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}{said}")
-    for name in drafted.missing:
-        print(f"missing:   {name}: no column was found; {_cure(name)}")
+    for name, columns in drafted.missing.items():
+        print(f"missing:   {name}: {_doubt(columns)}; {_cure(name)}")
     if drafted.follows:
         print(f"follows:   {', '.join(drafted.follows)}, from the others by the model's <equality>")
     if drafted.unused:
@@ -101,6 +103,11 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
     clock = _clock(sources, shared)
     column = "" if clock is None else clock.column
+    own = (
+        *measured_sensors(simulator.model, shared),
+        *(f"enable.{name}" for name in simulator.commands),
+        *_wrenches(simulator, shared),
+    )
     matches = match(wanted, [name for name in shared if name not in ("run", column)])
     if clock is None and not matches:
         raise BadInput(
@@ -112,13 +119,11 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
     follows = follow(simulator, have) & {*needed}
-    missing = tuple(([] if clock else ["time"]) + [name for name in needed if name not in follows])
-    own = (
-        *measured_sensors(simulator.model, shared),
-        *(f"enable.{name}" for name in simulator.commands),
-        *_wrenches(simulator, shared),
-    )
     taken = {"run", column, *own, *(found.column for found in matches)}
+    lacking = _lacks(sources, wanted, [name for name in needed if name not in follows], shared, taken)
+    if guess := _last_one(lacking):
+        matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
+    missing = ({} if clock else {"time": ()}) | lacking
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
     measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing else None
     if measurement is None:
@@ -138,10 +143,36 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     if clock and not clock.exact:
         content["time"] = {"column": clock.column, "unit": clock.unit}
     content |= _mapped(matches)
-    text = to_toml(content, head=HEAD.format(name=target.name), comments=_comments(content, simulator, parameters))
     found = matches if clock is None or clock.exact else (clock, *matches)
+    comments = _comments(content, simulator, parameters, {one.name: one.why for one in found})
+    text = to_toml(content, head=HEAD.format(name=target.name), comments=comments)
     text += _lacking(missing) + _more(simulator, content.get("signals", {}))
     return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused)
+
+
+def _lacks(
+    sources: Sequence[Source], wanted: Sequence[str], needed: Sequence[str], shared: Sequence[str], taken: set[str]
+) -> dict[str, tuple[str, ...]]:
+    """Names of the model without a column -> the columns that each could be."""
+    left = [column for column in shared if column not in taken and not column.startswith(LIKE_THE_MODEL)]
+    numbers = [column for column in left if _numeric(sources, column)] if needed else []
+    return {name: could_be(name, wanted, numbers) for name in needed}
+
+
+def _last_one(lacking: Mapping[str, tuple[str, ...]]) -> Match | None:
+    """The one column left for the one actuator left, where nothing else of the model lacks one."""
+    (name, columns), *others = lacking.items() or [("", ())]
+    if others or len(columns) != 1 or not name.startswith("ctrl."):
+        return None
+    return Match(name, columns[0], why="a guess, no other column is left")
+
+
+def _numeric(sources: Sequence[Source], column: str) -> bool:
+    """Whether every log has numbers there."""
+    try:
+        return all(np.isfinite(source.columns([column])[column]).any() for source in sources)
+    except BadInput:
+        return False
 
 
 def _clock(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:
@@ -226,7 +257,7 @@ def _mapped(matches: Sequence[Match]) -> dict[str, dict[str, dict[str, str]]]:
 
 
 def _comments(
-    content: dict[str, object], simulator: MujocoSimulator, parameters: ParameterSpace
+    content: dict[str, object], simulator: MujocoSimulator, parameters: ParameterSpace, why: Mapping[str, str]
 ) -> dict[tuple[str, ...], str]:
     comments: dict[tuple[str, ...], str] = {
         ("model",): "the MJCF file",
@@ -241,13 +272,24 @@ def _comments(
     comments["time", "unit"] = "check it"
     for kind in ("signals", "commands"):
         for name in content.get(kind, {}):  # type: ignore[attr-defined]
-            comments[kind, name, "column"] = "proposed by its name: check it"
+            proposed = why[f"ctrl.{name}" if kind == "commands" else name]
+            comments[kind, name, "column"] = f"{proposed}: check it"
             comments[kind, name, "unit"] = "as the column's name says"
     return comments
 
 
-def _lacking(missing: Sequence[str]) -> str:
-    return "".join(f"\n# MISSING: {name}; {_cure(name)}" for name in missing) + ("\n" if missing else "")
+def _lacking(missing: Mapping[str, tuple[str, ...]]) -> str:
+    lines = [f"\n# MISSING: {name}: {_doubt(columns)}; {_cure(name)}" for name, columns in missing.items()]
+    return "".join(lines) + ("\n" if missing else "")
+
+
+def _doubt(columns: Sequence[str]) -> str:
+    """What stands in a name's way."""
+    if len(columns) < 2:
+        return "no column was found" if not columns else f"perhaps {columns[0]}"
+    few = columns[:MOST_NAMED]
+    more = f" or {len(columns) - len(few)} more" if len(columns) > len(few) else ""
+    return f"{', '.join(few[:-1])}{', ' if more else ' or '}{few[-1]}{more} could be it"
 
 
 def _cure(name: str) -> str:
@@ -265,7 +307,7 @@ def _more(simulator: MujocoSimulator, mapped: object) -> str:
     begun = isinstance(mapped, Mapping) and signal in mapped
     return (
         f"\n# {f'In {table} above may stand, too:' if begun else table}\n"
-        "# sd = 1e-3           # the sensor's noise [SI], where you know it; estimated from the data otherwise\n"
+        "# sd = 1e-3           # scatter of the logged values [SI], where you know it; else estimated from the data\n"
         '# unit = "deg"        # or sign = -1, scale, offset: how the column becomes the model\'s quantity\n'
         "# [selection]\n"
         "# horizon_s = 1.0     # seconds over which the model is replayed from a measured state\n"

@@ -4,6 +4,10 @@ A column is cut into words (``LeftKneePos_deg`` -> left, knee, pos, deg). It is 
 holds every word of the joint's name and a word for position, or no word for another kind; where the model has a single
 joint (or actuator) its name may be missing. What fits best is taken, each column once, nothing by chance: a column that
 fits two names equally well is left out. The clock's column is found by its name alone.
+
+For a command a word of what was told (``cmd``) counts more than one of what then flows or pushes (``current``), which
+may be a measurement; a unit alone (``coil_A``) counts beside the actuator's name. Two guesses come last and are called
+so: a column with exactly an actuator's name that no joint claims, and the one column left for the one actuator left.
 """
 
 from __future__ import annotations
@@ -23,20 +27,54 @@ KINDS = {
         "u",
         "input",
         "drive",
-        "pwm",
-        "duty",
         "setpoint",
         "demand",
         "action",
-        "torque",
-        "effort",
-        "voltage",
-        "volt",
-        "volts",
-        "force",
-        "tau",
     },
 }
+QUANTITIES = {
+    "pwm",
+    "duty",
+    "torque",
+    "effort",
+    "voltage",
+    "volt",
+    "volts",
+    "force",
+    "tau",
+    "thrust",
+    "current",
+    "amp",
+    "amps",
+    "ampere",
+    "amperes",
+}
+"""What an actuator is told in, or what it then does: a command where nothing better is there."""
+UNIT_OF_A_COMMAND = {"a", "v", "nm"}
+"""Units of such quantities, which are letters of many other names."""
+NO_COMMAND = {
+    "temp",
+    "temperature",
+    "battery",
+    "index",
+    "idx",
+    "seq",
+    "sequence",
+    "counter",
+    "count",
+    "row",
+    "id",
+    "status",
+    "state",
+    "flag",
+    "mode",
+}
+"""Words of columns that are in many logs and tell no actuator anything."""
+NAMED, SURE, LIKELY, CALLED = 6, 4, 2, 3
+"""Weights of a column: it holds the name; a word of the kind; a quantity of a command; it is the actuator's name alone.
+
+The last is less than a joint's claim by its name, and than a word for a command.
+"""
 UNITS = {word: word for word in ("mm", "cm", "um", "deg", "rev", "mrad", "rpm")} | {"degrees": "deg", "degree": "deg"}
 OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}, "ctrl": set()}
 CLOCK = {"time", "t", "timestamp", "stamp", "clock", "elapsed", "since", "start"}
@@ -57,11 +95,13 @@ class Match:
         name: ``qpos.hinge``, ``ctrl.motor``, ``time``.
         column: of the log.
         unit: what the column's name says of its unit, as the problem file writes it; empty for SI.
+        why: it was proposed.
     """
 
     name: str
     column: str
     unit: str = ""
+    why: str = "proposed by its name"
 
     @property
     def exact(self) -> bool:
@@ -85,8 +125,29 @@ def match(names: Sequence[str], columns: Sequence[str]) -> tuple[Match, ...]:
         rivals = [other for other in free if other != best[1] and scored[name, other] == best[0]]
         claims = [other for other in left if other != name and scored[other, best[1]] >= best[0]] if best[0] else []
         if best[0] > 0 and not rivals and not claims:
-            found.append(Match(name, best[1], _unit(name.partition(".")[0], best[1])))
+            why = "a guess, it is the actuator's name alone" if best[0] == CALLED else Match.why
+            found.append(Match(name, best[1], _unit(name.partition(".")[0], best[1]), why))
     return tuple(found)
+
+
+def could_be(name: str, names: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
+    """Columns of which each may be what ``name`` is measured or told by; one of them is a guess, several a question.
+
+    Those that say most of it; for a command that nothing says anything of, all that do not say something else.
+
+    Args:
+        name: one that has no column.
+        names: of the model.
+        columns: that nothing takes.
+    """
+    scores = {column: _score(name, column, names) for column in columns}
+    most = max(scores.values(), default=0)
+    if most > 0:
+        return tuple(column for column, score in scores.items() if score == most)
+    if not name.startswith("ctrl."):
+        return ()
+    others = set().union(NO_COMMAND, CLOCK, *(KINDS[kind] for kind in KINDS if kind != "ctrl"))
+    return tuple(column for column in columns if not others & set(words(column)))
 
 
 def match_time(columns: Sequence[str]) -> Match | None:
@@ -113,12 +174,23 @@ def _score(name: str, column: str, names: Sequence[str]) -> int:
     """How well they agree: 0 for not at all."""
     kind, _, target = name.partition(".")
     have, wanted = set(words(column)), set(words(target))
-    others = set().union(*(KINDS[other] for other in KINDS if other != kind)) - KINDS[kind] - wanted
-    named, said = wanted <= have, bool(have & (KINDS[kind] - wanted))
+    told = KINDS | {"ctrl": KINDS["ctrl"] | QUANTITIES}
+    others = set().union(*(told[other] for other in told if other != kind)) - told[kind] - wanted
+    named, said = wanted <= have, _said(kind, have - wanted, wanted <= have)
     only = sum(other.partition(".")[0] == kind for other in names) == 1
-    if have & others or not (named or only) or not (named or said) or (not said and kind != "qpos"):
+    if have & others or not (named or (only and said)):
         return 0
-    return 2 * named + said
+    if not said and kind != "qpos":
+        return CALLED if kind == "ctrl" and words(column) == words(target) else 0
+    return NAMED * named + said
+
+
+def _said(kind: str, have: set[str], named: bool) -> int:
+    """How surely these words mean the kind: 0 for not at all."""
+    if have & KINDS[kind]:
+        return SURE
+    likely = QUANTITIES | UNIT_OF_A_COMMAND if named else QUANTITIES
+    return LIKELY if kind == "ctrl" and have & likely else 0
 
 
 def _unit(kind: str, column: str) -> str:

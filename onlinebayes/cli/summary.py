@@ -64,8 +64,8 @@ def _errors(result: Criticism) -> list[str]:
     lines = [f"{'held-out error (RMS)':<38} {'before':>12} {'after':>12} {'floor':>12}"]
     for signal in order[:SIGNALS]:
         before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
-        scale = quantities.scale_for(before, result.units[signal])
-        cells = (scale.text(before), scale.text(after) if result.changed else "–", words.small(scale, floor))
+        was, now, noise = quantities.texts((before, after, floor), result.units[signal])
+        cells = (was, now if result.changed else "–", noise)
         lines.append(f"  {_cut(signal, 36):<36} " + " ".join(f"{_cut(cell, 12):>12}" for cell in cells))
     return [*lines, *_others(len(order) - SIGNALS, "signal", ", with smaller errors")]
 

@@ -11,7 +11,6 @@ from typing import Literal
 
 import torch
 
-from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
@@ -26,7 +25,7 @@ from onlinebayes.criticism.fitting.fit import residual_correlation_time
 from onlinebayes.criticism.fitting.heldout import replay_runs
 from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.judging.held_starts import starts_note
+from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
 from onlinebayes.criticism.replaying.ladder import Rung
@@ -59,6 +58,7 @@ class _Opened:
         step: with which both are integrated [s].
         held: windows of the held-out runs at every row.
         error, detail: of both models over them.
+        fitted_starts: what the final model leaves there with starts fitted, where the measured ones are what errs.
     """
 
     base: FittedModel
@@ -67,6 +67,7 @@ class _Opened:
     held: Windows
     error: HeldOutError
     detail: Detail
+    fitted_starts: dict[str, float]
 
 
 def assemble(question: Question, task: Task, found: Found, fault: Suspicion | None, stopwatch: Stopwatch) -> Criticism:
@@ -120,6 +121,7 @@ def assemble(question: Question, task: Task, found: Found, fault: Suspicion | No
         wiring=None if fault is None else wiring_of(fault),
         changes=parameter_changes(found, models.final.parameters),
         mended=_mended(fault, task) if fault is not None and verdict == "data_problem" else None,
+        fitted_starts=models.fitted_starts,
     )
 
 
@@ -151,7 +153,9 @@ def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> 
     if final is not base:
         final_model = _model(final, step, blocks_for(final.fitted, final.windows, task.selection.folds), task)
     held = windows_to_replay(final_model.simulator, task.held_runs, final_model.theta, horizon, final.windows.noise)
-    return _Opened(base_model, final_model, step, held, *opened(base_model, final_model, held, tuple(units), units))
+    error, detail = opened(base_model, final_model, held, tuple(units), units)
+    left = fitted_starts(final_model, held, error, task.selection.tolerance)
+    return _Opened(base_model, final_model, step, held, error, detail, left)
 
 
 def _model(grounds: Grounds, step: float, blocks: Blocks, task: Task) -> FittedModel:
@@ -213,7 +217,7 @@ def _notes(
     """What else a reader should know: of the task, the fit, the held-out runs and the log."""
     parameters, simulator = models.final.parameters, task.simulator
     # Starts that were taken as measured explain a held-out error, wherever else its runs went.
-    beyond_fit = starts_note(models.final, models.held, models.error, task.selection.tolerance) or new_ground_notes(
+    beyond_fit = starts_note(models.fitted_starts, models.error) or new_ground_notes(
         models.final.replays,
         reaches(found.final.windows, simulator.commands),
         reaches(models.held, simulator.commands),

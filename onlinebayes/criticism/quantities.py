@@ -10,11 +10,14 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 _THOUSANDS = ((1e-9, "n"), (1e-6, "µ"), (1e-3, "m"), (1.0, ""))
 _PREFIXED = ("m", "rad", "s", "m/s", "rad/s", "V", "A")
 _MISSING = "–"
+LEAST_SHOWN, MOST_SHOWN = 0.02, 1e5
+"""Numbers that share a unit are written between these, where one prefix can do that for all."""
 MEANINGLESS_BELOW = 1e-13
 """SI value below which no parameter of a machine means anything."""
 _EXPONENT = re.compile(r"(?<=[a-z])[23]\b")
@@ -53,6 +56,29 @@ def scale_for(size: float, unit: str) -> Scale:
     fitting = [(factor, prefix) for factor, prefix in _THOUSANDS if abs(size) >= 0.999 * factor]
     factor, prefix = fitting[-1] if fitting else _THOUSANDS[0]
     return Scale(factor, prefix + unit, unit)
+
+
+def shared_scale(values: Iterable[float], unit: str) -> Scale:
+    """The one display unit for numbers that stand side by side to be compared: ``4100 mrad`` and ``4.6 mrad``.
+
+    That of the largest; a finer one where the smallest would be all zeros in it.
+    """
+    sizes = sorted(abs(value) for value in values if math.isfinite(value) and value != 0)
+    if not sizes:
+        return scale_for(0.0, unit)
+    scale = scale_for(sizes[-1], unit)
+    while sizes[0] < LEAST_SHOWN * scale.size:
+        finer = scale_for(scale.size / 1000, unit)
+        if finer.size >= scale.size or sizes[-1] >= MOST_SHOWN * finer.size:
+            break
+        scale = finer
+    return scale
+
+
+def texts(values: Sequence[float], unit: str) -> list[str]:
+    """``values`` [unit], all in one display unit."""
+    scale = shared_scale(values, unit)
+    return [scale.text(value) for value in values]
 
 
 def text(value: float | None, unit: str, digits: int = 2) -> str:

@@ -322,6 +322,8 @@ class Criticism:
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         mended: with ``data_problem``, the base model fitted to the mended table, without replays.
+        fitted_starts: signal -> what the final model leaves in the held-out runs with its windows' starts fitted
+            [sensor noise], where the starts as measured, and not the model, are what errs; not in report.json.
     """
 
     command: Literal["compare", "diagnose", "refine"]
@@ -353,6 +355,7 @@ class Criticism:
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
     mended: FittedModel | None = None
+    fitted_starts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def only_compared(self) -> bool:

@@ -234,10 +234,69 @@ def test_a_file_that_is_there_stays(folder, capsys) -> None:
         (["ctrl.motor"], ["drive_V"], {"ctrl.motor": "drive_V"}),
         (["qpos.hinge"], ["temperature"], {}),
         (["ctrl.motor"], ["motor_speed"], {}),  # not what it was told
+        (["qpos.rod", "ctrl.coil"], ["rod", "coil"], {"qpos.rod": "rod", "ctrl.coil": "coil"}),
+        (["qpos.coil", "ctrl.coil"], ["coil"], {"qpos.coil": "coil"}),  # the joint's claim
+        (["ctrl.coil"], ["coil_A"], {"ctrl.coil": "coil_A"}),
+        (["ctrl.coil"], ["coil_current"], {"ctrl.coil": "coil_current"}),
+        (["ctrl.coil"], ["coil_current_A"], {"ctrl.coil": "coil_current_A"}),
+        (["ctrl.coil"], ["amps"], {"ctrl.coil": "amps"}),
+        (["ctrl.coil"], ["channel_A"], {}),  # a letter is no unit without the name
+        (["ctrl.coil"], ["coil_A", "coil_current"], {}),  # which?
+        (["ctrl.coil"], ["coil_cmd", "coil_current"], {"ctrl.coil": "coil_cmd"}),  # the other was measured
+        (["ctrl.coil"], ["coil", "u_cmd"], {"ctrl.coil": "u_cmd"}),
+        (["ctrl.a", "ctrl.b"], ["a_pwm", "b_duty"], {"ctrl.a": "a_pwm", "ctrl.b": "b_duty"}),
+        (["ctrl.a", "ctrl.b"], ["amps"], {}),  # whose?
+        (["qpos.hip"], ["hip_current"], {}),
     ],
 )
 def test_names(names, columns, found) -> None:
     assert {one.name: one.column for one in match(names, columns)} == found
+
+
+@pytest.mark.parametrize("column", ["motor", "channel 7"])
+def test_a_guess_of_a_command_is_called_one(folder, capsys, column: str) -> None:
+    (folder / "lab.csv").write_text(table().replace("ctrl.motor", column))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert f"ctrl.motor <- {column}   (a guess, " in said
+    assert "missing" not in said
+    assert "unused" not in said
+    (line,) = [line for line in (folder / "first.toml").read_text().splitlines() if line.startswith("column")]
+    assert "# a guess, " in line
+    own = load_problem(folder / "carriage.toml").measurement.data["command"]
+    assert bool((load_problem(folder / "first.toml").measurement.data["command"] == own).all())
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        ("channel 8", "channel 7 or channel 8 could be it"),
+        ("note", ""),  # text
+        ("temperature", ""),  # tells no actuator anything
+        ("wheel position", ""),
+    ],
+)
+def test_the_last_column_is_guessed_only_where_no_other_could_be_it(folder, capsys, more: str, said: str) -> None:
+    head, *rows = table().replace("ctrl.motor", "channel 7").splitlines()
+    cell = "fine" if more == "note" else "0.1"
+    (folder / "lab.csv").write_text("\n".join([f"{head},{more}", *(f"{row},{cell}" for row in rows)]) + "\n")
+    status, printed = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    text = (folder / "first.toml").read_text()
+    assert tomllib.loads(text)["parameters"]
+    if said:
+        assert f"missing:   ctrl.motor: {said}; name it here: [commands.motor]" in printed
+        assert f"# MISSING: ctrl.motor: {said}; name it here" in text
+    else:
+        assert "ctrl.motor <- channel 7" in printed
+        assert f"unused:    {more}" in printed
+
+
+def test_columns_that_say_as_much_are_named(folder, capsys) -> None:
+    head, *rows = table().replace("ctrl.motor", "motor_A").splitlines()
+    (folder / "lab.csv").write_text("\n".join([f"{head},motor_current", *(f"{row},0" for row in rows)]) + "\n")
+    _, said = make(folder, capsys, log="lab.csv")
+    assert "missing:   ctrl.motor: motor_A or motor_current could be it; name it here" in said
 
 
 def test_units_in_names() -> None:

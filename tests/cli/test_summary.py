@@ -133,6 +133,16 @@ def test_a_rival_stands_right_below_its_accepted_effect() -> None:
     assert max(map(len, lines)) <= WIDTH
 
 
+def test_half_of_a_pair_names_the_other() -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    first, second, *others = result.candidates
+    paired = dataclasses.replace(first, accepted_with=(second.effect,))
+    text = summary(dataclasses.replace(result, candidates=(paired, second, *others)), Path("out"))
+    assert row(text, first.effect).endswith(f"accepted, only with #{second.rank}")
+    assert row(text, second.effect).endswith("  accepted")
+    assert max(map(len, text.splitlines())) <= WIDTH
+
+
 def test_what_refined_xml_lacks_is_one_line() -> None:
     text = summary(lagging(), Path("o"), ["refined.toml", "refined.xml"])
     assert (

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from onlinebayes.criticism.quantities import exact, percent, scale_for, significant, text, times, with_error
+from onlinebayes.criticism.quantities import exact, percent, scale_for, significant, text, texts, times, with_error
 
 
 @pytest.mark.parametrize(
@@ -48,6 +48,25 @@ def test_text(value: float | None, unit: str, expected: str) -> None:
 )
 def test_with_error(mean: float, sd: float, unit: str, expected: str) -> None:
     assert with_error(mean, sd, unit) == expected
+
+
+@pytest.mark.parametrize(
+    ("values", "unit", "expected"),
+    [
+        ((4.1, 0.0046, 0.0056), "rad", ["4100 mrad", "4.6 mrad", "5.6 mrad"]),
+        ((1.5e-3, 5e-6), "m", ["1500 µm", "5.0 µm"]),
+        ((0.00656, 0.00199, 0.0002), "m", ["6.6 mm", "2.0 mm", "0.20 mm"]),
+        ((0.08, 9.3e-5), "m", ["80 mm", "0.093 mm"]),
+        ((0.35, 2e-6), "m", ["350 mm", "0.0020 mm"]),
+        ((4.0, 1e-9), "rad", ["4000 mrad", "1.0e-6 mrad"]),
+        ((0.5, 1e-5), "N m", ["0.50 N m", "1.0e-5 N m"]),
+        ((0.0, math.nan, 2e-3), "m", ["0 mm", "–", "2.0 mm"]),
+        ((math.inf, 2e-3), "m", ["–", "2.0 mm"]),
+        ((), "m", []),
+    ],
+)
+def test_numbers_to_be_compared_share_a_unit(values: tuple[float, ...], unit: str, expected: list[str]) -> None:
+    assert texts(values, unit) == expected
 
 
 def test_rounding_up_keeps_the_digits() -> None:

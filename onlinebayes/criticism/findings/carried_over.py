@@ -53,8 +53,7 @@ def worse_runs_note(
         return ()
     order = sorted(rising, key=lambda place: -rising[place][1] / max(rising[place][0], 1e-300))
     told = [
-        f"{signal} in “{run}” {quantities.text(rising[run, signal][0], units[signal])} → "
-        f"{quantities.text(rising[run, signal][1], units[signal])}"
+        f"{signal} in “{run}” {' → '.join(quantities.texts(rising[run, signal], units[signal]))}"
         for run, signal in order[:MOST_RUNS]
     ]
     more = f" and {len(order) - MOST_RUNS} more" if len(order) > MOST_RUNS else ""
@@ -110,7 +109,7 @@ def in_vain_note(
     if not rise > RISES:
         return ()
     worst = max(a, key=lambda signal: b[signal] / a[signal] if a[signal] > 0 else 0.0)
-    was, now = (quantities.text(error[worst], units[worst]) for error in (a, b))
+    was, now = quantities.texts((a[worst], b[worst]), units[worst])
     return (
         f"with {key} the held-out error rises ({worst}: {was} → {now}): it serves the runs that were fitted and does "
         "not carry over to these. Do not rely on it; [effects] candidates without it leaves it out",

@@ -50,8 +50,7 @@ def spread_rows(result: Criticism) -> list[Row]:
             continue
         mine = [w for w in result.detail.windows if w.signal == signal and w.held_out]
         windows = {kind: [getattr(w, kind) / floor for w in mine if math.isfinite(getattr(w, kind))] for kind in kinds}
-        scale = quantities.scale_for(errors.before[signal], result.units[signal])
-        words = " → ".join(scale.text(by[signal]) for by in kinds.values())
+        words = " → ".join(quantities.texts([by[signal] for by in kinds.values()], result.units[signal]))
         rows.append(Row(signal, {kind: by[signal] / floor for kind, by in kinds.items()}, windows, words))
     return sorted(rows, key=lambda row: -row.values["before"])
 

@@ -124,12 +124,11 @@ def improvement(result: Criticism) -> str:
     signal = worst_signal(result)
     errors, unit = result.heldout_error, result.units[signal]
     before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
-    scale = quantities.scale_for(before, unit)
+    compared = (before, after, floor) if result.changed else (before, floor)
+    was, *now, noise = quantities.texts(compared, unit)
     over = f"Held-out error over {quantities.exact(errors.horizon_s[signal], 's')}"
-    noise = f"noise explains {small(scale, floor)}"
-    if result.changed:
-        return f"{over}: {scale.text(before)} → {scale.text(after)} ({better(before, after)}); {noise}."
-    return f"{over}: {scale.text(before)}; {noise}."
+    change = f" → {now[0]} ({better(before, after)})" if now else ""
+    return f"{over}: {was}{change}; noise explains {noise}{_starts(result, signal)}."
 
 
 def wiring(result: Criticism) -> str:
@@ -219,10 +218,15 @@ def _level(change: ParameterChange, runs: Sequence[str]) -> str:
     return quantities.with_error(mean, sd, values[0].unit)
 
 
-def small(scale: quantities.Scale, floor: float) -> str:
-    """A floor in the unit of what stands above it, or in its own where it would be all zeros there."""
-    unit = scale if floor >= 0.02 * scale.size else quantities.scale_for(floor, scale.base)
-    return unit.text(floor)
+def _starts(result: Criticism, signal: str) -> str:
+    """What the error is once the windows' starts are fitted, where those as measured are what errs; else empty."""
+    left = result.fitted_starts.get(signal)
+    if left is None:
+        return ""
+    return (
+        ", the uncertain starts of the windows the rest: with those fitted, "
+        f"{quantities.times(left)} the sensor noise is left"
+    )
 
 
 def better(before: float, after: float) -> str:
@@ -340,7 +344,8 @@ def _beside(rival: Candidate, alpha: float) -> Candidate:
 def briefly(result: Criticism, candidate: Candidate) -> str:
     """The outcome without its numbers: ``brings too little``."""
     if candidate.accepted_with:
-        return "accepted, one of two"
+        partners = [f"#{row.rank}" for row in result.candidates if row.effect in candidate.accepted_with and row.rank]
+        return f"accepted, only with {listing(partners)}" if partners else "accepted, one of a pair"
     if candidate.indistinguishable_from and not candidate.accepted:
         equals = [row for row in result.candidates if row.effect in candidate.indistinguishable_from and row.rank]
         return f"explains as much as {listing([f'#{row.rank}' for row in equals])}" if equals else "explains as much"
@@ -380,6 +385,8 @@ def _compared(result: Criticism) -> str:
     horizon = quantities.exact(result.heldout_error.horizon_s[signal], "s")
     if ratio <= result.selection.tolerance:
         return f"The model follows {signal} to {size} over {horizon}, as well as its noise allows."
+    if signal in result.fitted_starts and result.remainder.status == "noise":
+        return f"The model follows {signal} to {size} over {horizon}, as well as the windows' measured starts allow."
     return f"The model misses {signal} by {size} over {horizon}, {times_floor(ratio)}."
 
 

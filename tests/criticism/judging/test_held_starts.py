@@ -10,8 +10,9 @@ import torch
 
 from onlinebayes.criticism import Criticism, compare
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.judging.held_starts import left_with_fitted_starts, starts_note
-from onlinebayes.criticism.report.words import together
+from onlinebayes.criticism.judging.held_starts import fitted_starts, left_with_fitted_starts, starts_note
+from onlinebayes.criticism.report.json import to_dict
+from onlinebayes.criticism.report.words import improvement, together
 from onlinebayes.criticism.results import HeldOutError
 from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from tests.criticism.rigs import measure, model
@@ -47,11 +48,34 @@ def test_starts_that_are_off_leave_noise_once_they_are_fitted(compared: Criticis
 
 def test_only_an_error_of_the_starts_is_called_so(compared: Criticism, held: Windows) -> None:
     error = compared.heldout_error
-    assert starts_note(compared.final, rough(held), error, 1.2) == ()
-    (note,) = starts_note(compared.final, rough(held), tenfold(error), 1.2)
-    assert "up to 10 times what noise explains because its starts" in note
+    (name,) = compared.signals
+    assert fitted_starts(compared.final, rough(held), error, 1.2) == {}
+    left = fitted_starts(compared.final, rough(held), tenfold(error), 1.2)
+    assert list(left) == [name]
+    assert left[name] < 1.2
     wrong = replace(compared.final, theta=0.5 * compared.final.theta)
-    assert starts_note(wrong, held, tenfold(error), 1.2) == ()
+    assert fitted_starts(wrong, held, tenfold(error), 1.2) == {}
+
+
+def test_the_note_names_the_signals_and_what_fitted_starts_leave(compared: Criticism) -> None:
+    (name,) = compared.signals
+    error = tenfold(compared.heldout_error)
+    assert starts_note({}, error) == ()
+    (note,) = starts_note({name: 1.04}, error)
+    assert note.startswith(f"the held-out error of {name} is 10 times what noise explains because its windows start")
+    assert note.endswith("with the starts fitted, 1.0 times the sensor noise is left")
+
+
+def test_the_sentence_does_not_contradict_the_remainder(compared: Criticism) -> None:
+    """Far above its floor and yet noise: it says that the starts make up the rest, and report.json stays as it is."""
+    (name,) = compared.signals
+    errors = tenfold(compared.heldout_error)
+    result = replace(compared, heldout_error=errors, fitted_starts={name: 1.04})
+    assert improvement(result).endswith(
+        ", the uncertain starts of the windows the rest: with those fitted, 1.0 times the sensor noise is left."
+    )
+    assert "starts" not in improvement(replace(result, fitted_starts={}))
+    assert "fitted_starts" not in to_dict(result)
 
 
 def test_signals_without_rows_or_floor_and_replays_that_diverged_have_no_note(
@@ -60,7 +84,7 @@ def test_signals_without_rows_or_floor_and_replays_that_diverged_have_no_note(
     (name,) = compared.signals
     for after, floor in ((math.nan, 1.0), (1.0, 0.0), (math.inf, 1.0)):
         error = replace(compared.heldout_error, after={name: after}, noise_floor={name: floor})
-        assert starts_note(compared.final, rough(held), error, 1.2) == ()
+        assert fitted_starts(compared.final, rough(held), error, 1.2) == {}
 
 
 def test_effects_that_several_targets_share_are_said_once() -> None:

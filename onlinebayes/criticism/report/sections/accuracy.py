@@ -41,15 +41,9 @@ def heldout(result: Criticism) -> Html:
         return Html("")
     for signal in words.signals_by_error(result):
         before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
-        scale = quantities.scale_for(before, result.units[signal])
+        was, now, noise = quantities.texts((before, after, floor), result.units[signal])
         horizon = quantities.exact(errors.horizon_s[signal], "s")
-        values = (
-            scale.text(before),
-            scale.text(after),
-            words.small(scale, floor),
-            words.better(before, after),
-            horizon,
-        )
+        values = (was, now, noise, words.better(before, after), horizon)
         rows.append((tag("code", signal), *values))
     head = ("signal", "before", "after", "noise floor", "change", "window")
     caption = "Root mean square over the held-out windows"

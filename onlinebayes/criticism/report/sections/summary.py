@@ -91,12 +91,12 @@ def _tile(question: str, answer: str, detail: str) -> Html:
 def _wrong(result: Criticism) -> Html:
     signal = words.worst_signal(result)
     errors = result.heldout_error
-    floor, scale = errors.noise_floor[signal], quantities.scale_for(errors.before[signal], result.units[signal])
+    before, floor = quantities.texts((errors.before[signal], errors.noise_floor[signal]), result.units[signal])
     return _tile(
         "How wrong is the model?",
-        scale.text(errors.before[signal]),
+        before,
         f"{signal}, RMS over {quantities.exact(errors.horizon_s[signal], 's')} of held-out data: "
-        f"{words.times_floor(words.over_floor(result, signal))} ({words.small(scale, floor)})",
+        f"{words.times_floor(words.over_floor(result, signal))} ({floor})",
     )
 
 
@@ -168,11 +168,12 @@ def _better(result: Criticism) -> Html:
         return _tile(
             "How much better now?", "unchanged", f"nothing was added; the residual is {words.times_floor(ratio)}"
         )
-    largest, scale = max(before, after, floor), quantities.scale_for(before, unit)
+    values = {"before": before, "after": after, "floor": floor}
+    largest, shown = max(values.values()), quantities.texts(tuple(values.values()), unit)
     bars = join(
         *(
-            bar(value / largest, kind, f"{kind} {words.small(scale, value)}")
-            for kind, value in (("before", before), ("after", after), ("floor", floor))
+            bar(value / largest, kind, f"{kind} {said}")
+            for (kind, value), said in zip(values.items(), shown, strict=True)
         )
     )
     return tag(

@@ -109,6 +109,5 @@ def _better(trace: replays.Trace, unit: str) -> str:
     before, after = (
         float(np.sqrt(np.nanmean((values - trace.measured) ** 2))) for values in (trace.before, trace.after)
     )
-    scale = quantities.scale_for(before, unit)
     same = np.array_equal(trace.before, trace.after, equal_nan=True)
-    return f"error {scale.text(before)}" if same else f"error {scale.text(before)} → {scale.text(after)}"
+    return f"error {' → '.join(quantities.texts((before,) if same else (before, after), unit))}"
