@@ -11,6 +11,7 @@ from typing import Literal
 
 import torch
 
+from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
