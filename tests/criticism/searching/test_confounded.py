@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Self
 
@@ -102,7 +102,7 @@ def test_what_is_confounded_but_leaves_more_changes_nothing() -> None:
 
 def test_the_search_asks_and_goes_on_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if wind had led no round: it is found in the end, and screened against it is what it took the place of."""
-    plain = run_stage
+    plain: Callable[..., Stage] = run_stage
 
     def unled(*args: object) -> Stage:
         stage = plain(*args)
