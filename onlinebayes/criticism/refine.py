@@ -15,7 +15,7 @@ from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough_motion, ground
-from onlinebayes.criticism.slow_effects import adds_to
+from onlinebayes.criticism.slow_effects import adds_to, dropped_by
 from onlinebayes.criticism.task import Task, prepared
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.wiring.as_given import as_given
@@ -137,15 +137,14 @@ def _searched(
     with watch.giving_up():
         if longer is not None:
             again, late_fault = inquire(task.simulator, replace(context, selection=longer), most)
+    stands = False
+    with watch.giving_up():
+        if again is not None and late_fault is None:
+            stands = adds_to(again, found, task.simulator, task.fit_runs, task.selection)
     stopped = watch.stopped
-    if (
-        longer is not None
-        and again is not None
-        and late_fault is None
-        and adds_to(again, found, task.simulator, longer)
-    ):
-        task, found = task.over(longer), again
+    if longer is not None and again is not None and stands:
+        task, found = task.over(longer, dropped_by(again, found)), again
     elif longer is not None:
-        task = task.unexplained_over(longer, stopped)
+        task = task.unexplained_over(longer, again)
     result = assemble(question, task, found, fault, stopwatch)
     return replace(result, interrupted=result.interrupted or stopped)

@@ -4,11 +4,13 @@
 
 A window's start is fitted, and takes up what acts slowly. Where nothing but noise is left over H, the model is replayed
 over H' as well; where more is left there, every question is asked once more over H'. That answer stands where it adds
-to the first one, and leaves noise or at most half of the squared error above it.
+to the first one, and leaves noise or at most half of the squared error above it; and where it leaves noise over both,
+however many effects it takes: two false laws may pass over H for a true one that H' tells.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 from jaxtyping import Float
@@ -16,7 +18,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.descent import LEAST_GAIN, bounded_step
-from onlinebayes.criticism.fitting.fit import improve, unfitted
+from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.fitting.numerics import Grounds, check
 from onlinebayes.criticism.judging.verdict import halved, left_over
@@ -72,9 +74,7 @@ def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Gr
     One that creeps though it promises more says nothing: contacts make long windows rugged, and steps there cost much.
     So does one whose integration errs too much over so long a time: finer rungs would cost more than the search did.
     """
-    horizon, model = wanted.horizon_s, final.fitted.simulator
-    windows = make_windows(model, measurement, horizon, MEMORY * horizon, final.windows.noise)
-    begun = unfitted(model, windows, final.fitted.theta, starts=_known_starts(windows, final))
+    model, (windows, begun) = final.fitted.simulator, _begun(final, measurement, wanted.horizon_s, final)
     if leaves_noise(begun, windows, wanted.tolerance):
         return None
     fitted = improve(begun, windows, hopeless=0.0)
@@ -86,49 +86,106 @@ def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Gr
     return Grounds(windows, fitted, numerics, final.rung, shift, final.as_run)
 
 
-def _known_starts(windows: Windows, shorter: Grounds) -> Float[Tensor, "W J2"]:
-    """The starts [SI] of windows that begin where a shorter one does, as fitted there; else as smoothed.
+def _begun(model: Grounds, measurement: Measurement, horizon: float, known: Grounds) -> tuple[Windows, Fit]:
+    """Windows of another ``horizon`` [s], and where the model's fit to them begins, from the starts that are known."""
+    simulator = model.fitted.simulator
+    windows = make_windows(simulator, measurement, horizon, MEMORY * horizon, model.windows.noise)
+    return windows, unfitted(simulator, windows, model.fitted.theta, starts=_known_starts(windows, known))
+
+
+def _known_starts(windows: Windows, grounds: Grounds) -> Float[Tensor, "W J2"]:
+    """The starts [SI] of windows that begin where another one did, as fitted there; else as smoothed.
 
     What a smoothed start is off by grows with time, and beside friction that lets go at another instant a fit may not
     find back: it would end above the noise though nothing is missing.
     """
-    known = shorter.windows
+    known = grounds.windows
     place = {at: k for k, at in enumerate(zip(known.run.tolist(), known.first.tolist(), strict=True))}
     starts = windows.start.clone()
     for k, at in enumerate(zip(windows.run.tolist(), windows.first.tolist(), strict=True)):
         if at in place:
-            starts[k] = shorter.fitted.lin.starts[place[at]]
+            starts[k] = grounds.fitted.lin.starts[place[at]]
     return starts
 
 
-def adds_to(again: Found, first: Found, simulator: Simulator, selection: Selection) -> bool:
-    """Whether what was found over longer windows says more than what was found before, and explains their misfit."""
+def adds_to(again: Found, first: Found, simulator: Simulator, measurement: Measurement, asked: Selection) -> bool:
+    """Whether what was found over longer windows explains their misfit, and says more than what was found before.
+
+    It says more where it names more; and, however little it names, where it leaves noise over both.
+
+    Args:
+        again, first: what was found over the longer windows, and before that over the usual ones.
+        simulator: the base model at its own step.
+        measurement: the fit runs.
+        asked: how effects are judged, over the usual windows.
+    """
     if again.interrupted or again.widened is not None:
         return False
-    more = len(again.accepted) + len(again.changes) > len(first.accepted) + len(first.changes)
     before, after = left_over(again.base, simulator), left_over(again.final, simulator)
-    return more and (_most(after) <= selection.tolerance or halved(before, after))
+    noise = _most(after) <= asked.tolerance
+    if _named(again) > _named(first):
+        return noise or halved(before, after)
+    return noise and _named(again) > 0 and _leaves_noise_over(asked, again.final, first.final, measurement)
 
 
-def lengthened(asked: Selection, used: Selection) -> tuple[str, ...]:
-    """What to tell a user whose windows are longer than the usual ones; nothing where they are not."""
+def _named(found: Found) -> int:
+    """Number of effects and of changes between runs."""
+    return len(found.accepted) + len(found.changes)
+
+
+def _leaves_noise_over(asked: Selection, final: Grounds, shorter: Grounds, measurement: Measurement) -> bool:
+    """Whether a model that was found over longer windows leaves noise over the usual ones as well, fitted to them."""
+    try:
+        windows, fitted = _begun(final, measurement, asked.horizon_s, shorter)
+        if not leaves_noise(fitted, windows, asked.tolerance):
+            fitted = improve(fitted, windows, hopeless=0.0)
+    except BadInput:  # it diverges
+        return False
+    return leaves_noise(fitted, windows, asked.tolerance)
+
+
+def lengthened(asked: Selection, used: Selection, dropped: Sequence[str] = ()) -> tuple[str, ...]:
+    """What to tell a user whose windows are longer than the usual ones; nothing where they are not.
+
+    Args:
+        asked, used: the usual windows, and the longer ones.
+        dropped: effects that were found over the usual ones, and that the longer ones leave no place for.
+    """
     if used.horizon_s <= asked.horizon_s:
         return ()
+    if dropped:
+        return (
+            f"windows last {used.horizon_s:g} s, not {asked.horizon_s:g} s: over {asked.horizon_s:g} s "
+            f"{' and '.join(dropped)} would pass for what is missing, over longer times that leaves more than noise",
+        )
     return (
         f"windows last {used.horizon_s:g} s, not {asked.horizon_s:g} s: over {asked.horizon_s:g} s nothing more than "
         "noise is left, and what is wrong shows over longer times only",
     )
 
 
-def unexplained_when_slow(asked: Selection, longer: Selection, stopped: bool) -> str:
-    """What to tell a user whose model errs over longer windows, where nothing that was tried explains that.
+def dropped_by(again: Found, first: Found) -> list[str]:
+    """The effects that were found first and are not found again."""
+    kept = {judged.effect.key for _, judged in again.accepted}
+    return [judged.effect.key for _, judged in first.accepted if judged.effect.key not in kept]
+
+
+def unexplained_when_slow(asked: Selection, longer: Selection, again: Found | None, simulator: Simulator) -> str:
+    """What to tell a user whose model errs over longer windows, where what was found there does not stand.
 
     Args:
         asked: the usual windows.
         longer: the longer ones.
-        stopped: whether the search over those was stopped before its end.
+        again: what was found over those; None where that was stopped.
+        simulator: the base model at its own step.
     """
-    why = "and the search for its cause was stopped" if stopped else "which nothing that was tried explains"
+    if again is None or again.interrupted:
+        why = "and the search for its cause was stopped"
+    elif again.accepted and _most(left_over(again.final, simulator)) <= longer.tolerance:
+        found = " and ".join(judged.effect.key for _, judged in again.accepted)
+        why = f"and {found}, which would explain that, leaves more than noise over {asked.horizon_s:g} s"
+    else:
+        why = "which nothing that was tried explains"
     return (
         f"over windows of {longer.horizon_s:g} s more than noise is left, {why}: trust the model "
         f"over {asked.horizon_s:g} s"

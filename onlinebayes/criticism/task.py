@@ -43,13 +43,14 @@ class Task:
         """Longer windows over which more is left than over these; None without any."""
         return slower(self.simulator, self.fit_runs, self.selection, found, watch)
 
-    def over(self, longer: Selection) -> Task:
-        """The task with longer windows, and a note that says so."""
-        return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer)))
+    def over(self, longer: Selection, dropped: Sequence[str] = ()) -> Task:
+        """The task with longer windows, and a note that says so, and what was found before and is ``dropped``."""
+        return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer, dropped)))
 
-    def unexplained_over(self, longer: Selection, stopped: bool) -> Task:
-        """The task as it is, with a note on what longer windows leave; the search there may have been ``stopped``."""
-        return replace(self, notes=(*self.notes, unexplained_when_slow(self.selection, longer, stopped)))
+    def unexplained_over(self, longer: Selection, again: Found | None) -> Task:
+        """The task as it is, with a note on what longer windows leave, and what was found ``again``, unless stopped."""
+        said = unexplained_when_slow(self.selection, longer, again, self.simulator)
+        return replace(self, notes=(*self.notes, said))
 
 
 def prepared(

@@ -11,10 +11,15 @@ import pytest
 from envs.rigs import RIGS, sized_case, write_case
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Criticism, Selection, compare, refine
+from onlinebayes.criticism.searching.search import Found, ground
+from onlinebayes.criticism.searching.stage import run_stage
+from onlinebayes.criticism.slow_effects import adds_to, dropped_by, lengthened, unexplained_when_slow
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, QuadraticDrag
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism import rigs
 
 MODEL = """
 <mujoco><option timestep="0.01" integrator="RK4"/><worldbody><body name="bob"><joint name="hinge" axis="0 1 0"/>
@@ -129,6 +134,48 @@ def test_a_start_that_was_fitted_over_a_second_is_known_over_longer_windows(tmp_
     assert result.accepted == ("dry_friction@elbow",)
     assert "looking over longer windows" in {timing.stage for timing in result.timings}
     assert not [note for note in result.notes if note.startswith("over windows of")]
+
+
+HIDDEN = QuadraticDrag("rail", Parameter(0.0, 5.0))
+FALSE = (ConstantLoad("rail", Parameter(-5.0, 5.0)), ActuatorGain("motor", Parameter(-0.5, 0.5)))
+USUAL, LONGER = Selection(), Selection(horizon_s=3.0)
+
+
+@pytest.fixture(scope="module")
+def one_for_two() -> tuple[Measurement, Found, Found]:
+    """A slide with drag: two effects named over 1 s, as if they left noise, and the one that is hidden over 3 s."""
+    measured = rigs.measure({HIDDEN: (0.5,)}, runs=7, seconds=3.5)
+    base = ground(rigs.model(), measured, USUAL)
+    stage = run_stage(base.fitted, base.windows, [HIDDEN], base.numerics, USUAL)
+    accepted = [(stage, replace(stage.judged[0], effect=effect)) for effect in (*FALSE, HIDDEN)]
+    long, true = (ground(one, measured, LONGER) for one in (rigs.model(), rigs.model().with_effect(HIDDEN)))
+    return measured, Found(base, base, (), (), tuple(accepted[:2])), Found(long, true, (), (), tuple(accepted[2:]))
+
+
+def test_fewer_effects_stand_where_they_leave_noise_over_both(one_for_two: tuple[Measurement, Found, Found]) -> None:
+    measured, first, again = one_for_two
+    assert adds_to(again, first, rigs.model(), measured, USUAL)
+    assert not adds_to(replace(again, final=again.base), first, rigs.model(), measured, USUAL)  # more than noise
+    assert not adds_to(replace(again, interrupted=True), first, rigs.model(), measured, USUAL)
+    assert not adds_to(
+        replace(again, accepted=()), first, rigs.model(), measured, USUAL
+    )  # nothing to put in their place
+    (note,) = lengthened(USUAL, LONGER, dropped_by(again, first))
+    assert "over 1 s constant_load@rail and actuator_gain@motor would pass for what is missing" in note
+    kept = replace(first, accepted=(*first.accepted, *again.accepted))
+    assert dropped_by(kept, first) == []
+
+
+def test_what_leaves_more_over_a_second_is_named_and_does_not_stand(
+    one_for_two: tuple[Measurement, Found, Found], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured, first, again = one_for_two
+    monkeypatch.setattr("onlinebayes.criticism.slow_effects.leaves_noise", lambda *_: False)
+    assert not adds_to(again, first, rigs.model(), measured, USUAL)
+    said = unexplained_when_slow(USUAL, LONGER, again, rigs.model())
+    assert "and quadratic_drag@rail, which would explain that, leaves more than noise over 1 s: trust" in said
+    left = unexplained_when_slow(USUAL, LONGER, replace(again, final=again.base), rigs.model())
+    assert "which nothing that was tried explains" in left
 
 
 def test_a_horizon_that_was_asked_for_stands() -> None:

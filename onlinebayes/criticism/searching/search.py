@@ -16,6 +16,7 @@ from onlinebayes.criticism.judging.acceptance import choose
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.bounds import Widened, excluded
 from onlinebayes.criticism.searching.changes import Changed, changed
+from onlinebayes.criticism.searching.confounded import with_one_for_several
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.family import family
 from onlinebayes.criticism.searching.fewer import with_fewer
@@ -132,9 +133,12 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
                 if (latest := _latest(context, standing, stages[-1], last[-1])) is not None:
                     added = latest.added
                     before_trial = before_trial or (None if latest.believed else standing)
-            if not added:
+            if added:
+                standing = _extended(context, standing, added)
+            elif (leaner := with_one_for_several(standing, stages[-1], context)) is not None:
+                standing = leaner
+            else:
                 break
-            standing = _extended(context, standing, added)
             names = frozenset(effect.key for effect in standing.effects)
             # What takes an earlier one's place may make room for others; the same ones again would go round in circles.
             if names in seen or len(standing.accepted) >= most:

@@ -1,0 +1,119 @@
+"""One law that is the sum of several accepted ones takes their place, though no round has tried it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import pytest
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism import Selection
+from onlinebayes.criticism.searching.confounded import with_one_for_several
+from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.search import ground, search
+from onlinebayes.criticism.searching.stage import Stage, run_stage
+from onlinebayes.criticism.searching.standing import Standing, with_effects
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Interrupt, Watch
+from onlinebayes.simulators.effects import ConstantLoad, Effect, QuadraticDrag
+from onlinebayes.simulators.effects.base import Scales, Seen
+from tests.criticism.rigs import measure, model
+
+LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
+
+
+@dataclass(frozen=True)
+class Wind(Effect):
+    """size (1 - 8 v abs(v)): a load and eight times as much quadratic drag."""
+
+    target: str
+    name = "wind_of_one_size"
+    target_kind = "joint"
+
+    @classmethod
+    def scaled(cls, target: str, scales: Scales) -> Self:
+        """Not asked for here."""
+        return cls(target)
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """``size``."""
+        return ParameterSpace({"size": Parameter(-5.0, 5.0, "N")})
+
+    @property
+    def neutral(self) -> Mapping[str, float]:
+        """None."""
+        return {"size": 0.0}
+
+    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
+        """[N]."""
+        return parameters["size"] * (1 - 8.0 * seen.v * seen.v.abs())
+
+
+WIND = Wind("rail")
+
+
+def both(measurement: Measurement) -> tuple[Standing, Stage]:
+    """The slide with a load and drag accepted one by one, and the round in which wind was screened against it."""
+    asked = SearchContext(measurement, Selection())
+    standing = Standing(model(), ground(model(), measurement, asked.selection))
+    for effect in (LOAD, DRAG):
+        now = standing.grounds
+        stage = run_stage(now.fitted, now.windows, [effect], now.numerics, asked.selection)
+        standing = with_effects(standing, [(stage, stage.judged[0])], asked)
+    now = standing.grounds
+    last = run_stage(now.fitted, now.windows, [WIND], now.numerics, asked.selection)
+    assert set(last.screened[0].confounded_with) == {"constant_load@rail.load", "quadratic_drag@rail.drag"}
+    assert not last.judged
+    return standing, last
+
+
+def test_one_law_takes_the_place_of_all_it_is_confounded_with() -> None:
+    measurement = measure({LOAD: (0.2,), DRAG: (1.6,)}, runs=6, seconds=2.0)
+    standing, last = both(measurement)
+    stopped = Interrupt()
+    stopped.requested = True
+    assert (
+        with_one_for_several(standing, last, SearchContext(measurement, Selection(), watch=Watch(print, stopped)))
+        is None
+    )
+    said: list[str] = []
+    leaner = with_one_for_several(standing, last, SearchContext(measurement, Selection(), watch=Watch(said.append)))
+    assert leaner is not None
+    assert [effect.key for effect in leaner.effects] == [WIND.key]
+    assert f"looking whether {WIND.key} explains what several effects do" in said
+    assert leaner.at_floor(1.2)
+    assert float(leaner.grounds.fitted.theta[-1]) == pytest.approx(0.2, abs=0.02)
+    stage, judged = leaner.accepted[0]
+    assert judged.admissible
+    assert stage.current.simulator.effects == ()  # what it gains is told against the model without the several
+
+
+def test_what_is_confounded_but_leaves_more_changes_nothing() -> None:
+    measurement = measure({LOAD: (0.2,), DRAG: (0.6,)}, runs=6, seconds=2.0)
+    standing, last = both(measurement)
+    assert with_one_for_several(standing, last, SearchContext(measurement, Selection())) is None
+
+
+def test_the_search_asks_and_goes_on_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As if wind had led no round: it is found in the end, and screened against it is what it took the place of."""
+    plain: Callable[..., Stage] = run_stage
+
+    def unled(*args: object) -> Stage:
+        stage = plain(*args)
+        if stage.current.simulator.effects == () or stage.screened[0].effect is WIND:
+            rest = tuple(judged for judged in stage.judged if judged.effect is not WIND)
+            return Stage(stage.current, stage.windows, stage.blocks, stage.scores, stage.screened, rest)
+        return stage
+
+    monkeypatch.setattr("onlinebayes.criticism.searching.search.run_stage", unled)
+    measurement = measure({LOAD: (0.2,), DRAG: (1.6,)}, runs=6, seconds=2.0)
+    found = search(model(), SearchContext(measurement, Selection(), (LOAD, DRAG, WIND)), 6)
+    assert [judged.effect.key for _, judged in found.accepted] == [WIND.key]
+    assert {effect.key for effect in found.stages[-1].current.simulator.effects} == {WIND.key}
+    assert {screened.effect.key for screened in found.stages[-1].screened} == {LOAD.key, DRAG.key}
