@@ -43,6 +43,9 @@ def play(hypothesis: Hypothesis, inputs: Inputs) -> TensorDict:
     theta = hypothesis.theta.expand(N, -1)
     start = TensorDict({"qpos": inputs.start, "qvel": torch.zeros_like(inputs.start)}, batch_size=(N,))
     state = hypothesis.simulator.assembled(start)
+    # What the posture's own command has brought about by then: a filter's activation.
+    settled = hypothesis.simulator.commanded(theta, inputs.held[:, None], inputs.step)
+    state.update({key: line[:, 0] for key, line in settled.items()})
     times = torch.arange(1, K, dtype=theta.dtype, device=theta.device) * inputs.step
     commands = TensorDict({"command": inputs.command[:, :-1]}, batch_size=(N, K - 1))
     path = hypothesis.simulator.rollout(theta, state, commands, times)

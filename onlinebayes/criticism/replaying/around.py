@@ -64,6 +64,11 @@ class Around(Simulator):
         """Worlds that diverged since their last reset."""
         return self.physics.failed
 
+    @property
+    def forgetting(self) -> float:
+        """That of the physics."""
+        return self.physics.forgetting
+
     def assembled(self, state: TensorDictBase) -> TensorDictBase:
         """See :meth:`Simulator.assembled`."""
         return self.physics.assembled(state)
