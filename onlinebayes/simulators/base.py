@@ -228,6 +228,11 @@ class Simulator(ABC):
         """
         return 0.0
 
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Commands that the state remembers for ever (integrators), how it began included; none by default."""
+        return ()
+
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:

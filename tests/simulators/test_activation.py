@@ -10,7 +10,7 @@ from tensordict import TensorDict
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import ActuatorLag
-from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco import MujocoSimulator, activation
 from tests.criticism.rigs import SLIDE, model
 
 ROWS, STEPS = 150, 3
@@ -66,6 +66,15 @@ def test_each_world_has_its_own_time_constant() -> None:
         np.testing.assert_allclose(line[:, 0], stepped(alone.model, command.numpy(), float(line[0, 0])), atol=1e-9)
 
 
+def test_many_worlds_are_taken_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    free = ParameterSpace({"actuator.motor.dynprm[0]": Parameter(0.01, 1.0, "s")})
+    simulator = MujocoSimulator(xml(KINDS["filterexact"]), free, threads=1)
+    theta, command = torch.tensor([[0.02], [0.1], [0.5]]).double(), torch.tensor(drawn()).expand(3, -1)[..., None]
+    whole = simulator.commanded(theta, command, STEPS * 0.01)["act"]
+    monkeypatch.setattr(activation, "MEMORY", 2 * ROWS)
+    assert torch.equal(simulator.commanded(theta, command, STEPS * 0.01)["act"], whole)
+
+
 def test_a_lag_before_the_filter_counts() -> None:
     simulator = MujocoSimulator(xml(KINDS["filterexact"]), threads=1).with_effect(
         ActuatorLag("motor", Parameter(0.0, 0.5, "s"))
@@ -92,6 +101,18 @@ def test_other_activations_and_none_are_not_followed() -> None:
     assert muscle.commanded(muscle.nominal[None], command, 0.01) == {}
     assert model().commanded(model().nominal[None], command, 0.01) == {}
     assert model().forgetting == 0.0
+
+
+def test_integrators_remember_for_ever() -> None:
+    assert MujocoSimulator(xml(KINDS["intvelocity"]), threads=1).remembering == ("motor",)
+    assert MujocoSimulator(xml(KINDS["filter"]), threads=1).remembering == ()
+
+
+def test_an_integrator_begins_where_the_first_keyframe_has_it() -> None:
+    keyframe = xml(KINDS["intvelocity"]).replace("</mujoco>", '<keyframe><key act="0.2"/></keyframe></mujoco>')
+    simulator = MujocoSimulator(keyframe, threads=1)
+    found = simulator.commanded(simulator.nominal[None], torch.zeros(1, 2, 1).double(), 0.01)["act"]
+    assert found.flatten().tolist() == [0.2, 0.2, 0.2]
 
 
 def test_a_filter_forgets_within_ten_time_constants() -> None:

@@ -69,6 +69,11 @@ class Around(Simulator):
         """That of the physics."""
         return self.physics.forgetting
 
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Those of the physics."""
+        return self.physics.remembering
+
     def assembled(self, state: TensorDictBase) -> TensorDictBase:
         """See :meth:`Simulator.assembled`."""
         return self.physics.assembled(state)

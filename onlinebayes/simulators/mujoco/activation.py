@@ -28,8 +28,12 @@ FORGOTTEN = 10.0
 WIDER = 4.0
 """Times its nominal value: as long a time constant as a free one is taken for."""
 
+MEMORY = 2**24
+"""Numbers that the commands of some worlds may take together (128 MiB)."""
+
 DYN = mujoco.mjtDyn
 FILTERS = (DYN.mjDYN_FILTER, DYN.mjDYN_FILTEREXACT)
+INTEGRATING = (DYN.mjDYN_INTEGRATOR, DYN.mjDYN_PID)
 MUSCLE_SLOWEST = 2.0  # times dynprm: a muscle's time constant at full activation
 
 
@@ -76,14 +80,24 @@ def activations(
     steps, command = max(1, round(step / h)), command.double()
     # Stages change the command within a row; a filter that overshoots may touch its limit and come back.
     fine = bool(system.stages) or any(r.act_range is not None and r.factor.min() < 0 for r in _all(system, theta, 1))
-    if fine:
-        command = command.repeat_interleave(steps, dim=1)
-    length = h if fine else step
-    ctrl = driven(system, theta, system.rest(len(theta), length), command, length)
-    act = ctrl.new_zeros(len(theta), command.shape[1] + 1, model.na)
-    for one in _all(system, theta, 1 if fine else steps):
+    parts, held = (steps, 1) if fine else (1, steps)
+    size = max(1, MEMORY // max(1, parts * command.shape[1] * model.nu))
+    pieces = [
+        _activations(system, theta[i : i + size], command[i : i + size].repeat_interleave(parts, 1), step / parts, held)
+        for i in range(0, len(theta), size)
+    ]
+    return {"act": torch.cat([piece[:, ::parts] for piece in pieces])}
+
+
+def _activations(
+    system: MujocoSystem, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float, steps: int
+) -> Float[Tensor, "N K1 na"]:
+    """Of some worlds, each row ``step`` seconds and ``steps`` timesteps long."""
+    ctrl = driven(system, theta, system.rest(len(theta), step), command, step)
+    act = ctrl.new_zeros(len(theta), command.shape[1] + 1, system.model.na)
+    for one in _all(system, theta, steps):
         act[..., one.act] = one.along(ctrl)
-    return {"act": act[:, :: steps if fine else 1]}
+    return act
 
 
 def forgetting(system: MujocoSystem) -> float:

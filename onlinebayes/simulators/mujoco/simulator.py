@@ -20,7 +20,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
-from onlinebayes.simulators.mujoco.activation import activations, forgetting
+from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, forgetting
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
 from onlinebayes.simulators.mujoco.export import approximate, export, foreign, to_xml
@@ -258,6 +258,12 @@ class MujocoSimulator(Simulator):
     def forgetting(self) -> float:
         """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.forgetting`."""
         return forgetting(self._system)
+
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Commands of actuators that integrate; see :attr:`Simulator.remembering`."""
+        kinds, commands = self.model.actuator_dyntype, self._system.commands
+        return tuple(one.name for one in commands if int(kinds[one.actuator]) in INTEGRATING)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
