@@ -75,7 +75,7 @@ def load_problem(
     Args:
         path: the TOML file; paths in it are relative to its folder.
         add: effects ``name@target`` to add besides the file's own.
-        note: told in one line what was left out of the tables.
+        note: told in one line what was left out of the tables, or taken for granted.
 
     Raises:
         BadInput: anything in the file, the model or the tables that cannot be used.
@@ -92,6 +92,9 @@ def load_problem(
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
     for line in beside_bounds(simulator, parameters):
         note(line)
+    if remembering := simulator.remembering:
+        who = " and ".join(remembering)
+        note(f"{who}: integrates its command; each run is taken to begin with it at the model's first keyframe, or 0")
     measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
     measurement, tied = completed(simulator, measurement)
     for line in tied:

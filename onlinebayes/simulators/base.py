@@ -208,6 +208,36 @@ class Simulator(ABC):
         """
         return {}
 
+    def commanded(
+        self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
+    ) -> dict[str, Float[Tensor, "N K1 n"]]:
+        """Parts of the state that follow from commands alone (MuJoCo: ``act``), no physics simulated.
+
+        Args:
+            theta: parameters of each world [SI].
+            command: held during each row [command units]; before the first row it was what it is in it, and what
+                settles had settled.
+            step: length of a row [s].
+
+        Returns:
+            Key of the state -> its value before the first row and after each, N worlds x (K + 1) rows x n; none by
+            default, and then criticism replays what came before a window.
+        """
+        return {}
+
+    @property
+    def forgetting(self) -> float:
+        """Time [s] after which nothing is left of the states' beginning in :meth:`commanded`; 0 by default.
+
+        Windows do not begin earlier than that in a run: what was commanded before the log is not in it.
+        """
+        return 0.0
+
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Commands that the state remembers for ever (integrators), how it began included; none by default."""
+        return ()
+
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:

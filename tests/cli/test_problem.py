@@ -29,6 +29,15 @@ def test_bounds_beside_the_models_own_value_are_said(folder):
     assert notes == ["body.carriage.mass: the model's own 3 lies outside the bounds 5 to 10"]
 
 
+def test_where_an_integrator_begins_is_said(folder):
+    model, notes = folder / "carriage.xml", []
+    assert "<motor" in model.read_text()
+    model.write_text(model.read_text().replace("<motor", '<general dyntype="integrator"'))
+    load_problem(write(folder, PROBLEM), note=notes.append)
+    assert len(notes) == 1
+    assert "integrates its command" in notes[0]
+
+
 def test_a_small_problem(folder):
     problem = load_problem(folder / "carriage.toml")
     assert isinstance(problem.simulator, MujocoSimulator)

@@ -39,6 +39,11 @@ class Past:
     joints: tuple[str, ...]
 
     @cached_property
+    def command(self) -> Float[Tensor, "G1 U"]:
+        """Commands at all rows [command units], on a straight line over each gap."""
+        return _bridged(self.grid)
+
+    @cached_property
     def motion(self) -> TensorDict | None:
         """Batch size (G,): ``"q"`` and ``"v"`` (G, J) [SI], ``"command"`` and ``"enable"`` (G, U).
 
@@ -53,7 +58,7 @@ class Past:
         if any(path is None for path in found):
             return None
         q, v = (torch.stack(part, dim=-1) for part in zip(*(path for path in found if path is not None), strict=True))
-        columns = {"q": q, "v": v, "command": _bridged(grid)[:rows], "enable": grid.enable[:rows]}
+        columns = {"q": q, "v": v, "command": self.command[:rows], "enable": grid.enable[:rows]}
         return TensorDict(columns, batch_size=[rows])
 
 

@@ -9,6 +9,7 @@ was nobody knows.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -55,6 +56,7 @@ def tile(
     horizon: float,
     noise: Float[Tensor, " S"] | None = None,
     inset: bool = False,
+    forgetting: float = 0.0,
 ) -> Tiling:
     """Tile every run and smooth the windows' starts on the sensor's own rows.
 
@@ -65,6 +67,7 @@ def tile(
         horizon: H [s]; shortened to the longest stretch without a gap.
         noise: floor of each signal [SI], or None to take it from these runs.
         inset: begin where the smoother sees the start from both sides.
+        forgetting: no window begins earlier than that in a stretch [s], as far as the stretch can spare it.
 
     Raises:
         BadInput: every run is too short for a single window.
@@ -78,11 +81,13 @@ def tile(
     bin_rows = max(1, rows // BINS)
     rows -= rows % bin_rows
     lead = _lead(sensor, names, joints, rows * step, step) if inset else 0
+    unknown = math.ceil(forgetting / step)
     places = [
-        (r, first + lead + g)
+        (r, first + skipped + g)
         for r, grid in enumerate(grids)
         for first, last in grid.pieces
-        for g in _starts(last - first - lead, rows)
+        for skipped in [max(lead, _spared(last - first, rows, unknown))]
+        for g in _starts(last - first - skipped, rows)
     ]
     # Where commands go on and sensors do not, windows would have nothing to compare; and where nothing tells where one
     # of the joints was, the others would move beside one that rests.
@@ -122,6 +127,11 @@ def _lead(grids: tuple[RunGrid, ...], names: list[str], joints: tuple[str, ...],
     rows = round(half * grids[0].step / step)
     spare = min(grid.rows for grid in grids) * grids[0].step - 0.5 * horizon
     return rows if rows * step <= min(0.2 * horizon, spare) else 0
+
+
+def _spared(available: int, rows: int, wanted: int) -> int:
+    """Rows that a stretch can do without: half of it at most, and half a window stays."""
+    return max(0, min(wanted, available // 2, available - math.ceil(rows / 2)))
 
 
 def _starts(available: int, rows: int) -> list[int]:

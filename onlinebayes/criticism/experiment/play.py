@@ -67,7 +67,10 @@ def at_rest(
         seconds: for how long at most [s]. Force stages are at rest until a recording begins.
     """
     state = simulator.assembled(TensorDict({"qpos": start, "qvel": torch.zeros_like(start)}, batch_size=(len(start),)))
-    hidden = [key for key in simulator.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
+    settled = simulator.commanded(theta, held[:, None], simulator.timestep)
+    state.update({key: line[:, 0] for key, line in settled.items()})
+    known = VISIBLE | settled.keys()
+    hidden = [key for key in simulator.state.keys() if key not in known]  # noqa: SIM118  (iterating gives rows)
     memory = max((effect.memory for effect in simulator.effects if not effect.staged), default=0.0)
     past = seconds if set(hidden) - {"effects"} else min(memory, seconds)
     if not hidden or past < simulator.timestep:

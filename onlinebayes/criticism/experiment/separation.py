@@ -169,4 +169,5 @@ def _joined(present: Windows, new: Windows) -> Windows:
         free=both("free"),
         runs=(*present.runs, *(f"predicted {name}" for name in new.runs)),
         begin=(*present.begin, *new.begin),
+        pasts=(*present.pasts, *new.pasts),
     )

@@ -69,6 +69,16 @@ class Around(Simulator):
         """Worlds that diverged since their last reset."""
         return self.physics.failed
 
+    @property
+    def forgetting(self) -> float:
+        """That of the physics."""
+        return self.physics.forgetting
+
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Those of the physics."""
+        return self.physics.remembering
+
     def assembled(self, state: TensorDictBase) -> TensorDictBase:
         """See :meth:`Simulator.assembled`."""
         return self.physics.assembled(state)

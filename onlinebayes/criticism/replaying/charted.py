@@ -122,6 +122,12 @@ class ChartedSimulator(Around):
         """See :meth:`Simulator.recall`; force stages see scalar joints alone, so that any reference does for turns."""
         return self.physics.recall(theta, self._enter(motion), step)
 
+    def commanded(
+        self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
+    ) -> dict[str, Float[Tensor, "N K1 n"]]:
+        """See :meth:`Simulator.commanded`."""
+        return self.physics.commanded(theta, command, step)
+
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:

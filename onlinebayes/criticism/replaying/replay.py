@@ -3,7 +3,8 @@
     (theta_m, start_mw, commands_w) -> simulated signals (M, W, K, S),   M x W worlds at once
 
 Hidden states of effects are those that the run left before the window. Where they follow from its command and its
-measured motion alone (heat), they are worked out along that; see :mod:`.recall`. Others (delay buffers) come from a
+measured motion alone (heat), or its command alone (activations), they are worked out along that; see :mod:`.recall`
+and :mod:`.commanded`. Others (delay buffers) come from a
 forced replay: each world first runs through the commands of the seconds before its window, as many as the effects
 remember, then its positions and velocities are set to the window's start and the hidden states kept. Where these follow
 from commands alone (filters, delays), worlds of one theta share that run, from wherever they start: it may last many
@@ -22,6 +23,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.replaying.charted import chart_of
+from onlinebayes.criticism.replaying.commanded import commanded
 from onlinebayes.criticism.replaying.recall import recall
 from onlinebayes.criticism.replaying.scoped import unfold
 from onlinebayes.criticism.replaying.timed import pieces
@@ -88,8 +90,11 @@ def rollout(
     state = chart.physics.assembled(state)
     hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
     recalled = recall(physics, windows, unfolded) if hidden else {}
-    remembered = history_rows(chart.physics, windows, recalled) if hidden else 0
+    given = commanded(chart.physics, windows, unfolded) if set(hidden) - {"effects"} else {}
+    remembered = history_rows(chart.physics, windows, {*recalled, *given}) if hidden else 0
     if remembered:
+        if given:
+            state.update(commanded(chart.physics, windows, unfolded, remembered))
         shared = fed_by_command(chart.physics, recalled).issuperset(hidden)
         alone, world = distinct(theta) if shared else (torch.arange(M), torch.arange(M))
         of_each = (alone[:, None] * W + torch.arange(W)).flatten().to(worlds.device)
@@ -99,6 +104,7 @@ def rollout(
             state[key] = past[key][:, -1].unflatten(0, (len(alone), W))[world].flatten(0, 1)
     for key, value in recalled.items():
         state["effects", key] = value
+    state.update(given)
     played: list[TensorDict] = []
     for rows in pieces(physics, windows):
         worlds, piece = unfold(simulator, windows, theta, rows)[1].reshape(M * W, -1), slice(*rows)
@@ -116,15 +122,15 @@ def _joined(played: Sequence[TensorDict]) -> TensorDict:
     return trajectory.set("valid", trajectory["valid"].long().cummin(1).values.bool())
 
 
-def history_rows(simulator: Simulator, windows: Windows, recalled: Collection[str] = ()) -> int:
-    """Rows before each window that hidden states may remember which are not recalled; all there are without effects'.
+def history_rows(simulator: Simulator, windows: Windows, known: Collection[str] = ()) -> int:
+    """Rows before each window that hidden states may remember which are not known; all there are without effects'.
 
     Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
     """
-    if any(key not in VISIBLE and key != "effects" for key in simulator.state.keys()):  # noqa: SIM118
+    if any(key not in VISIBLE and key != "effects" and key not in known for key in simulator.state.keys()):  # noqa: SIM118
         return windows.history.shape[1]
     rows = 0
-    for effect in (effect for effect in simulator.effects if effect.key not in recalled):
+    for effect in (effect for effect in simulator.effects if effect.key not in known):
         mine = math.ceil(effect.memory / windows.step)
         rows = max(rows, min(mine, int(windows.first.max())) if effect.staged else mine)
     return min(rows, windows.history.shape[1])

@@ -165,6 +165,12 @@ class ScopedSimulator(Around):
         """Typical worlds; see :meth:`Simulator.recall`."""
         return self.physics.recall(self.typical(theta), motion, step)
 
+    def commanded(
+        self, theta: Float[Tensor, "N F"], command: Float[Tensor, "N K U"], step: float
+    ) -> dict[str, Float[Tensor, "N K1 n"]]:
+        """Typical worlds; see :meth:`Simulator.commanded`."""
+        return self.physics.commanded(self.typical(theta), command, step)
+
     def actuator_forces(
         self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:

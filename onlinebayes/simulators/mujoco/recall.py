@@ -28,7 +28,7 @@ def recall(
     remembering = [effect for effect in system.staged if effect.key in rests and not effect.has_command]
     if not remembering:
         return {}
-    ctrl = _ctrl(system, theta, rests, motion.get("command").double(), step)
+    ctrl = driven(system, theta, rests, motion.get("command").double(), step)
     on, fields = _on(system, motion), _fields(system, theta)
     qpos, qvel = motion.get("qpos").double(), motion.get("qvel").double()
     found = {}
@@ -45,7 +45,7 @@ def actuator_forces(
     system: MujocoSystem, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
 ) -> Float[Tensor, "N K U"]:
     """See :meth:`onlinebayes.simulators.base.Simulator.actuator_forces`."""
-    ctrl = _ctrl(system, theta, system.rest(len(theta), step), motion.get("command").double(), step)
+    ctrl = driven(system, theta, system.rest(len(theta), step), motion.get("command").double(), step)
     on, fields = _on(system, motion), _fields(system, theta)
     qpos, qvel = motion.get("qpos").double(), motion.get("qvel").double()
     joints = {one.column: one for one in system.joint_actuators if one.follows(system.model)}
@@ -72,7 +72,7 @@ def _fields(system: MujocoSystem, theta: Float[Tensor, "N P"]) -> dict[str, Tens
     return {name: rows[:, None] for name, rows in actuator_fields(system, system.write(theta.numpy())).items()}
 
 
-def _ctrl(
+def driven(
     system: MujocoSystem,
     theta: Float[Tensor, "N P"],
     rests: dict[str, TensorDict],

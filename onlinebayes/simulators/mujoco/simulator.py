@@ -20,6 +20,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
+from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, forgetting
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
 from onlinebayes.simulators.mujoco.export import approximate, export, foreign, to_xml
@@ -263,6 +264,23 @@ class MujocoSimulator(Simulator):
     def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
         """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
         return recall(self._system, _finite(theta), motion, step)
+
+    def commanded(
+        self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
+    ) -> dict[str, Float[Tensor, "N K1 n"]]:
+        """Activations where all are filters or integrators; see :meth:`Simulator.commanded`."""
+        return activations(self._system, _finite(theta), command, step)
+
+    @property
+    def forgetting(self) -> float:
+        """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.forgetting`."""
+        return forgetting(self._system)
+
+    @property
+    def remembering(self) -> tuple[str, ...]:
+        """Commands of actuators that integrate; see :attr:`Simulator.remembering`."""
+        kinds, commands = self.model.actuator_dyntype, self._system.commands
+        return tuple(one.name for one in commands if int(kinds[one.actuator]) in INTEGRATING)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float

@@ -10,6 +10,7 @@ from tests.criticism.rigs import FREE, SLIDE, TRUTH, measure, model
 
 MOTOR = '<motor name="motor" joint="rail"/>'
 FILTER = '<general name="motor" joint="rail" dyntype="filter" dynprm="0.3"/>'
+MUSCLE = '<general name="motor" joint="rail" dyntype="muscle" dynprm="0.1 0.3 0"/>'
 DC_MOTOR = (
     '<dcmotor name="motor" joint="rail" motorconst="0.05" resistance="2.0" inductance="0.001" nominal="12 0.1 100"/>'
 )
@@ -56,11 +57,11 @@ def test_a_world_that_diverges_is_flagged_alone() -> None:
     assert bool(torch.isfinite(signals[0]).all())
 
 
-@pytest.mark.parametrize(("actuator", "shared"), [(FILTER, True), (DC_MOTOR, False)])
+@pytest.mark.parametrize(("actuator", "before"), [(FILTER, []), (MUSCLE, [(2, 200)]), (DC_MOTOR, [(4, 200)])])
 def test_what_commands_alone_left_behind_is_run_once_for_every_theta(
-    monkeypatch: pytest.MonkeyPatch, actuator: str, shared: bool
+    monkeypatch: pytest.MonkeyPatch, actuator: str, before: list[tuple[int, int]]
 ) -> None:
-    """A filter's state, which the run before decides, is the same from every start; a motor's current is not."""
+    """A muscle's state is the same from every start, a motor's current is not; a filter's is known without a run."""
     simulator = MujocoSimulator(SLIDE.replace(MOTOR, actuator), FREE, threads=1)
     windows = make_windows(simulator, measure(runs=2), 1.0, 2.0)
     thetas = torch.tensor([[2.0, 1.0], [3.0, 0.5], [2.0, 1.0], [2.0, 1.0]]).double()
@@ -74,6 +75,6 @@ def test_what_commands_alone_left_behind_is_run_once_for_every_theta(
 
     monkeypatch.setattr(MujocoSimulator, "rollout", counted)
     together, _ = replay(simulator, windows, thetas, starts)
-    assert played == [(2 if shared else 4, 200), (4, windows.rows)]
+    assert played == [*before, (4, windows.rows)]
     for k in range(4):
         assert torch.equal(together[k], alone[k])
