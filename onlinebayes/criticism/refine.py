@@ -131,20 +131,25 @@ def _searched(
     watch = Watch(stopwatch, interrupt)
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
     found, fault = inquire(task.simulator, context, most)
-    longer = again = late_fault = None
-    with watch.giving_up():
-        longer = task.slower(found, watch) if fault is None and not watch.stopped else None
-    with watch.giving_up():
-        if longer is not None:
-            again, late_fault = inquire(task.simulator, replace(context, selection=longer), most)
-    stands = False
-    with watch.giving_up():
-        if again is not None and late_fault is None:
-            stands = adds_to(again, found, task.simulator, task.fit_runs, task.selection)
+    if fault is None and not watch.stopped:
+        task, found = _over_longer(task, found, context, most)
     stopped = watch.stopped
-    if longer is not None and again is not None and stands:
-        task, found = task.over(longer, dropped_by(again, found)), again
-    elif longer is not None:
-        task = task.unexplained_over(longer, again)
     result = assemble(question, task, found, fault, stopwatch)
     return replace(result, interrupted=result.interrupted or stopped)
+
+
+def _over_longer(task: Task, found: Found, context: SearchContext, most: int) -> tuple[Task, Found]:
+    """The task and what was found, over longer windows where these show more; see :mod:`.slow_effects`."""
+    longer: Selection | None = None
+    again: Found | None = None
+    stands = False
+    with context.watch.giving_up():
+        longer = task.slower(found, context.watch)
+        if longer is not None:
+            again, fault = inquire(task.simulator, replace(context, selection=longer), most)
+            stands = fault is None and adds_to(again, found, task.simulator, task.fit_runs, task.selection)
+    if longer is None:
+        return task, found
+    if again is None or not stands:
+        return task.unexplained_over(longer, again), found
+    return task.over(longer, dropped_by(again, found)), again

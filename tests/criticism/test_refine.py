@@ -205,7 +205,7 @@ def test_a_stop_is_heeded_within_one_replay(monkeypatch: pytest.MonkeyPatch, ask
     interrupt, played, rollout = Interrupt(), list[bool](), MujocoSimulator.rollout
 
     def counted(*given: object) -> TensorDict:
-        interrupt.requested = len(played) == 20
+        interrupt.requested = len(played) == 10
         played.append(interrupt.requested)
         return rollout(*given)
 

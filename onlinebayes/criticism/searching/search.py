@@ -147,7 +147,9 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
     if before_trial is not None and not standing.at_floor(selection.tolerance):
         standing = before_trial
     if not watch.stopped:
-        standing = _simplest(context, base, without_needless(standing, context), alone)
+        with watch.giving_up():
+            standing = without_needless(standing, context)
+            standing = _simplest(context, base, standing, alone)
     late = {effect.key: effect for groups in last for _, group in groups for effect in group}
     tried = (*effects, *late.values())
     accepted, changes = standing.accepted, standing.changes

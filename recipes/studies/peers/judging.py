@@ -52,8 +52,8 @@ class Judge:
         if trial.method == COST:
             from recipes.studies.peers import cost
 
-            ours, documented, by_hand = cost.seconds(case.task)
-            return replace(found, seconds=ours, reference=documented, by_hand=by_hand)
+            ours, free, documented, by_hand = cost.seconds(case.task)
+            return replace(found, seconds=ours, starts_free=free, reference=documented, by_hand=by_hand)
         return judged(found, case, fitter(trial.method))
 
 

@@ -32,7 +32,8 @@ class Outcome:
         right: how many of the hidden effects were named.
         false: how many claims name nothing that is hidden.
         seconds: processor time of the fit [s].
-        reference, by_hand: of ``cost``, the processor time of ``mujoco.sysid`` as documented and by hand [s].
+        reference, by_hand, starts_free: of ``cost``, the processor time of ``mujoco.sysid`` as documented, by hand, and
+            with the windows' starts free, too [s].
         ended: empty, or why there is no answer.
         code: which code it was.
     """
@@ -47,6 +48,7 @@ class Outcome:
     seconds: float = 0.0
     reference: float | None = None
     by_hand: float | None = None
+    starts_free: float | None = None
     ended: str = ""
     code: str = ""
 
