@@ -212,7 +212,7 @@ def test_a_stop_is_heeded_within_one_replay(monkeypatch: pytest.MonkeyPatch, ask
     monkeypatch.setattr(MujocoSimulator, "rollout", counted)
     with pytest.raises(Stopped):
         ask(model(), measure({LOAD: (0.5,)}, runs=8), interrupt=interrupt)
-    assert played == [False] * 20 + [True]
+    assert played == [False] * 10 + [True]
 
 
 def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
