@@ -80,7 +80,7 @@ def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
             # Once more where theta has come nearer meanwhile: far off, a step on another rung promises next to nothing.
             if rung != best.rung and (rung, best.rung) not in tried:
                 tried.add((rung, best.rung))
-                best = _better(trial, best, rung) or best
+                best = _better(trial, best, rung, trial.thorough and changed is _own) or best
     most = max(NOISE_FLOORS, FAR_BETTER * misfit(judged.fitted.projected))
     return best if best is not judged and misfit(best.fitted.projected) <= most else None
 
@@ -123,8 +123,8 @@ def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
         yield rung
 
 
-def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
-    """The model fitted on another rung; None where that leaves more."""
+def _better(trial: Trial, best: AsRun, rung: Rung, whatever: bool) -> AsRun | None:
+    """The model fitted on another rung, ``whatever`` one step promises there; None where that leaves more."""
     model, left = rung.of(trial.simulator), misfit(best.fitted.projected)
     try:
         windows = trial.windows(model, best)
@@ -135,7 +135,7 @@ def _better(trial: Trial, best: AsRun, rung: Rung) -> AsRun | None:
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
     promising = min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) < left
-    if not promising and not (trial.thorough and rung.timestep == trial.simulator.timestep):
+    if not promising and not whatever:
         return None
     fitted = improve(begun, windows, math.inf if promising else best.fitted.projected.objective)
     return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None
