@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -133,20 +133,31 @@ def _signal_scales(simulator: Simulator, windows: Windows, target: str, time: fl
 def _motion(simulator: Simulator, windows: Windows, j: int) -> tuple[Tensor, float, float]:
     """Positions visited, largest speed and acceleration of joint j, from averages over bins."""
     by = seen_in(simulator, windows, joint_names(simulator)[j])
-    seen = windows.observed[..., by.column].unflatten(1, (windows.bins, windows.bin_rows)).any(2)
-    shown, dt = windows.bin(windows.value)[..., by.column], windows.bin_step
+    seen, dt = windows.seen[..., by.column], windows.bin_step
+    shown, between = _filled(windows.bin(windows.value)[..., by.column], seen)
     # A wide difference keeps the sensor's noise out.
     k = max(1, min(windows.bins // 20, (windows.bins - 1) // 4))
     if by.position:
-        v, moving = (shown[:, k:] - shown[:, :-k]) / (k * dt), seen[:, k:] & seen[:, :-k]
+        v, moving = (shown[:, k:] - shown[:, :-k]) / (k * dt), between[:, k:] & between[:, :-k]
     else:
-        v, moving = shown, seen
+        v, moving = shown, between
     a = (v[:, k:] - v[:, :-k]) / (k * dt)
     both = moving[:, k:] & moving[:, :-k]
     speed = float(v.abs()[moving].max()) if bool(moving.any()) else 0.0
     acceleration = float(a.abs()[both].max()) if bool(both.any()) else 0.0
     position = shown[seen] if by.position and bool(seen.any()) else windows.start[:, j]
     return position, speed, acceleration
+
+
+def _filled(shown: Float[Tensor, "W n"], seen: Bool[Tensor, "W n"]) -> tuple[Float[Tensor, "W n"], Bool[Tensor, "W n"]]:
+    """Bins of a sensor slower than they are, filled in linearly; and which lie between two that were seen."""
+    place = torch.arange(seen.shape[1], device=seen.device).expand_as(seen)
+    before = torch.where(seen, place, -1).cummax(1)[0]
+    after = torch.where(seen, place, seen.shape[1]).flip(1).cummin(1)[0].flip(1)
+    between = (before >= 0) & (after < seen.shape[1])
+    before, after = before.clamp_min(0), after.clamp_max(seen.shape[1] - 1)
+    part = (place - before) / (after - before).clamp_min(1)
+    return (1 - part) * shown.gather(1, before) + part * shown.gather(1, after), between
 
 
 def seen_in(simulator: Simulator, windows: Windows, joint: str) -> SeenBy:

@@ -41,10 +41,6 @@ EXACT = 0.05
 JITTER_PARTS = 8
 """Into so many parts a step is cut whose rows jitter."""
 
-SLOWEST = 0.05
-"""Rows further apart [s] are a camera's frames, and are not cut for their jitter: a falling ball's 67 ms, replayed in
-two steps of 33 ms, showed no effect at all."""
-
 FINEST = 1e-3
 """No step [s] is cut below this: what happens within it moves no machine."""
 
@@ -122,7 +118,7 @@ def replay_step(measurement: Measurement, timestep: float) -> float:
     if any(len(torch.cat([rows, changes]).unique()) > len(rows) / MOST for rows, changes in instants):
         apart = torch.cat([changes.diff() for _, changes in instants])
         step = min(step, float(apart.median()))
-    if step <= SLOWEST and not all(_even(torch.cat(both), step) for both in instants):
+    if not all(_even(torch.cat(both), step) for both in instants):
         step /= JITTER_PARTS
     return max(1, round(max(step, min(FINEST, measured)) / timestep)) * timestep
 

@@ -105,6 +105,10 @@ def log_t(residual: Tensor, scale: Tensor, nu: Tensor) -> Tensor:
     return constant - torch.log(scale) - (nu + 1) / 2 * torch.log1p((residual / scale).square() / nu)
 
 
+FEW_PAIRS = 0.1
+"""Share of a signal's bins: a lag with fewer pairs of them than this, for its length, says nothing."""
+
+
 def tau(
     residual: Float[Tensor, "W n S"], observed: Bool[Tensor, "W n S"], step: float, threshold: float = 0.02
 ) -> float:
@@ -122,14 +126,14 @@ def tau(
         total = float(r.square().sum())
         if total <= 0:
             continue
-        count, rho_sum = float(observed[..., s].sum()), 0.0
-        for k in range(1, r.shape[1]):
+        count, rho_sum, known, n = float(observed[..., s].sum()), 0.0, 0, r.shape[1]
+        for k in range(1, n):
             pairs = float((observed[:, k:, s] & observed[:, :-k, s]).sum())
-            if pairs == 0:
-                break
+            if pairs <= FEW_PAIRS * count * (n - k) / n:  # of a sensor slower than the bins: the next lag stands for it
+                continue
             rho = float((r[:, k:] * r[:, :-k]).sum()) / pairs / (total / count)
             if rho <= threshold:
                 break
-            rho_sum += rho
+            rho_sum, known = rho_sum + rho * (k - known), k
         longest = max(longest, step * (1 + 2 * rho_sum))
     return longest

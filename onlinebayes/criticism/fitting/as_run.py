@@ -123,8 +123,8 @@ def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
         yield rung
 
 
-def _better(trial: Trial, best: AsRun, rung: Rung, whatever: bool) -> AsRun | None:
-    """The model fitted on another rung, ``whatever`` one step promises there; None where that leaves more."""
+def _better(trial: Trial, best: AsRun, rung: Rung, unpromising: bool) -> AsRun | None:
+    """The model fitted on another rung, an ``unpromising`` one too where asked; None where that leaves more."""
     model, left = rung.of(trial.simulator), misfit(best.fitted.projected)
     try:
         windows = trial.windows(model, best)
@@ -135,7 +135,7 @@ def _better(trial: Trial, best: AsRun, rung: Rung, whatever: bool) -> AsRun | No
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
     promising = min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) < left
-    if not promising and not whatever:
+    if not promising and not unpromising:
         return None
     fitted = improve(begun, windows, math.inf if promising else best.fitted.projected.objective)
     return AsRun(rung, windows, fitted) if misfit(fitted.projected) < left else None

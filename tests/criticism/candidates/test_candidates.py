@@ -187,3 +187,14 @@ def test_a_joint_that_stands_still_has_no_candidates_of_its_own() -> None:
     assert {"dry_friction@rail", "sensor_bias@qpos.rail"} <= keys
     assert not {key for key in keys if "idle" in key}
     assert [effect.key for effect in propose(two, seen, ["dry_friction@idle"])] == ["dry_friction@idle"]
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_the_scales_of_a_sensor_slower_than_the_bins(windows: Windows, every: int) -> None:
+    """Its bins are never neighbours: without what lies between, nothing would move."""
+    shown = (torch.arange(windows.rows) % every == 0)[None, :, None]
+    slow = replace(windows, observed=windows.observed & shown, measured=windows.measured & shown)
+    whole, part = (target_scales(model(), one, "joint", "rail") for one in (windows, slow))
+    assert part.force == pytest.approx(whole.force, rel=0.25)
+    assert part.speed == pytest.approx(whole.speed, rel=0.1)
+    assert part.travel == pytest.approx(whole.travel, rel=0.05)

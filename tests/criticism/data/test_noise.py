@@ -81,3 +81,15 @@ def test_tau_of_an_autoregression(phi: float) -> None:
         r[:, k] = phi * r[:, k - 1] + noise[:, k]
     found = tau(r[:, 100:, None], torch.ones(200, 400, 1, dtype=torch.bool), 0.01)
     assert found == pytest.approx(0.01 * (1 + phi) / (1 - phi), rel=0.12)
+
+
+@pytest.mark.parametrize("every", [1, 2, 3])
+def test_tau_of_a_sensor_slower_than_the_bins(every: int) -> None:
+    """Slow noise: Delta (1 + phi) / (1 - phi), whichever lags the sensor has; none of them has a neighbour."""
+    phi, noise = 0.9, torch.randn(200, 500, dtype=torch.float64)
+    r = torch.zeros_like(noise)
+    for k in range(1, 500):
+        r[:, k] = phi * r[:, k - 1] + noise[:, k]
+    seen = (torch.arange(400) % every == 0).expand(200, 400)[..., None]
+    found = tau(r[:, 100:, None], seen, 0.01)
+    assert found == pytest.approx(0.01 * (1 + phi) / (1 - phi), rel=0.2)

@@ -7,11 +7,12 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import Selection
+from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects import ConstantLoad
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 STEP, NOISE = 0.004, 1e-4  # of the simulator that writes the log [s], of the sensor [rad]
@@ -20,18 +21,20 @@ ARM = """<mujoco><option timestep=".004" integrator="RK4"/><worldbody><body>
 <joint name="arm" axis="0 1 0" damping=".05"/>
 <geom type="capsule" size=".03" fromto="0 0 0 0 0 -.3" mass=".3"/></body></worldbody>
 <actuator><motor name="motor" joint="arm"/></actuator></mujoco>"""
+LOADED = ConstantLoad("arm", Parameter(-0.5, 0.5, "N m"))
 FREE = ParameterSpace({"joint.arm.damping": Parameter(0.0, 1.0, "N m s/rad")})
 
 
-def measured(held: int, jitters: bool) -> Measurement:
-    """The right model's own replay: a command for ``held`` rows, the angle at each fifth or, jittering, next to it."""
-    arm, draw = MujocoSimulator(ARM, FREE, worlds=RUNS, threads=1), np.random.default_rng(0)
+def measured(held: int, jitters: bool, load: float = 0.0) -> Measurement:
+    """An arm's replay: a command for ``held`` rows, the angle at each fifth or, jittering, next to it."""
+    arm, draw = MujocoSimulator(ARM, FREE, worlds=RUNS, threads=1).with_effect(LOADED), np.random.default_rng(0)
     time = STEP * torch.arange(ROWS + 1, dtype=torch.float64)
     rate, phase = torch.from_numpy(draw.uniform((0.5, 0.0), (3.0, 6.0), (RUNS, 4, 2))).unbind(-1)
     command = 0.5 * torch.sin(6.28 * rate[..., None] * time + phase[..., None]).sum(1)[..., None]
     command = command[:, ::held].repeat_interleave(held, 1)[:, : ROWS + 1]
+    truth = torch.tensor([[0.05, load]] * RUNS, dtype=torch.float64)
     inputs = TensorDict({"command": command[:, :-1]}, batch_size=(RUNS, ROWS))
-    path = arm.rollout(torch.full((RUNS, 1), 0.05, dtype=torch.float64), arm.state, inputs, time[1:])["qpos"][..., 0]
+    path = arm.rollout(truth, arm.state, inputs, time[1:])["qpos"][..., 0]
     angle = torch.nn.functional.pad(path, (1, 0)).numpy() + NOISE * draw.normal(size=(RUNS, ROWS + 1))
     runs = {}
     for run in range(RUNS):
@@ -50,3 +53,10 @@ def test_the_right_model_leaves_noise(held: int, jitters: bool) -> None:
     grounds = ground(MujocoSimulator(ARM, FREE, threads=1), measured(held, jitters), Selection())
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([0.05], rel=0.01)
+
+
+def test_what_is_missing_is_found_there() -> None:
+    arm, log = MujocoSimulator(ARM, FREE, threads=1), measured(1, True, load=0.05)
+    result = refine(arm, log, candidates=["constant_load", "dry_friction"])
+    assert (result.verdict, result.accepted) == ("missing_effect", ("constant_load@arm",))
+    assert result.parameters["constant_load@arm.load"].mean == pytest.approx(0.05, rel=0.02)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Self
+from collections.abc import Callable
 
 import pytest
-from jaxtyping import Float
-from torch import Tensor
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.searching.confounded import with_one_for_several
@@ -17,45 +13,17 @@ from onlinebayes.criticism.searching.search import ground, search
 from onlinebayes.criticism.searching.stage import Stage, run_stage
 from onlinebayes.criticism.searching.standing import Standing, with_effects
 from onlinebayes.measurements import Measurement
-from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Interrupt, Watch
-from onlinebayes.simulators.effects import ConstantLoad, Effect, QuadraticDrag
-from onlinebayes.simulators.effects.base import Scales, Seen
+from onlinebayes.simulators.effects import ConstantLoad, QuadraticDrag
 from tests.criticism.rigs import measure, model
+from tests.criticism.winds import WindOfOneSize
 
 LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
 
 
-@dataclass(frozen=True)
-class Wind(Effect):
-    """size (1 - 8 v abs(v)): a load and eight times as much quadratic drag."""
-
-    target: str
-    name = "wind_of_one_size"
-    target_kind = "joint"
-
-    @classmethod
-    def scaled(cls, target: str, scales: Scales) -> Self:
-        """Not asked for here."""
-        return cls(target)
-
-    @property
-    def parameters(self) -> ParameterSpace:
-        """``size``."""
-        return ParameterSpace({"size": Parameter(-5.0, 5.0, "N")})
-
-    @property
-    def neutral(self) -> Mapping[str, float]:
-        """None."""
-        return {"size": 0.0}
-
-    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
-        """[N]."""
-        return parameters["size"] * (1 - 8.0 * seen.v * seen.v.abs())
-
-
-WIND = Wind("rail")
+WIND = WindOfOneSize("rail")
 
 
 def both(measurement: Measurement) -> tuple[Standing, Stage]:

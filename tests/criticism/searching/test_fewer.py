@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Self
-
 import pytest
-from jaxtyping import Float
-from torch import Tensor
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.judging.acceptance import Judged, judge
@@ -19,44 +13,16 @@ from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import Stage, blocks_for, refit
 from onlinebayes.criticism.searching.standing import Standing, with_effects
 from onlinebayes.measurements import Measurement
-from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Interrupt, Watch
 from onlinebayes.simulators.effects import ConstantLoad, Effect, JointStiffness, QuadraticDrag
-from onlinebayes.simulators.effects.base import Scales, Seen
 from tests.criticism.cases import refined
 from tests.criticism.rigs import measure, model
+from tests.criticism.winds import HeadWind
 
 LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
 SPRING = JointStiffness("rail", Parameter(0.0, 20.0, "N/m"), Parameter(-1.0, 1.0, "m"))
-
-
-@dataclass(frozen=True)
-class HeadWind(Effect):
-    """load - k v abs(v): a constant load and quadratic drag in one."""
-
-    target: str
-    name = "head_wind"
-    target_kind = "joint"
-
-    @classmethod
-    def scaled(cls, target: str, scales: Scales) -> Self:
-        """Not asked for here."""
-        return cls(target)
-
-    @property
-    def parameters(self) -> ParameterSpace:
-        """``drag``, ``load``."""
-        return ParameterSpace({"drag": Parameter(0.0, 5.0), "load": Parameter(-5.0, 5.0, "N")})
-
-    @property
-    def neutral(self) -> Mapping[str, float]:
-        """Neither."""
-        return {"drag": 0.0, "load": 0.0}
-
-    def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
-        """[N]."""
-        return parameters["load"] - parameters["drag"] * seen.v * seen.v.abs()
 
 
 def judged(standing: Standing, effect: Effect) -> Judged:
