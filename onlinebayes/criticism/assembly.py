@@ -130,7 +130,7 @@ def _evidence(
     question: Question, task: Task, found: Found, fault: Suspicion | None, equal: Mapping[str, tuple[str, ...]]
 ) -> Evidence:
     """What the verdict rests on."""
-    before, after = (left_over(grounds, task.simulator) for grounds in (found.base, found.final))
+    before, after = (left_over(grounds) for grounds in (found.base, found.final))
     return Evidence(
         enough=found.enough,
         undecided=found.undecided,

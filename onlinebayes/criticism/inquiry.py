@@ -79,7 +79,7 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Fo
     with watch.giving_up():
         if bool(base.windows.observed.any()):
             units = {signal.name: signal.unit for signal in measurement.signals}
-            watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base, simulator)))
+            watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base)))
         wiring = replace(wiring, leads=look(base, simulator, measurement, selection, watch))
         if (fault := wiring.beyond_doubt) is not None:
             return Found(base, base, (), (), ()), fault
@@ -143,7 +143,7 @@ class _Wiring:
     def beside(self, found: Found) -> tuple[Suspicion | None, float]:
         """The fault that may explain more than what was found, and what share of its error it must not exceed."""
         room = self.leads is not None and not found.interrupted
-        structured = room and _structured(found.final, self.simulator, self.context.selection)
+        structured = room and _structured(found.final, self.context.selection)
         # A gear beyond its bounds may be a command in another unit, and that needs no bound to be wrong.
         asked = structured or (room and found.widened is not None)
         fault = self.fault if asked or (self.leads is not None and self.leads.overwhelming) else None
@@ -175,7 +175,7 @@ def _faults_of_the_log(
     Signals that are some rows late, or a misplaced zero. Delays of actuators that leave more than noise may be the log
     of a joint at which most is left; as the two are much alike, the log has to do twice as well.
     """
-    left = left_over(found.final, simulator)
+    left = left_over(found.final)
     worst = sorted((name for name in left if left[name] > selection.tolerance), key=lambda name: -left[name])
     tried: list[Fault | None] = [misplaced(_zeros(found))]
     share = 1.0
@@ -208,6 +208,6 @@ def _zeros(found: Found) -> dict[str, float]:
     }
 
 
-def _structured(final: Grounds, simulator: Simulator, selection: Selection) -> bool:
+def _structured(final: Grounds, selection: Selection) -> bool:
     """Whether more than noise is left."""
-    return max(left_over(final, simulator).values(), default=0.0) > selection.tolerance
+    return max(left_over(final).values(), default=0.0) > selection.tolerance

@@ -147,7 +147,7 @@ def _over_longer(task: Task, found: Found, context: SearchContext, most: int) ->
         longer = task.slower(found, context.watch)
         if longer is not None:
             again, fault = inquire(task.simulator, replace(context, selection=longer), most)
-            stands = fault is None and adds_to(again, found, task.simulator, task.fit_runs, task.selection)
+            stands = fault is None and adds_to(again, found, task.fit_runs, task.selection)
     if longer is None:
         return task, found
     if again is None or not stands:

@@ -49,7 +49,7 @@ def slower(
     final = found.final
     if not found.enough or found.widened is not None:
         return None
-    if selection.fixed_horizon or _most(left_over(final, simulator)) > selection.tolerance:
+    if selection.fixed_horizon or _most(left_over(final)) > selection.tolerance:
         return None
     durations = measurement.durations
     longest = min(MOST * selection.horizon_s, min(durations), sum(durations) / WINDOWS)
@@ -65,7 +65,7 @@ def slower(
         return None
     if long is None or not long.numerics.sufficient:
         return None
-    return wanted if _most(left_over(long, simulator)) > selection.tolerance else None
+    return wanted if _most(left_over(long)) > selection.tolerance else None
 
 
 def _refitted(final: Grounds, measurement: Measurement, wanted: Selection) -> Grounds | None:
@@ -108,20 +108,19 @@ def _known_starts(windows: Windows, grounds: Grounds) -> Float[Tensor, "W J2"]:
     return starts
 
 
-def adds_to(again: Found, first: Found, simulator: Simulator, measurement: Measurement, asked: Selection) -> bool:
+def adds_to(again: Found, first: Found, measurement: Measurement, asked: Selection) -> bool:
     """Whether what was found over longer windows explains their misfit, and says more than what was found before.
 
     It says more where it names more; and, however little it names, where it leaves noise over both.
 
     Args:
         again, first: what was found over the longer windows, and before that over the usual ones.
-        simulator: the base model at its own step.
         measurement: the fit runs.
         asked: how effects are judged, over the usual windows.
     """
     if again.interrupted or again.widened is not None:
         return False
-    before, after = left_over(again.base, simulator), left_over(again.final, simulator)
+    before, after = left_over(again.base), left_over(again.final)
     noise = _most(after) <= asked.tolerance
     if _named(again) > _named(first):
         return noise or halved(before, after)
@@ -170,18 +169,17 @@ def dropped_by(again: Found, first: Found) -> list[str]:
     return [judged.effect.key for _, judged in first.accepted if judged.effect.key not in kept]
 
 
-def unexplained_when_slow(asked: Selection, longer: Selection, again: Found | None, simulator: Simulator) -> str:
+def unexplained_when_slow(asked: Selection, longer: Selection, again: Found | None) -> str:
     """What to tell a user whose model errs over longer windows, where what was found there does not stand.
 
     Args:
         asked: the usual windows.
         longer: the longer ones.
         again: what was found over those; None where that was stopped.
-        simulator: the base model at its own step.
     """
     if again is None or again.interrupted:
         why = "and the search for its cause was stopped"
-    elif again.accepted and _most(left_over(again.final, simulator)) <= longer.tolerance:
+    elif again.accepted and _most(left_over(again.final)) <= longer.tolerance:
         found = " and ".join(judged.effect.key for _, judged in again.accepted)
         why = f"and {found}, which would explain that, leaves more than noise over {asked.horizon_s:g} s"
     else:

@@ -49,7 +49,7 @@ class Task:
 
     def unexplained_over(self, longer: Selection, again: Found | None) -> Task:
         """The task as it is, with a note on what longer windows leave, and what was found ``again``, unless stopped."""
-        said = unexplained_when_slow(self.selection, longer, again, self.simulator)
+        said = unexplained_when_slow(self.selection, longer, again)
         return replace(self, notes=(*self.notes, said))
 
 

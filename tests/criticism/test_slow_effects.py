@@ -154,12 +154,10 @@ def one_for_two() -> tuple[Measurement, Found, Found]:
 
 def test_fewer_effects_stand_where_they_leave_noise_over_both(one_for_two: tuple[Measurement, Found, Found]) -> None:
     measured, first, again = one_for_two
-    assert adds_to(again, first, rigs.model(), measured, USUAL)
-    assert not adds_to(replace(again, final=again.base), first, rigs.model(), measured, USUAL)  # more than noise
-    assert not adds_to(replace(again, interrupted=True), first, rigs.model(), measured, USUAL)
-    assert not adds_to(
-        replace(again, accepted=()), first, rigs.model(), measured, USUAL
-    )  # nothing to put in their place
+    assert adds_to(again, first, measured, USUAL)
+    assert not adds_to(replace(again, final=again.base), first, measured, USUAL)  # more than noise
+    assert not adds_to(replace(again, interrupted=True), first, measured, USUAL)
+    assert not adds_to(replace(again, accepted=()), first, measured, USUAL)  # nothing to put in their place
     (note,) = lengthened(USUAL, LONGER, dropped_by(again, first))
     assert "over 1 s constant_load@rail and actuator_gain@motor would pass for what is missing" in note
     kept = replace(first, accepted=(*first.accepted, *again.accepted))
@@ -171,10 +169,10 @@ def test_what_leaves_more_over_a_second_is_named_and_does_not_stand(
 ) -> None:
     measured, first, again = one_for_two
     monkeypatch.setattr("onlinebayes.criticism.slow_effects.leaves_noise", lambda *_: False)
-    assert not adds_to(again, first, rigs.model(), measured, USUAL)
-    said = unexplained_when_slow(USUAL, LONGER, again, rigs.model())
+    assert not adds_to(again, first, measured, USUAL)
+    said = unexplained_when_slow(USUAL, LONGER, again)
     assert "and quadratic_drag@rail, which would explain that, leaves more than noise over 1 s: trust" in said
-    left = unexplained_when_slow(USUAL, LONGER, replace(again, final=again.base), rigs.model())
+    left = unexplained_when_slow(USUAL, LONGER, replace(again, final=again.base))
     assert "which nothing that was tried explains" in left
 
 

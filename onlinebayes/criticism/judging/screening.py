@@ -4,11 +4,14 @@
     r   the residual, its scale s
     z = sum_b g_b / (s |c~|),     g_b = sum over block b of c~ r
     under the flips F = diag(+-1 per block):    z_F = sum_b +-g_b / (s sqrt(c~' F (I - P) F c~))
-    p = share of the flips whose largest z_F, over all candidates, starting values and horizons, reaches z
+    p = share of the flips whose largest z_F, over all candidates of no higher z, starting values and horizons,
+        reaches z; at least the p of every candidate of higher z
 
 One-sided for candidates bounded on one side, abs(z) else. The scale s is the RMS of the residual; it cancels within a
 horizon. A candidate with |c~|^2 < 1e-3 |c|^2 moves nothing that the free parameters cannot: it is confounded.
-Randomisation over blocks needs no model of the correlation within them (Westfall and Young 1993, the max-T test). Up
+Randomisation over blocks needs no model of the correlation within them (Westfall and Young 1993, the step-down max-T
+test: with nothing missing the smallest p is that of the maximum over all candidates, and so is the false alarm rate;
+what only ranks below another is not held to that one's flips, which a gross misfit of both makes large). Up
 to 12 blocks all 2^B flips are taken, else 4096 drawn ones, the identity among them (Phipson and Smyth 2010).
 """
 
@@ -120,24 +123,39 @@ def p_values(
     """z, p and the best column of each candidate; a confounded column takes no part.
 
     Returns:
-        Per candidate: z of its best column, p of the maximum test, index of that column (-1 where it has none).
+        Per candidate: z of its best column, p of the step-down test, index of that column (-1 where it has none).
     """
     signs = flips(horizons[0].g.shape[0], horizons[0].g)
     two_sided = torch.tensor([column.two_sided for column in columns], device=signs.device)
     flipped = torch.stack([_standardised(scores, signs) for scores in horizons])  # (horizons, flips, columns)
     flipped = torch.where(two_sided, flipped.abs(), flipped)
     usable = torch.stack([scores.share >= CONFOUNDED for scores in horizons])
-    flipped = torch.where(usable[:, None], flipped, -float("inf"))
-    largest = flipped.amax((0, 2))
-    observed = flipped[:, 0].amax(0)  # the first flip is none at all
+    by_column = torch.where(usable[:, None], flipped, -float("inf")).amax(0)  # (flips, columns)
+    observed = by_column[0]  # the first flip is none at all
     z = observed.new_full((candidates,), -float("inf"))
     best = torch.full((candidates,), -1, dtype=torch.long, device=signs.device)
     for k, column in enumerate(columns):
         if observed[k] > z[column.candidate]:
             z[column.candidate], best[column.candidate] = observed[k], k
+    of = torch.tensor([column.candidate for column in columns], device=signs.device).expand_as(by_column)
+    by_candidate = by_column.new_full((len(signs), candidates), -float("inf")).scatter_reduce(1, of, by_column, "amax")
+    return z, stepped_down(z, by_candidate), best
+
+
+def stepped_down(z: Float[Tensor, " K"], flipped: Float[Tensor, "X K"]) -> Float[Tensor, " K"]:
+    """p of each candidate: share of the flips whose largest z, of those that rank no higher than it, reaches its own.
+
+    What ranks higher has shown its own misfit already; no p lies below that of a higher rank.
+
+    Args:
+        z: as the data have it.
+        flipped: under each flip.
+    """
+    order = z.argsort(descending=True, stable=True)
+    largest = flipped[:, order.flip(0)].cummax(1).values.flip(1)
     tolerance = 1e-9 * z.abs().clamp(1e-9, 1e9)
-    p = (largest[None] >= (z - tolerance)[:, None]).to(z).mean(1)
-    return z, p, best
+    p = (largest >= (z - tolerance)[order]).to(z).mean(0).cummax(0).values
+    return torch.empty_like(p).scatter(0, order, p)
 
 
 def observed(horizons: Sequence[Scores], columns: Sequence[Column]) -> Float[Tensor, " C"]:

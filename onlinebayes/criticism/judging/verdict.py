@@ -12,7 +12,6 @@ equals in explaining little: none of them is what is missing.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -27,13 +26,12 @@ from onlinebayes.criticism.fitting.strays import best_starts
 from onlinebayes.criticism.judging.score import CrossValidated, parted
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict
-from onlinebayes.simulators.base import Simulator
 
 SAME = 0.01
 AT_FLOOR = 1.2
 
 
-def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened: bool) -> dict[str, float]:
+def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics) -> dict[str, float]:
     """Start-projected RMS at the rows over the floor, by signal: about 1 where nothing but noise is left.
 
     Replayed from each window's best start: the fit's own, or where its linearisation says that the best one is. A
@@ -41,9 +39,8 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened:
 
     Args:
         fitted, windows: the model and what it was fitted to.
-        numerics: of its integration step; a larger error than the noise is the floor where it cannot be helped.
-        coarsened: whether the step was chosen, coarser than the model's own because the misfit is gross, or its own
-            though a finer one moves the replay: the floor is then the noise alone.
+        numerics: of its integration step; a larger error than the noise is the floor where it cannot be helped. A
+            step that is fine enough for a gross misfit was chosen: there the floor is the noise alone.
     """
     shift = start_shift(windows, fitted.lin, fitted.projected, torch.zeros_like(fitted.theta))
     candidates = fitted.lin.starts + torch.stack([torch.zeros_like(shift), shift])
@@ -53,21 +50,15 @@ def rms_over_floor(fitted: Fit, windows: Windows, numerics: Numerics, coarsened:
     seen = windows.observed
     square = torch.where(seen, windows.value - signals[0], torch.zeros_like(windows.value)).square()
     rms = (square.sum((0, 1)) / seen.sum((0, 1)).clamp_min(1)).sqrt()
-    error = numerics.error_at_quarter_step
-    floor = windows.noise * max(1.0, 0.0 if math.isnan(error) or coarsened else error)
+    error = 0.0 if numerics.sufficient else numerics.error_at_quarter_step
+    floor = windows.noise * max(1.0, error)
     names = [fitted.simulator.signals[c] for c in windows.columns]
     return dict(zip(names, (rms / floor).tolist(), strict=True))
 
 
-def left_over(grounds: Grounds, simulator: Simulator) -> dict[str, float]:
-    """RMS over the floor by signal of a fitted model whose step may be coarser than the simulator's own.
-
-    Args:
-        grounds: the fitted model.
-        simulator: the base model at its own step.
-    """
-    coarsened = grounds.as_run or grounds.numerics.timestep > simulator.timestep
-    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, coarsened)
+def left_over(grounds: Grounds) -> dict[str, float]:
+    """RMS over the floor by signal of a fitted model."""
+    return rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics)
 
 
 def tied(a: CrossValidated, b: CrossValidated, bin_step: float) -> bool:

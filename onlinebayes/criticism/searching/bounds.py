@@ -80,7 +80,7 @@ def excluded(simulator: Simulator, context: SearchContext, base: Grounds, stage:
         model = simulator.with_bounds(name, wider)
         horizon, noise = context.selection.horizon_s, base.windows.noise
         settled = settle(model, context.measurement, horizon, noise, fitted.theta, before=base, fitted=fitted)
-        if max(left_over(settled, simulator).values(), default=0.0) <= context.selection.tolerance:
+        if max(left_over(settled).values(), default=0.0) <= context.selection.tolerance:
             found.append((gain.gain, Widened(name, simulator.parameters[name], wider, settled)))
     return max(found, key=lambda item: item[0])[1] if found else None
 

@@ -70,7 +70,7 @@ def changed(
     own = with_own_values(simulator, measurement.runs, best.address)
     model, noise = grown(own, effects), current.windows.noise
     settled = settle(model, measurement, selection.horizon_s, noise, best.fitted.theta, current, best.fitted)
-    before, after = (left_over(grounds, simulator) for grounds in (current, settled))
+    before, after = (left_over(grounds) for grounds in (current, settled))
     worst = max(after.values(), default=0.0)
     equals = tuple(one.address for one in admissible[1:] if not beats(best, one.scores, step))
     enough = worst <= AT_FLOOR or halved(before, after)

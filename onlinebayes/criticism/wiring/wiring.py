@@ -31,7 +31,7 @@ from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.fitting.projection import misfit, signal_rms
 from onlinebayes.criticism.judging.score import cross_validate
-from onlinebayes.criticism.judging.verdict import rms_over_floor
+from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.wiring.bench import Bench, total
@@ -288,9 +288,7 @@ def _at_the_floor(grounds: Grounds | None, selection: Selection) -> bool:
     """Whether nothing but noise is left."""
     if grounds is None or not grounds.numerics.sufficient:
         return False
-    # A step that is fine enough is the simulator's own or as good: its error is floor only where it cannot be helped.
-    rows = rms_over_floor(grounds.fitted, grounds.windows, grounds.numerics, grounds.as_run)
-    return max(rows.values()) <= selection.tolerance
+    return max(left_over(grounds).values()) <= selection.tolerance
 
 
 def cross_validated(grounds: Grounds, selection: Selection) -> Float[Tensor, " S"]:

@@ -5,7 +5,7 @@ import torch
 from scipy.stats import binom
 
 from onlinebayes.criticism.fitting.projection import Projected
-from onlinebayes.criticism.judging.screening import Column, block_scores, observed, p_values
+from onlinebayes.criticism.judging.screening import Column, block_scores, observed, p_values, stepped_down
 
 B, PER, M, P = 8, 3, 20, 2
 V = B * PER
@@ -70,6 +70,36 @@ def test_a_true_effect_is_found_and_the_others_are_not() -> None:
     assert float(p[2]) > 0.03
     assert best.tolist() == [0, 1, 2]
     assert torch.equal(observed([block_scores(rows(residual, columns), candidates, OF, B)], tests), z)
+
+
+def test_of_two_that_are_much_alike_neither_hides_the_other() -> None:
+    draw = torch.Generator().manual_seed(9)
+    first, aside = correlated(draw, 2, V, M)
+    second = first + 0.3 * aside
+    # A gross misfit in all blocks but one that errs the other way: the flips hold it, and it alone turns them over.
+    sign = torch.where(torch.arange(V) < PER, -0.2, 1.0)[:, None]
+    residual = sign * first + 0.3 * correlated(draw, V, M)
+    none = torch.zeros(V, M, 0, dtype=torch.float64)
+    of = torch.arange(V) * B // V
+    candidates = torch.stack([first, second], -1)
+    z, p, _ = p_values([block_scores(rows(residual, none), candidates, of, B)], [Column(0, True), Column(1, True)], 2)
+    alone = [
+        float(p_values([block_scores(rows(residual, none), candidates[..., k, None], of, B)], [Column(0, True)], 1)[1])
+        for k in (0, 1)
+    ]
+    order = z.argsort(descending=True)
+    assert float(p[order[1]]) == pytest.approx(max(alone[int(order[1])], float(p[order[0]])))
+
+
+def test_no_p_lies_below_that_of_a_higher_rank() -> None:
+    draw = torch.Generator().manual_seed(10)
+    flipped = torch.randn(256, 6, generator=draw, dtype=torch.float64)
+    z = flipped[0] + torch.tensor([0.0, 1.0, 2.0, 0.5, 0.0, 3.0], dtype=torch.float64)
+    p = stepped_down(z, flipped)
+    ranked = p[z.argsort(descending=True)]
+    assert bool((ranked.diff() >= 0).all())
+    assert float(ranked[0]) == float((flipped.amax(1) >= z.max()).double().mean())
+    assert bool((p <= (flipped.amax(1)[None] >= z[:, None]).double().mean(1)).all())
 
 
 @pytest.mark.parametrize(("two_sided", "found"), [(True, True), (False, False)])
