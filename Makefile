@@ -49,7 +49,7 @@ blind: setup     ## hidden effects and null sets -> docs/results/blind.json
 blind-rigs: setup  ## the same on eight rigs (hours; goes on where it was stopped) -> docs/results/blind-rigs.json
 	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
 blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two) -> docs/results/blind-pairs.json
-	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2060 --out $(OUT)/blind_pairs
+	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2300 --out $(OUT)/blind_pairs
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
 	$(BIN)/python -m recipes.studies.emps
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json
