@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.criticism import Candidate, Criticism, quantities
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import candidate_words, words
 from onlinebayes.criticism.report.refined import left_out
 
 WIDTH = 80
@@ -72,7 +72,7 @@ def _errors(result: Criticism) -> list[str]:
 
 def _candidates(result: Criticism) -> list[str]:
     """Gain and p of the ranked effects, the first ones and all that are in the model, with their rivals."""
-    ranked = [candidate for candidate in words.in_order(result) if candidate.rank is not None]
+    ranked = [candidate for candidate in candidate_words.in_order(result) if candidate.rank is not None]
     shown = [c for k, c in enumerate(ranked) if k < RANKS or c.accepted or c.indistinguishable_from]
     lines = [f"{'candidate effects':<35} {'gain':>11} {'p':>6}  outcome"]
     lines += [_candidate(result, candidate) for candidate in shown]
@@ -86,7 +86,7 @@ def _candidate(result: Criticism, candidate: Candidate) -> str:
         gain = f"{quantities.significant(candidate.score_gain)} ± {error}"
     p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
     start = f"{candidate.rank:>4} {_cut(candidate.effect, 30):<30} {gain:>11} {p:>6}  "
-    return start + _cut(words.briefly(result, candidate), WIDTH - len(start))
+    return start + _cut(candidate_words.briefly(result, candidate), WIDTH - len(start))
 
 
 def _others(count: int, what: str, where: str) -> list[str]:

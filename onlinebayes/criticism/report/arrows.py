@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from onlinebayes.criticism import quantities
 from onlinebayes.criticism.replaying.forces import EffectForce
-from onlinebayes.criticism.report import geometry, words
+from onlinebayes.criticism.report import geometry, phrases
 from onlinebayes.criticism.report.colours import EFFECTS
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def send_arrows(
         above[force.joint] += 1
         points, ways = places(model, joint, qpos)
         points = points + np.array([0.0, 0.0, LIFT * size * above[force.joint]])
-        name = words.plain(force.effect).partition(" at ")[0]
+        name = phrases.plain(force.effect).partition(" at ")[0]
         unit = "N" if model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_SLIDE else "N m"
         labels = [f"{name} {quantities.text(float(v), unit)}" for v in value]
         path = geometry.entity(root, force.effect)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism import places, quantities
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.results import Candidate, Criticism
 
 SHOWN = 15
@@ -15,7 +15,7 @@ def report(result: Criticism) -> str:
     lines += [f"- {places.plainly(f.where)}: {quantities.percent(f.share_of_error)} of the error of {f.signal}, "
               f"{quantities.percent(f.share_of_time)} of the time" for f in result.failures[:3]]  # fmt: skip
     lines += ["", "| parameter | value |", "|---|---|"]
-    lines += [f"| {name} | {words.estimate(value)} |" for name, value in result.parameters.items()]
+    lines += [f"| {name} | {phrases.estimate(value)} |" for name, value in result.parameters.items()]
     lines += ["", "Grey: measured. Orange: the model before. Blue: the model after. report.html tells the rest."]
     return "\n".join(lines)
 
@@ -30,7 +30,7 @@ def ranking(result: Criticism) -> str:
         "| | effect | evidence | p | outcome |",
         "|---|---|---|---|---|",
     ]
-    for candidate in words.in_order(result)[:SHOWN]:
+    for candidate in candidate_words.in_order(result)[:SHOWN]:
         gain = (
             f"{quantities.significant(candidate.score_gain)} ± {quantities.significant(candidate.score_gain_se or 0.0)}"
             if candidate.score_gain is not None
@@ -38,9 +38,9 @@ def ranking(result: Criticism) -> str:
         )
         p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
         lines.append(
-            f"| {candidate.rank or ''} | {words.plain(candidate.effect)} | {gain} | {p} | {_short(candidate)} |"
+            f"| {candidate.rank or ''} | {phrases.plain(candidate.effect)} | {gain} | {p} | {_short(candidate)} |"
         )
-    lines += ["", *(f"{sentence}\n" for sentence in words.ties(result))]
+    lines += ["", *(f"{sentence}\n" for sentence in candidate_words.ties(result))]
     return "\n".join(lines)
 
 
@@ -54,4 +54,4 @@ def _short(candidate: Candidate) -> str:
         first, *more = candidate.confounded_with
         return f"the same as {first}{' and others' if more else ''}"
     refused = candidate.refused_because if candidate.score_gain is not None else ()
-    return refused[0] if refused else words.outcome(candidate)
+    return refused[0] if refused else candidate_words.outcome(candidate)

@@ -20,7 +20,7 @@ import mujoco
 
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import physical
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.mending import mended
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism, FittedModel
@@ -214,7 +214,7 @@ def _fitted(result: Criticism) -> dict[str, list[str]]:
     for name, value in _model(result).parameters.items():
         address = address_of(name)
         of_run = name.removeprefix(address).removeprefix("[").removesuffix("]")  # a glob has brackets of its own
-        found.setdefault(address, []).append(f"{of_run} {words.estimate(value)}".strip())
+        found.setdefault(address, []).append(f"{of_run} {phrases.estimate(value)}".strip())
     return found
 
 

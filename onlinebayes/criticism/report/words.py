@@ -7,15 +7,14 @@ the same. The signal that a sentence speaks of is the one whose base error stand
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
-from dataclasses import replace
 
 from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
-from onlinebayes.criticism.results import MOVES_NOTHING, STOPPED, Candidate, Criticism, Estimate, ParameterChange
+from onlinebayes.criticism.report.phrases import better, estimate, listing, times_floor, together
+from onlinebayes.criticism.results import STOPPED, Criticism, ParameterChange
 from onlinebayes.criticism.scope import address_of
-from onlinebayes.simulators.effects import EFFECTS
 
 VERDICTS = {
     "data_problem": "problem in the data",
@@ -28,40 +27,6 @@ VERDICTS = {
 }
 SHOWN_RUNS = 8
 """How many runs' own values stand in a sentence."""
-
-
-def plain(effect: str) -> str:
-    """``dry_friction@carriage`` -> ``dry friction at carriage``."""
-    name, _, target = effect.partition("@")
-    return f"{name.replace('_', ' ')} at {target}" if target else name.replace("_", " ")
-
-
-def together(effects: Sequence[str], last: str = "and") -> str:
-    """``dry friction and constant load at carriage, actuator delay at left and right``, grouped by target."""
-    by_target: dict[str, list[str]] = {}
-    for effect in effects:
-        name, _, target = effect.partition("@")
-        by_target.setdefault(target, []).append(name.replace("_", " "))
-    by_names: dict[tuple[str, ...], list[str]] = {}
-    for target, names in by_target.items():
-        by_names.setdefault(tuple(names), []).append(target)
-    groups = [
-        f"{listing(names, last)}{f' at {listing(sorted(targets), last)}' if any(targets) else ''}"
-        for names, targets in by_names.items()
-    ]
-    return f", {last} ".join(groups)
-
-
-def meaning(effect: str) -> str:
-    """What an effect of the vocabulary is, in one phrase from its own documentation; empty for others."""
-    kind = EFFECTS.get(effect.partition("@")[0])
-    first = (kind.__doc__ or "").strip().splitlines()[0] if kind else ""
-    return re.split(r"[;.](?:\s|$)", first)[0]
-
-
-def listing(items: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
 
 
 def worst_signal(result: Criticism) -> str:
@@ -229,21 +194,6 @@ def _starts(result: Criticism, signal: str) -> str:
     )
 
 
-def better(before: float, after: float) -> str:
-    """``3.3 times better``, ``12 % better`` or ``no better``."""
-    ratio = before / after if after > 0 else math.inf
-    if ratio >= 1.5:
-        return f"{quantities.times(ratio)} better"
-    return f"{quantities.percent(1 - after / before)} better" if ratio > 1.005 else "no better"
-
-
-def times_floor(ratio: float) -> str:
-    """``33 times the noise floor``, or ``at the noise floor``."""
-    if not math.isfinite(ratio):
-        return "no noise floor is known"
-    return "at the noise floor" if ratio <= 1.05 else f"{quantities.times(ratio)} the noise floor"
-
-
 def remainder(result: Criticism) -> str:
     """What is left after the accepted effects."""
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
@@ -251,125 +201,6 @@ def remainder(result: Criticism) -> str:
         return f"What is left looks like noise ({quantities.times(ratio)} the sensor noise)."
     where = f"; it concentrates {places.plainly(result.remainder.where)}" if result.remainder.where else ""
     return f"What is left is not noise, {quantities.times(ratio)} the sensor noise{where}."
-
-
-def tie_members(result: Criticism) -> tuple[str, ...]:
-    """The first accepted effect and those that it cannot be told from; in order of rank without an accepted one."""
-    first = result.accepted[0] if result.accepted else None
-    for candidate in result.candidates:
-        if candidate.indistinguishable_from and candidate.effect == (first or candidate.effect):
-            return (candidate.effect, *candidate.indistinguishable_from)
-    return result.accepted
-
-
-def ties(result: Criticism) -> list[str]:
-    """One sentence for each effect that has an equal among the others."""
-    sentences, named = [], set()
-    for candidate in result.candidates:
-        group = frozenset((candidate.effect, *candidate.indistinguishable_from))
-        if len(group) < 2 or group in named:
-            continue
-        named.add(group)
-        others = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
-        sentences.append(
-            f"{_capital(plain(candidate.effect))} explains these data no better and no worse than {others}. "
-            "Nothing measured here decides between them; what you know of the machine, or an experiment in which they "
-            "act differently, does."
-        )
-    return sentences
-
-
-def nested(result: Criticism) -> list[str]:
-    """One sentence for each candidate that a richer one contains."""
-    return [
-        f"{_capital(plain(candidate.effect))} is a special case of "
-        f"{listing([plain(effect) for effect in candidate.nested_in], 'and of')}: the richer effect enters only where "
-        "the simpler one does not do."
-        for candidate in result.candidates
-        if candidate.nested_in and candidate.score_gain is not None
-    ]
-
-
-def confounded(result: Criticism) -> list[str]:
-    """One phrase for each candidate that the free parameters do already: ``viscous friction at a: a.damping``."""
-    return [
-        f"{plain(candidate.effect)}: {listing(list(candidate.confounded_with))}"
-        for candidate in result.candidates
-        if candidate.confounded_with and MOVES_NOTHING not in candidate.confounded_with
-    ]
-
-
-def motionless(result: Criticism) -> str:
-    """One sentence on the candidates that move no measured signal; empty without any."""
-    still = [candidate.effect for candidate in result.candidates if MOVES_NOTHING in candidate.confounded_with]
-    return f"{_capital(together(still))} would move nothing that was measured." if still else ""
-
-
-def estimate(value: Estimate) -> str:
-    """``mean ± sd unit``."""
-    return quantities.with_error(value.mean, value.sd, value.unit)
-
-
-def interval(value: Estimate) -> str:
-    """``92.6 to 97.4 kg``, in the unit that suits the mean."""
-    largest, width = max(abs(value.q05), abs(value.q95)), value.q95 - value.q05
-    scale = quantities.scale_for(largest, value.unit)
-    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
-    return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
-
-
-def in_order(result: Criticism) -> list[Candidate]:
-    """The candidates as tables show them: by rank, the rivals of an accepted effect right after it.
-
-    What a rival would add beside that effect says nothing of the rival: those numbers are left out.
-    """
-    rows = {candidate.effect: candidate for candidate in result.candidates}
-    ordered: dict[str, Candidate] = {}
-    for candidate in result.candidates:
-        ordered.setdefault(candidate.effect, candidate)
-        for rival in candidate.indistinguishable_from if candidate.accepted else ():
-            if rival in rows and not rows[rival].accepted:
-                ordered[rival] = _beside(rows[rival], result.selection.alpha)
-    return list(ordered.values())
-
-
-def _beside(rival: Candidate, alpha: float) -> Candidate:
-    if rival.p_value is not None and rival.p_value <= alpha:  # judged in the accepted effect's own round
-        return rival
-    return replace(
-        rival, p_value=None, score_gain=None, score_gain_se=None, rms_fall=None, homogeneous=None, parameters={}
-    )
-
-
-def briefly(result: Criticism, candidate: Candidate) -> str:
-    """The outcome without its numbers: ``brings too little``."""
-    if candidate.accepted_with:
-        partners = [f"#{row.rank}" for row in result.candidates if row.effect in candidate.accepted_with and row.rank]
-        return f"accepted, only with {listing(partners)}" if partners else "accepted, one of a pair"
-    if candidate.indistinguishable_from and not candidate.accepted:
-        equals = [row for row in result.candidates if row.effect in candidate.indistinguishable_from and row.rank]
-        return f"explains as much as {listing([f'#{row.rank}' for row in equals])}" if equals else "explains as much"
-    return outcome(candidate).partition(":")[0]
-
-
-def outcome(candidate: Candidate) -> str:
-    """Why a candidate is in the model or not, in a few words."""
-    if candidate.accepted_with:
-        return f"accepted together with {together(candidate.accepted_with)}"
-    if candidate.accepted:
-        return "accepted"
-    if MOVES_NOTHING in candidate.confounded_with:
-        return "moves nothing that was measured"
-    if candidate.confounded_with:
-        same = listing(list(candidate.confounded_with))
-        return f"the same as {same}{', free already' if len(candidate.confounded_with) == 1 else ' together'}"
-    if candidate.indistinguishable_from:
-        equal = listing([plain(effect) for effect in candidate.indistinguishable_from], "or")
-        return f"explains as much as {equal}"
-    if candidate.score_gain is None:
-        reason = candidate.refused_because[0] if candidate.refused_because else "not tried further"
-        return reason.partition(" (")[0].partition(":")[0]
-    return "; ".join(candidate.refused_because)
 
 
 def _differs(result: Criticism) -> str:
@@ -388,7 +219,3 @@ def _compared(result: Criticism) -> str:
     if signal in result.fitted_starts and result.remainder.status == "noise":
         return f"The model follows {signal} to {size} over {horizon}, as well as the windows' measured starts allow."
     return f"The model misses {signal} by {size} over {horizon}, {times_floor(ratio)}."
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

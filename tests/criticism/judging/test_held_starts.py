@@ -12,7 +12,8 @@ from onlinebayes.criticism import Criticism, compare
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.judging.held_starts import fitted_starts, left_with_fitted_starts, starts_note
 from onlinebayes.criticism.report.json import to_dict
-from onlinebayes.criticism.report.words import improvement, together
+from onlinebayes.criticism.report.phrases import together
+from onlinebayes.criticism.report.words import improvement
 from onlinebayes.criticism.results import HeldOutError
 from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from tests.criticism.rigs import measure, model

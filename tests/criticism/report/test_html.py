@@ -10,7 +10,7 @@ from html.parser import HTMLParser
 import pytest
 import torch
 
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.sections.summary import sizes
 from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, HeldOutError, Remainder
@@ -165,8 +165,8 @@ def test_of_many_values_a_tile_shows_the_first() -> None:
 
 
 def test_an_interval_has_the_digits_that_tell_its_ends_apart() -> None:
-    assert words.interval(Estimate(0.148121, 1.5e-5, 0.148096, 0.148146, "m")) == "148.096 to 148.146 mm"
-    assert words.interval(Estimate(22.0, 0.9, 20.5, 23.5, "N")) == "20.5 to 23.5 N"
+    assert phrases.interval(Estimate(0.148121, 1.5e-5, 0.148096, 0.148146, "m")) == "148.096 to 148.146 mm"
+    assert phrases.interval(Estimate(22.0, 0.9, 20.5, 23.5, "N")) == "20.5 to 23.5 N"
 
 
 def test_names_from_the_user_are_escaped() -> None:
@@ -238,9 +238,13 @@ def test_a_rival_stands_right_below_its_accepted_effect() -> None:
     first = dataclasses.replace(rows[0], indistinguishable_from=("actuator_delay@motor",))
     late = dataclasses.replace(rows[4], p_value=0.987, indistinguishable_from=(first.effect,))
     made = dataclasses.replace(result, candidates=(first, *rows[1:4], late, rows[5]))
-    assert words.in_order(made)[1].effect == late.effect
-    assert words.in_order(made)[1].p_value is None  # of what it brings beside the accepted one, which says nothing
-    assert words.in_order(result)[2].score_gain == rows[2].score_gain  # judged in the accepted effect's own round
+    assert candidate_words.in_order(made)[1].effect == late.effect
+    assert (
+        candidate_words.in_order(made)[1].p_value is None
+    )  # of what it brings beside the accepted one, which says nothing
+    assert (
+        candidate_words.in_order(result)[2].score_gain == rows[2].score_gain
+    )  # judged in the accepted effect's own round
     page = to_html(made)
     table = page[page.index("Ranking of 6 candidate effects") :]
     assert table.index("actuator delay at motor") < table.index("joint stiffness at carriage")

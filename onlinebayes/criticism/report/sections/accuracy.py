@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.report import spread, words
+from onlinebayes.criticism.report import phrases, spread, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism
@@ -43,7 +43,7 @@ def heldout(result: Criticism) -> Html:
         before, after, floor = errors.before[signal], errors.after[signal], errors.noise_floor[signal]
         was, now, noise = quantities.texts((before, after, floor), result.units[signal])
         horizon = quantities.exact(errors.horizon_s[signal], "s")
-        values = (was, now, noise, words.better(before, after), horizon)
+        values = (was, now, noise, phrases.better(before, after), horizon)
         rows.append((tag("code", signal), *values))
     head = ("signal", "before", "after", "noise floor", "change", "window")
     caption = "Root mean square over the held-out windows"

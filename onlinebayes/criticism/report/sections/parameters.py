@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import phrases
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag, text
 from onlinebayes.criticism.results import Criticism, Estimate, FlatDirection
 from onlinebayes.criticism.scope import address_of
@@ -28,13 +28,13 @@ def _table(result: Criticism) -> Html:
         bounds = space.get(name)
         cells = [
             tag("code", name),
-            tag("strong", words.estimate(value)),
-            words.interval(value),
+            tag("strong", phrases.estimate(value)),
+            phrases.interval(value),
             _strip(name, value, bounds, base if changed else None) if bounds else "–",
             _state(value, bounds),
         ]
         if changed:
-            cells.insert(3, words.estimate(base) if base else "–")
+            cells.insert(3, phrases.estimate(base) if base else "–")
         rows.append(cells)
     head = ["parameter", "value", "90 % interval", "within what was allowed", "known?"]
     if changed:
@@ -66,7 +66,7 @@ def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None)
     low, high, mean = (_place(x, bounds) for x in (value.q05, value.q95, value.mean))
     ends = f"{bounds.low:.4g} to {bounds.high:.4g} {quantities.scale_for(0.0, bounds.unit).unit}".strip()
     log = " (logarithmic)" if bounds.scale == "log" else ""
-    label = text(f"{name}: {words.estimate(value)}, 90 % within {words.interval(value)}; allowed {ends}{log}")
+    label = text(f"{name}: {phrases.estimate(value)}, 90 % within {phrases.interval(value)}; allowed {ends}{log}")
     marks = f'<s style="left:{_place(base.mean, bounds):.1f}%"></s>' if base else ""
     marks += f'<u class="{value.at_bound}"></u>' if value.at_bound else ""
     return Html(

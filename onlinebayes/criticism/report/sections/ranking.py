@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.report.markup import Html, bar, breakable, folded, join, section, table, tag
 from onlinebayes.criticism.report.sections.summary import sizes
 from onlinebayes.criticism.results import Candidate, Criticism
@@ -26,7 +26,7 @@ def _table(result: Criticism) -> Html:
     if not result.candidates:
         return Html("")
     largest = max((abs(c.score_gain or 0) + (c.score_gain_se or 0) for c in ranked), default=0.0) or 1.0
-    ordered = words.in_order(result)
+    ordered = candidate_words.in_order(result)
     rows = [_row(result, candidate, largest) for candidate in ordered]
     kinds = ["accepted" if candidate.accepted else "" for candidate in ordered]
     head = ("effect", "rank", "evidence", "error falls", "p", "same law", "size", "outcome")
@@ -44,9 +44,9 @@ def _table(result: Criticism) -> Html:
 
 def _in_words(result: Criticism) -> Html:
     """Equals, richer relatives, and what the free parameters do already; what nobody wants to count is folded away."""
-    sentences = [tag("p", sentence, kind="equals") for sentence in words.ties(result)]
-    sentences += [tag("p", sentence) for sentence in words.nested(result)]
-    same = [tag("li", sentence) for sentence in words.confounded(result)]
+    sentences = [tag("p", sentence, kind="equals") for sentence in candidate_words.ties(result)]
+    sentences += [tag("p", sentence) for sentence in candidate_words.nested(result)]
+    same = [tag("li", sentence) for sentence in candidate_words.confounded(result)]
     if same:
         note = (
             "These act like parameters that are free already, so that these data cannot speak for or against them: "
@@ -54,7 +54,7 @@ def _in_words(result: Criticism) -> Html:
         )
         count = f"{len(same)} candidate{'s' if len(same) > 1 else ''} that free parameters can imitate"
         sentences.append(folded(count, tag("p", note, kind="note"), tag("ul", *same)))
-    if still := words.motionless(result):
+    if still := candidate_words.motionless(result):
         sentences.append(tag("p", still, kind="note"))
     return section("What cannot be told apart", *sentences) if sentences else Html("")
 
@@ -70,14 +70,14 @@ def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, 
     )
     fall = " / ".join(quantities.percent(share) for share in candidate.rms_fall) if candidate.rms_fall else "–"
     return (
-        join(words.plain(candidate.effect), tag("small", tag("code", breakable(candidate.effect)))),
+        join(phrases.plain(candidate.effect), tag("small", tag("code", breakable(candidate.effect)))),
         str(candidate.rank or "–"),
         evidence,
         tag("span", fall, kind="number"),
         quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
         {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
         sizes([candidate], intervals=True) or "–",
-        words.outcome(candidate),
+        candidate_words.outcome(candidate),
     )
 
 
@@ -98,9 +98,9 @@ def _steps(result: Criticism) -> Html:
         if step.added in halves:  # of a pair: the error falls with the other one
             continue
         error = step.error_after[signal]
-        what = words.listing([meaning for effect in added if (meaning := words.meaning(effect))])
+        what = phrases.listing([meaning for effect in added if (meaning := phrases.meaning(effect))])
         rows.append(
-            (join(f"+ {words.together(added)}", tag("small", what)), bar(error / first, "after", scale.text(error)))
+            (join(f"+ {phrases.together(added)}", tag("small", what)), bar(error / first, "after", scale.text(error)))
         )
         added = []
     note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."
@@ -117,7 +117,7 @@ def _limits(result: Criticism) -> Html:
     for candidate in limited:
         name, unit = _first_parameter(result, candidate)
         size = quantities.text(candidate.exclusion_limit, unit)
-        rows.append((words.plain(candidate.effect), f"{name} above {size}".strip()))
+        rows.append((phrases.plain(candidate.effect), f"{name} above {size}".strip()))
     note = "Had one of these effects been larger than this, these data would have shown it"
     note += "; beside what was accepted, the limit is for what comes on top of it." if result.accepted else "."
     head, title = ("effect", "excluded"), "What is excluded"

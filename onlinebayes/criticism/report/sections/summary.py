@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from onlinebayes.criticism import places, quantities
-from onlinebayes.criticism.report import replays, svg, words
+from onlinebayes.criticism.report import candidate_words, phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
 from onlinebayes.criticism.results import Candidate, Criticism
 
@@ -96,7 +96,7 @@ def _wrong(result: Criticism) -> Html:
         "How wrong is the model?",
         before,
         f"{signal}, RMS over {quantities.exact(errors.horizon_s[signal], 's')} of held-out data: "
-        f"{words.times_floor(words.over_floor(result, signal))} ({floor})",
+        f"{phrases.times_floor(words.over_floor(result, signal))} ({floor})",
     )
 
 
@@ -117,7 +117,7 @@ def _missing(result: Criticism) -> Html:
     if result.command == "compare":
         return _tile(question, "not asked", "onlinebayes diagnose ranks what could be missing, refine adds it")
     if result.verdict == "tie":
-        members = words.together(words.tie_members(result), "or")
+        members = phrases.together(candidate_words.tie_members(result), "or")
         return _tile(question, members, "the data cannot tell these apart")
     if result.verdict == "insufficient_data":
         return _tile(question, "not decided", result.what_to_record or "the measurements are too few")
@@ -132,7 +132,7 @@ def _missing(result: Criticism) -> Html:
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
     by_effect = {c.effect: c for c in result.candidates if c.accepted}
     found = [by_effect[effect] for effect in result.accepted if effect in by_effect]
-    return _tile(question, words.together(result.accepted), sizes(found))
+    return _tile(question, phrases.together(result.accepted), sizes(found))
 
 
 def sizes(candidates: Sequence[Candidate], intervals: bool = False) -> Html:
@@ -141,8 +141,8 @@ def sizes(candidates: Sequence[Candidate], intervals: bool = False) -> Html:
         tag(
             "span",
             f"{name} ",
-            tag("span", words.estimate(value), kind="number"),
-            tag("small", f"90 %: {words.interval(value)}") if intervals else "",
+            tag("span", phrases.estimate(value), kind="number"),
+            tag("small", f"90 %: {phrases.interval(value)}") if intervals else "",
             kind="line",
         )
         for candidate in candidates
@@ -166,7 +166,7 @@ def _better(result: Criticism) -> Html:
     if not result.changed:
         ratio = result.remainder.rms_over_floor.get(signal, float("nan"))
         return _tile(
-            "How much better now?", "unchanged", f"nothing was added; the residual is {words.times_floor(ratio)}"
+            "How much better now?", "unchanged", f"nothing was added; the residual is {phrases.times_floor(ratio)}"
         )
     values = {"before": before, "after": after, "floor": floor}
     largest, shown = max(values.values()), quantities.texts(tuple(values.values()), unit)
@@ -179,7 +179,7 @@ def _better(result: Criticism) -> Html:
     return tag(
         "div",
         tag("h3", "How much better now?"),
-        tag("p", words.better(before, after), kind="answer"),
+        tag("p", phrases.better(before, after), kind="answer"),
         bars,
         kind="tile",
     )

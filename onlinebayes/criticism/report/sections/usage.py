@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.report import words
+from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs.results import machine, versions
@@ -95,7 +95,7 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...
     parts = []
     if "refined.xml" in files:
         held = [effect for effect in result.final.effects if effect not in left_out]
-        inside = f"  # {words.together(held)} included" if held else ""
+        inside = f"  # {phrases.together(held)} included" if held else ""
         code = f'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml"){inside}\n'
         parts += [tag("p", "In plain MuJoCo, from the folder of this report:"), tag("pre", tag("code", code))]
     for sentence in (words.left_out(left_out, files), words.put_right(result) if files else ""):
@@ -123,12 +123,12 @@ def provenance(result: Criticism) -> Html:
             "time step",
             f"{quantities.exact(numerics.timestep, 's')}, {_fineness(result)}",
         ),
-        ("held-out runs", words.listing(list(result.held_out_runs)) or "none"),
+        ("held-out runs", phrases.listing(list(result.held_out_runs)) or "none"),
         ("held-out runs opened", f"{looks}, for the reported error only"),
-        ("windows", words.listing(horizons)),
+        ("windows", phrases.listing(horizons)),
         ("blocks of the cross-validation", str(blocks or "–")),
         ("level of the screening", f"{selection.alpha:g}"),
-        ("sensor noise (sd)", words.listing(noise)),
+        ("sensor noise (sd)", phrases.listing(noise)),
         ("random numbers", "fixed seeds: the same data give the same result"),
         ("machine", machine()),
         ("time taken", quantities.text(took, "s") if took else "–"),
