@@ -12,7 +12,8 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.effects.base import Scales, Seen
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Seen
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from onlinebayes.simulators.effects.armature import Armature
 from onlinebayes.simulators.effects.asymmetric_friction import AsymmetricFriction
 from onlinebayes.simulators.effects.back_emf import BackEmf
 from onlinebayes.simulators.effects.backlash import Backlash
-from onlinebayes.simulators.effects.base import Contact, Effect, Reading, Scales, Seen, Servo, TargetKind
+from onlinebayes.simulators.effects.base import Effect, TargetKind
 from onlinebayes.simulators.effects.cogging import Cogging
 from onlinebayes.simulators.effects.com_offset import ComOffset
 from onlinebayes.simulators.effects.constant_load import ConstantLoad
@@ -25,6 +25,8 @@ from onlinebayes.simulators.effects.parameter_drift import ParameterDrift
 from onlinebayes.simulators.effects.parameter_step import ParameterStep
 from onlinebayes.simulators.effects.payload import Payload
 from onlinebayes.simulators.effects.quadratic_drag import QuadraticDrag
+from onlinebayes.simulators.effects.scales import Contact, Scales
+from onlinebayes.simulators.effects.seen import Reading, Seen, Servo
 from onlinebayes.simulators.effects.sensor_bias import SensorBias
 from onlinebayes.simulators.effects.sensor_delay import SensorDelay
 from onlinebayes.simulators.effects.sensor_scale import SensorScale

@@ -22,8 +22,9 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.scales import Scales
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ import mujoco
 import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
 from onlinebayes.simulators.effects.fluid import EXCLUDES, FIELDS, add_spheres, write_drag
+from onlinebayes.simulators.effects.scales import Scales
 
 GRAVITY = 9.81  # [m/s2]
 

@@ -21,10 +21,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales, Seen
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
 from onlinebayes.simulators.effects.constant_load import add_load_actuator
 from onlinebayes.simulators.effects.dry_friction import add_friction
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Seen
 from onlinebayes.simulators.effects.sticking import FIELDS
 
 

@@ -16,8 +16,9 @@ import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.scales import Scales
 
 _BIAS = (mujoco.mjtBias.mjBIAS_NONE, mujoco.mjtBias.mjBIAS_AFFINE)
 

@@ -28,8 +28,10 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales, Seen, Servo
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Seen, Servo
 
 REMEMBERED = 1.0
 """How long the side on which the gap was closed last may matter [s]."""

@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
 from typing import ClassVar, Literal, Self
 
 import mujoco
@@ -29,137 +28,12 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Reading, Seen
 
 TargetKind = Literal["joint", "actuator", "body", "geom", "site", "world", "signal", "parameter"]
 """What an effect acts on; a world has one target, ``"world"``, a parameter's is its address."""
-
-
-@dataclass(frozen=True)
-class Contact:
-    """What the model says of a geom's contacts; MuJoCo's defaults without more.
-
-    Args:
-        friction: sliding coefficient [1].
-        time_constant: of the penetration's decay [s].
-        damping_ratio: of that decay [1].
-        covered: whether other targets mean the same geoms, so that this one is tried where it is named.
-    """
-
-    friction: float = 1.0
-    time_constant: float = 0.02
-    damping_ratio: float = 1.0
-    covered: bool = False
-
-
-ANY = Parameter(0.0, 1.0)
-"""Bounds where none are known."""
-
-
-@dataclass(frozen=True)
-class Scales:
-    """Typical sizes at a target, from which an effect takes the bounds of its parameters.
-
-    Args:
-        force: largest generalised force in play at the joint [N, N m]; for an actuator, at its transmission.
-        speed: largest speed [m/s, rad/s]; of a body and of the world, about how fast bodies move [m/s].
-        travel: range of the position [m, rad].
-        time: longest plausible dead time [s].
-        unit: the joint's kind, which decides the units.
-        centre: middle of the positions visited [m, rad].
-        inertia: that a force at the joint moves [kg, kg m2]; of a body, its mass [kg]; of the world, the largest.
-        length: size of a body [m].
-        output: largest force of an actuator itself, before its gear [N, N m].
-        contact: of a geom, how the model has its contacts.
-        bounds: of a parameter, its own.
-        span: of a parameter, the first and the last instant of what was measured [s].
-    """
-
-    force: float
-    speed: float
-    travel: float
-    time: float
-    unit: Literal["slide", "hinge"] = "hinge"
-    centre: float = 0.0
-    inertia: float = 1.0
-    length: float = 0.1
-    output: float = 1.0
-    contact: Contact = Contact()
-    bounds: Parameter = ANY
-    span: tuple[float, float] = (0.0, 1.0)
-
-
-@dataclass(frozen=True)
-class Servo:
-    """The actuator of a joint: f(q, v) = clip(force - stiffness (q' - q) - damping (v' - v)) at q', v'.
-
-    As in :class:`Seen`, (N,) stands for (N, K) of K rows at once.
-
-    Args:
-        force: at the joint's present position and velocity, before the limits (N,) [N, N m].
-        stiffness: kp, on the joint; 0 of a motor (N,) [N/m, N m/rad].
-        damping: kv, on the joint; 0 of a motor (N,) [N s/m, N m s/rad].
-        low, high: its limits (N,) [N, N m]; both 0 while it is off.
-    """
-
-    force: Float[Tensor, "*batch"]
-    stiffness: Float[Tensor, "*batch"]
-    damping: Float[Tensor, "*batch"]
-    low: Float[Tensor, "*batch"]
-    high: Float[Tensor, "*batch"]
-
-    def row(self, k: int) -> Servo:
-        """Row k of K at once."""
-        return Servo(*(getattr(self, field.name)[:, k] for field in fields(self)))
-
-
-@dataclass(frozen=True)
-class Seen:
-    """What an effect sees of every world at the start of an integration step, where it acts; (N, K) of K rows at once.
-
-    Args:
-        q: position of the joint; of an actuator, of the joint that it drives (N,) [m, rad].
-        v: its velocity (N,) [m/s, rad/s].
-        drive: f, generalised force of the joint's actuators (N,) [N, N m]; of an actuator, its own force before the
-            gear [N, N m at its transmission]. Limits and switched-off actuators are in it. On MuJoCo zero unless the
-            effect says that it ``needs_drive``.
-        command: u, the command after the input stages, summed over a joint's actuators (N,) [command units].
-        hidden: the effect's own hidden state, see :meth:`Effect.rest`.
-        timestep: length h of the step [s].
-        servo: the law of the joint's actuator, for an effect that says it ``needs_servo``.
-        memo: what the effect has worked out of this already; empty at first.
-    """
-
-    q: Float[Tensor, "*batch"]
-    v: Float[Tensor, "*batch"]
-    drive: Float[Tensor, "*batch"]
-    command: Float[Tensor, "*batch"]
-    hidden: TensorDict | None
-    timestep: float
-    servo: Servo | None = None
-    memo: dict[str, object] = field(default_factory=dict, compare=False, repr=False)
-
-    def row(self, k: int, hidden: TensorDict | None) -> Seen:
-        """Row k of K at once, with the hidden state before it."""
-        servo = None if self.servo is None else self.servo.row(k)
-        return Seen(self.q[:, k], self.v[:, k], self.drive[:, k], self.command[:, k], hidden, self.timestep, servo)
-
-
-@dataclass(frozen=True)
-class Reading:
-    """One signal of a trajectory as a perfect sensor gives it.
-
-    Args:
-        value: at the instants (*batch, T) [SI].
-        start: at the trajectory's start (*batch,) [SI].
-        slope: its rate of change there, where the state tells it (positions: the velocity), else 0 (*batch,).
-        times: instants since the start (T,) [s].
-    """
-
-    value: Float[Tensor, "*batch T"]
-    start: Float[Tensor, "*batch"]
-    slope: Float[Tensor, "*batch"]
-    times: Float[Tensor, " T"]
 
 
 class Effect(ABC):

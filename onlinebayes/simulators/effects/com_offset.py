@@ -15,7 +15,8 @@ import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales, split_axis
+from onlinebayes.simulators.effects.base import Effect, split_axis
+from onlinebayes.simulators.effects.scales import Scales
 
 AXES = ("x", "y", "z")
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.effects.base import Contact
+from onlinebayes.simulators.effects.scales import Contact
 
 FIELDS = ("geom_priority", "geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_solmix")
 """The fields that decide what a contact is like."""

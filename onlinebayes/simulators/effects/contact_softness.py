@@ -18,8 +18,9 @@ import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.contact import FIELDS, take_over, touching
+from onlinebayes.simulators.effects.scales import Scales
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales, Seen
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Seen
 from onlinebayes.simulators.effects.sticking import FIELDS, harden
 
 

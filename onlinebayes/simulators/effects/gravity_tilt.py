@@ -20,8 +20,9 @@ import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales, split_axis
+from onlinebayes.simulators.effects.base import Effect, split_axis
 from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.scales import Scales
 
 AXES = ("x", "y")
 LARGEST = 0.5

@@ -16,8 +16,10 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Scales, Seen
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Seen
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect
+from onlinebayes.simulators.effects.scales import Scales
 
 MOST_INSTANTS = 63
 

@@ -14,8 +14,9 @@ import mujoco
 import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects.base import Effect, Scales
+from onlinebayes.simulators.effects.base import Effect
 from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.scales import Scales
 
 
 @dataclass(frozen=True)

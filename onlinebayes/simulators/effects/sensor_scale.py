@@ -11,7 +11,9 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects.base import Effect, Reading, Scales
+from onlinebayes.simulators.effects.base import Effect
+from onlinebayes.simulators.effects.scales import Scales
+from onlinebayes.simulators.effects.seen import Reading
 
 
 @dataclass(frozen=True)

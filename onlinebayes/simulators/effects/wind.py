@@ -18,9 +18,10 @@ import numpy as np
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects.air_drag import largest_drag
-from onlinebayes.simulators.effects.base import Effect, Scales, split_axis
+from onlinebayes.simulators.effects.base import Effect, split_axis
 from onlinebayes.simulators.effects.bounds import non_negative
 from onlinebayes.simulators.effects.fluid import EXCLUDES, FIELDS, add_spheres, write_drag
+from onlinebayes.simulators.effects.scales import Scales
 
 AXES = ("x", "y")
 STRONGEST = 15.0
