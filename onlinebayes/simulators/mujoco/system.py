@@ -2,94 +2,37 @@
 
     fields = effects(parameters(base fields; theta); theta)
 
-| part of the state     | shape   | there when                                                       |
-|-----------------------|---------|------------------------------------------------------------------|
-| ``"qpos"``, ``"qvel"`` | nq, nv | always                                                           |
-| ``"act"``             | na      | actuators have activations                                       |
-| ``"history"``, ``"time"`` | n, 1 | the model file itself has delays                                 |
-| ``"qacc_warmstart"``  | nv      | always: the constraint solver starts from it, so the future depends on it |
-| ``"ctrl"``            | nu      | sensors are signals: those of forces feel the command that is held |
-| ``"sensor"``          | n       | sensors are signals (see :mod:`.sensors`); read, never set       |
+Which state that is stands in :mod:`.record`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 import torch
-from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput, nearest
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect, sticking
-from onlinebayes.simulators.effects.contact import touching
 from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
-    HINGE,
-    SLIDE,
     Address,
-    element_id,
     model_array,
-    movable_body,
-    movable_site,
     names,
     resolve,
-    scalar_joint,
 )
+from onlinebayes.simulators.mujoco.columns import Command, commands, signals
 from onlinebayes.simulators.mujoco.inertials import with_movable_centres
 from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.record import record
 from onlinebayes.simulators.mujoco.scaled_moments import INERTIA, follow, followers
 from onlinebayes.simulators.mujoco.sensors import add_torque_sensors, sensor_places
-
-STATE = {
-    "time": mujoco.mjtState.mjSTATE_TIME,
-    "qpos": mujoco.mjtState.mjSTATE_QPOS,
-    "qvel": mujoco.mjtState.mjSTATE_QVEL,
-    "act": mujoco.mjtState.mjSTATE_ACT,
-    "history": mujoco.mjtState.mjSTATE_HISTORY,
-    "qacc_warmstart": mujoco.mjtState.mjSTATE_WARMSTART,
-}
-
-
-@dataclass(frozen=True)
-class Record:
-    """Layout of one recorded row: which parts of the state, where, and MuJoCo's bits for it; time comes first.
-
-    Args:
-        bits: the ``mjtState`` bits of all parts.
-        columns: key of the state -> its columns.
-        size: width S of a row.
-    """
-
-    bits: int
-    columns: dict[str, slice]
-    size: int
-
-    def unpack(self, rows: Float[Tensor, "*batch S"]) -> dict[str, Tensor]:
-        """The parts of a state, sharing the rows' memory."""
-        return {key: rows[..., columns] for key, columns in self.columns.items()}
-
-    def pack(self, state: TensorDictBase, worlds: int) -> np.ndarray:
-        """Rows (N, S) of a state; time 0."""
-        rows = np.zeros((worlds, self.size))
-        for key, columns in self.columns.items():
-            rows[:, columns] = state.get(key).numpy()
-        return rows
-
-
-@dataclass(frozen=True)
-class Command:
-    """One command column: its name, its actuator's id and its place in ``ctrl``."""
-
-    name: str
-    actuator: int
-    ctrl: int
+from onlinebayes.simulators.mujoco.targets import check_staged, check_target
 
 
 class MujocoSystem:
@@ -122,7 +65,7 @@ class MujocoSystem:
         self.spec = source.copy()
         self.parameters = parameters
         for effect in self.effects:
-            _check_target(base, effect, sensors, self.parameters)
+            check_target(base, effect, sensors, self.parameters)
             if clash := [address for address in effect.excludes if address in parameters]:
                 raise BadInput(f"{effect.key} cannot stand beside a free {' or '.join(clash)}", "leave one of them out")
             effect.edit(self.spec)
@@ -134,13 +77,13 @@ class MujocoSystem:
         cells = [(address.name, cell.array, cell.index) for address in self.addresses for cell in address.cells]
         inertials = pseudo_inertia.bodies(self.model, cells)
         self.model = with_movable_centres(self.spec, self.model, self._moved_centres(), inertials)
-        self.commands = _commands(self.model, names(base, "actuator"))
-        self.signals = (*_signals(self.model), *self.sensors)
+        self.commands = commands(self.model, names(base, "actuator"))
+        self.signals = (*signals(self.model), *self.sensors)
         self.stages = tuple(e for e in self.effects if e.has_command and not e.fields)
         self.staged = tuple(e for e in self.effects if e.staged)
         self.joint_actuators = _joint_actuators(self.model, self.commands)
         for effect in self.staged:
-            _check_staged(self.model, self.joint_actuators, effect)
+            check_staged(self.model, self.joint_actuators, effect)
         arrays = {c.array for a in self.addresses for c in a.cells}
         #: Bodies whose moments could follow their masses.
         self.followers = followers(self.model, [(array, index) for _, array, index in cells])
@@ -160,7 +103,7 @@ class MujocoSystem:
         self._scatter = _scatter(self.addresses, self._base)
         self.needs_const = any(is_const_input(f) for f in self.fields)
         self._places = {command.name: command.ctrl for command in self.commands}
-        self.record = _record(self.model, bool(sensors))
+        self.record = record(self.model, bool(sensors))
         self.parts = tuple(self.record.columns)
 
     def _moved_centres(self) -> list[int]:
@@ -281,74 +224,12 @@ def is_const_input(field: str) -> bool:
     return field.startswith("opt.") or field in mujoco.MjModel._setconst_inputs
 
 
-def _record(model: mujoco.MjModel, sensors: bool) -> Record:
-    # Time matters only to delays, which read their buffers by it; the record always has it, to see who stopped.
-    columns, place, bits = {}, 0, 0
-    # Sensors of forces depend on the command that is held, which the future does not.
-    parts = {**STATE, "ctrl": mujoco.mjtState.mjSTATE_CTRL} if sensors else STATE
-    for key, bit in parts.items():
-        size = mujoco.mj_stateSize(model, int(bit))
-        if key in ("qpos", "qvel") or size > 0:
-            bits |= int(bit)
-            if key != "time" or model.nhistory:
-                columns[key] = slice(place, place + size)
-            place += size
-    return Record(bits, columns, place)
-
-
 def _neutral(effect: Effect) -> list[float]:
     return [effect.neutral[name] for name in effect.parameters]
 
 
 def _grown(effect: Effect) -> ParameterSpace:
     return ParameterSpace({f"{effect.key}.{name}": parameter for name, parameter in effect.parameters.items()})
-
-
-def _check_target(model: mujoco.MjModel, effect: Effect, sensors: Sequence[str], parameters: ParameterSpace) -> None:
-    if "world" in effect.wider and effect.element == "world":
-        pass
-    elif effect.target_kind == "joint":
-        scalar_joint(model, effect.target)
-    elif effect.target_kind in ("signal", "parameter"):
-        known = (*_signals(model), *sensors) if effect.target_kind == "signal" else parameters.names
-        if effect.target not in known:
-            problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"
-            raise BadInput(problem, nearest(effect.target, known))
-        return
-    elif effect.target_kind == "body":
-        at_site = "site" in effect.wider and effect.element not in names(model, "body")
-        (movable_site if at_site and effect.element in names(model, "site") else movable_body)(model, effect.element)
-    elif effect.target_kind == "geom":
-        touching(model, effect.target)
-    elif effect.target_kind == "world":
-        if effect.element != "world":
-            raise BadInput(f"{effect.key} acts on the whole world", f"write {effect.name}@world")
-    else:
-        actuator = element_id(model, "actuator", effect.target)
-        if effect.has_command and not effect.fields and model.actuator_ctrlnum[actuator] != 1:
-            raise BadInput(f"{effect.key}: the actuator has several commands", "an input stage acts on a single one")
-    if not (effect.fields or effect.has_command or effect.has_force):
-        raise BadInput(
-            f"{effect.key} has no form in MuJoCo", "write its fields and write(), its command(), or its force()"
-        )
-
-
-def _check_staged(model: mujoco.MjModel, actuators: Sequence[JointActuator], effect: Effect) -> None:
-    if effect.target_kind == "actuator":
-        mine = [a for a in actuators if a.actuator == model.actuator(effect.target).id]
-        if not mine or int(model.jnt_type[mine[0].joint]) not in (int(SLIDE), int(HINGE)):
-            raise BadInput(f"{effect.key}: the actuator drives no slide or hinge joint", "use an actuator of a joint")
-        if effect.bounds_friction:
-            raise BadInput(f"{effect.key}: dry friction acts on a joint", "give it a joint as target")
-    else:
-        mine = [a for a in actuators if a.joint == model.joint(effect.target).id]
-    if effect.needs_drive:
-        for actuator in mine:
-            actuator.check(model, effect.key)
-    if effect.needs_servo:
-        if len(mine) != 1:
-            raise BadInput(f"{effect.key}: joint '{effect.target}' has {len(mine)} actuators", "it needs a single one")
-        mine[0].check(model, effect.key)
 
 
 def _joint_actuators(model: mujoco.MjModel, commands: Sequence[Command]) -> tuple[JointActuator, ...]:
@@ -359,25 +240,3 @@ def _joint_actuators(model: mujoco.MjModel, commands: Sequence[Command]) -> tupl
         if model.actuator_ctrlnum[c.actuator] == 1
     ]
     return tuple(actuator for actuator in found if actuator is not None)
-
-
-def _commands(model: mujoco.MjModel, visible: Sequence[str]) -> tuple[Command, ...]:
-    """The commands of the model's own actuators; actuators that effects added have none."""
-    columns = []
-    for name in visible:
-        i = model.actuator(name).id
-        first, count = int(model.actuator_ctrladr[i]), int(model.actuator_ctrlnum[i])
-        for k in range(count):
-            columns.append(Command(name if count == 1 else f"{name}.{k}", i, first + k))
-    return tuple(columns)
-
-
-def _signals(model: mujoco.MjModel) -> tuple[str, ...]:
-    """``qpos.<joint>`` of all joints, then ``qvel.<joint>``; with .0 ... where a joint has several."""
-    widths = {mujoco.mjtJoint.mjJNT_FREE: (7, 6), mujoco.mjtJoint.mjJNT_BALL: (4, 3)}
-    signals = []
-    for part, key in enumerate(("qpos", "qvel")):
-        for i, name in enumerate(names(model, "joint")):
-            width = widths.get(mujoco.mjtJoint(model.jnt_type[i]), (1, 1))[part]
-            signals += [f"{key}.{name}"] if width == 1 else [f"{key}.{name}.{k}" for k in range(width)]
-    return tuple(signals)
