@@ -16,6 +16,7 @@ found and a thousand floors are left, none of these will leave noise, and they a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -32,6 +33,7 @@ from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import (
     EVERY_P,
     GROSS_FLOORS,
+    HOPELESS_RATIO,
     LEAST_PROMISE_OF_GROSS,
     MOST_FLOORS,
     REFIT_BELOW,
@@ -116,6 +118,7 @@ def tried_last(
     current: Grounds,
     groups: Sequence[Group],
     context: SearchContext,
+    hopeless: float = math.inf,
 ) -> list[Stage]:
     """Each group's round, until one explains all that a number for every instant could.
 
@@ -123,6 +126,7 @@ def tried_last(
         current: the model as it stands.
         groups: of :func:`last_candidates`.
         context: of the search; its watch is looked at between the fits, and what was tried until then is returned.
+        hopeless: an objective above which a fit that creeps is given up.
     """
     selection, watch = context.selection, context.watch
     gross = misfit(current.fitted.projected) > GROSS_FLOORS
@@ -139,7 +143,8 @@ def tried_last(
         screened = survey(current.fitted, current.windows, effects, selection.folds)
         promising = [one for one in worth(screened, level, EVERY_P) if one.promise >= _least_promise(one.effect)]
         refits = promising if gross else worth(screened, level, REFIT_BELOW)
-        tried.append(judged_stage(screened, refits[:MOST_REFITS_OF_A_GROUP], current.numerics, stricter, watch))
+        most = refits[:MOST_REFITS_OF_A_GROUP]
+        tried.append(judged_stage(screened, most, current.numerics, stricter, watch, hopeless))
     return tried
 
 
@@ -190,12 +195,19 @@ def found_beside(
         context.watch.say(f"looking beside {lead[1].effect.key}")
         beside = replace(current, fitted=lead[1].fitted)
         others = _without(groups, {lead[1].effect.key})
-        found = last_found(beside, tried_last(beside, others, context), context.selection)
+        tried_beside = tried_last(beside, others, context, _noise(lead[1].fitted, context.selection))
+        found = last_found(beside, tried_beside, context.selection)
         if found is not None and found.believed:
             return replace(found, lead=lead)
         if context.watch.stopped:
             break
     return None
+
+
+def _noise(fitted: Fit, selection: Selection) -> float:
+    """The objective above which a fit that creeps will not leave noise."""
+    share = selection.tolerance / misfit(fitted.projected)
+    return HOPELESS_RATIO * share**2 * fitted.projected.objective
 
 
 def _nearest(leads: Sequence[Added]) -> list[Added]:

@@ -148,8 +148,9 @@ def judged_stage(
     numerics: Numerics,
     selection: Selection,
     watch: Watch = UNWATCHED,
+    hopeless: float = math.inf,
 ) -> Stage:
-    """The round in which these candidates are refitted and judged."""
+    """The round in which these candidates are refitted and judged; above ``hopeless`` a fit that creeps is given up."""
     judged: list[Judged] = []
     for k, candidate in enumerate(refits, 1):
         if watch.stopped:
@@ -162,7 +163,7 @@ def judged_stage(
                 found.windows,
                 candidate.effect,
                 candidate.start,
-                HOPELESS_RATIO * best,
+                min(hopeless, HOPELESS_RATIO * best),
                 candidate.others,
                 candidate.promise,
             )
