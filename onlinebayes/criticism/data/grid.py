@@ -6,8 +6,8 @@ u(t) is the logged command, held between rows. A clock that is even already is l
 corrected to first order, and a grid row without a measurement within h / 2 has none. Both the average and the
 correction err by about h^2 times an acceleration's change, which was taken for a late motor: where commands change
 between the measured rows, or rows jitter, the replay's own grid is finer than the sensor's (:func:`replay_step`).
-Where a log pauses for more than ``PAUSE`` steps nobody knows what was commanded: the run falls into pieces there, and
-no window bridges them.
+Where a log pauses for more than ``PAUSE`` steps, or lost the row in which a command jumps (:mod:`.lost_rows`), nobody
+knows what was commanded: the run falls into pieces there, and no window bridges them.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from onlinebayes.criticism.data.lost_rows import filled, jumps, lost
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 
@@ -181,22 +182,26 @@ def _run_grid(measurement: Measurement, r: int, step: float, longest: float) -> 
     grid = torch.arange(count + 1, dtype=time.dtype, device=time.device) * step
     value, observed = _nearest(time, data["signal"], data["measured"], grid, step)
     midpoint = torch.searchsorted(time, grid + 0.5 * step).clamp(1, rows) - 1
+    pause = time.diff() > max(longest, 2 * step)
+    missing = torch.where(pause, 0, lost(time, data["measured"].any(-1)))
     return RunGrid(
         measurement.runs[r],
         float(data["time"][0]),
         step,
-        _average(time, data["command"], grid, step),
+        _average(*filled(time, data["command"], missing), grid, step),
         data["enable"][midpoint],
         value,
         observed,
-        _pauses(time, step, max(longest, 2 * step), count),
+        _pauses(time, pause | jumps(data["command"], missing), step, count),
     )
 
 
-def _pauses(time: Float[Tensor, " T"], step: float, longest: float, count: int) -> tuple[tuple[int, int], ...]:
-    """(last grid row before, first after) each stretch of more than ``longest`` [s] without a row."""
+def _pauses(
+    time: Float[Tensor, " T"], parted: Bool[Tensor, " T_1"], step: float, count: int
+) -> tuple[tuple[int, int], ...]:
+    """(last grid row before, first after) each stretch between two rows that are ``parted``."""
     found = []
-    for i in torch.nonzero(time.diff() > longest).flatten().tolist():
+    for i in torch.nonzero(parted).flatten().tolist():
         before, after = float(time[i]) / step, float(time[i + 1]) / step
         found.append((math.floor(before + 1e-6), min(math.ceil(after - 1e-6), count)))
     return tuple(found)

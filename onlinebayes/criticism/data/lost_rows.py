@@ -1,0 +1,71 @@
+"""What was commanded in rows that a log lost: a straight line where the command goes smoothly, unknown where it jumps.
+
+    u_{i+k} = u_i + k / (m + 1) (u_{i+1} - u_i),   k = 1 .. m      m rows lost between rows i and i + 1 of the table
+    jump:   abs(u_{i+1} - u_i) > 5 (m + 1) median_j abs(u_{j+1} - u_j),  and more than a fifth of the command's range
+
+Held over the gap, as between rows of an even clock, a smooth command comes late by half of the gap: three rows lost in
+a hundred passed for friction and hid what was missing. Of a jump nobody knows in which of the lost rows it was; there
+the run is parted, as at a pause.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+LEAST_GAP = 0.7
+"""Rows further apart than the median step by more than this part of it may have lost some between them."""
+
+GAP_JITTERS = 4.0
+"""And by more than so many median deviations of the steps: of instants that jitter evenly none is."""
+
+JUMP_ROWS = 5.0
+"""A change across a gap is a jump from so many times the usual change of its rows on."""
+
+JUMP_SHARE = 0.2
+"""And from this share of the command's range on: what is less moves the machine by little."""
+
+
+def lost(time: Float[Tensor, " T"], measures: Bool[Tensor, " T"]) -> Int[Tensor, " T_1"]:
+    """Number of rows lost between each row and the next; 0 nearly everywhere.
+
+    Args:
+        time: of a run's rows [s].
+        measures: which of them measure any signal. A row without has commands with instants of their own: what came
+            before is held until then.
+    """
+    apart = time.diff()
+    if not len(apart):
+        return apart.long()
+    steps = apart / apart.median().clamp_min(1e-300)
+    threshold = 1 + max(LEAST_GAP, GAP_JITTERS * float((steps - 1).abs().median()))
+    gap = (steps > threshold) & measures[:-1] & measures[1:]
+    return torch.where(gap, steps.round().long() - 1, 0)
+
+
+def jumps(command: Float[Tensor, "T U"], missing: Int[Tensor, " T_1"]) -> Bool[Tensor, " T_1"]:
+    """Between which rows a command jumps where rows are lost."""
+    change = command.diff(dim=0).abs()
+    whole = missing == 0
+    if not bool((~whole).any()) or not bool(whole.any()):
+        return ~whole & False
+    usual = change[whole].median(0).values
+    spread = command.amax(0) - command.amin(0)
+    large = (change > JUMP_ROWS * (missing[:, None] + 1) * usual) & (change > JUMP_SHARE * spread)
+    return ~whole & large.any(1)
+
+
+def filled(
+    time: Float[Tensor, " T"], command: Float[Tensor, "T U"], missing: Int[Tensor, " T_1"]
+) -> tuple[Float[Tensor, " N"], Float[Tensor, "N U"]]:
+    """The rows' times and commands, with those that were lost on a straight line between their neighbours."""
+    if not bool(missing.any()):
+        return time, command
+    parts = missing + 1
+    row = torch.arange(len(parts), device=time.device).repeat_interleave(parts)
+    first = torch.cat([parts.new_zeros(1), parts.cumsum(0)[:-1]])
+    share = (torch.arange(len(row), device=time.device) - first[row]).to(time) / parts[row]
+    at = time[row] + share * (time[row + 1] - time[row])
+    between = command[row] + share[:, None] * (command[row + 1] - command[row])
+    return torch.cat([at, time[-1:]]), torch.cat([between, command[-1:]])
