@@ -39,9 +39,6 @@ STEP_ERROR_SHARE = 0.1
 LEAST_RESIDUAL = 0.1
 """A residual of less noise than this asks for no finer step."""
 
-IMMATERIAL_ERROR = 0.1 * STEP_ERROR_SHARE * LEAST_RESIDUAL
-"""An integration error of less noise than this matters after no fit."""
-
 SURELY_TOO_COARSE = 2.0
 """A rung of which so many times the admissible error is expected is passed by unseen."""
 
@@ -144,10 +141,8 @@ def _improved(trial: Trial, grounds: Grounds, begun: Float[Tensor, " P"] | None)
     fitted = improve(grounds.fitted, windows)
     if begun is not None:
         fitted = restart_inactive_effects(from_elsewhere(fitted, windows, begun), windows)
-    matters = grounds.numerics.error_at_quarter_step >= IMMATERIAL_ERROR
-    if matters or _leaves_out(trial.simulator, trial.measurement, windows, fitted):
-        return _checked(trial, grounds.rung, windows, fitted)
-    return replace(grounds, fitted=fitted)
+    # An effect that was nothing before the fit may err by much after it: a dead time does, and dry friction.
+    return _checked(trial, grounds.rung, windows, fitted)
 
 
 def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:

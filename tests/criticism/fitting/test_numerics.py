@@ -68,6 +68,18 @@ def test_the_shift_is_what_a_step_moves_theta() -> None:
     assert not bool(settle(model(), measurement, 1.0, noise).shift.abs().max() > 1e-5)
 
 
+def test_how_fine_a_step_is_is_asked_of_the_fitted_model() -> None:
+    # The delay is nothing where the fit begins, and the model exact there; fitted, half a row of it is not.
+    late = ActuatorDelay("motor", Parameter(0.0, 0.1))
+    measurement = measure({late: (0.025,)}, runs=4, noise=1e-5)
+    simulator = model().with_effect(late)
+    grounds = settle(
+        simulator, measurement, 1.0, floors(measurement.signals, ()), torch.tensor([5.0, 1.0, 0.0]).double()
+    )
+    now, _ = check(simulator, measurement, grounds.windows, grounds.fitted)
+    assert grounds.numerics == now
+
+
 def test_a_first_order_integrator_is_given_finer_steps() -> None:
     measurement = measure(runs=8, noise=2e-3)
     noise = floors(measurement.signals, ())
