@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.runs import BadInput
 
 HEAD = "run,time,ctrl.motor,qpos.carriage\n"
@@ -221,6 +221,22 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, name):
     assert "\n" not in str(caught.value)
     assert "log.csv" in str(caught.value)
     assert ";" in str(caught.value), "no cure"
+
+
+@pytest.mark.parametrize(
+    ("names", "cure"),
+    [
+        ("aabb", r"'test' seems to name the runs: call that column 'run'$"),
+        ("aaaa", "sort the rows, or, where a column names the runs, call that column 'run'$"),
+        ("aaab", "sort the rows, or, where a column names the runs, call that column 'run'$"),
+    ],
+)
+def test_runs_under_another_name_are_told_and_the_clock_has_its_own(tmp_path, names, cure):
+    rows = [f"{test},{t},0,0" for test, t in zip(names, (0, 8, 0, 8), strict=True)]
+    text = "\n".join(["test,t_ms,ctrl.motor,qpos.carriage", *rows]) + "\n"
+    wanted = rf"row 4, column 't_ms': time goes from 0\.008 to 0 s; it must increase strictly within a run: {cure}"
+    with pytest.raises(BadInput, match=wanted):
+        read(tmp_path, text, clock=TimeColumn("t_ms", 1e-3))
 
 
 def test_a_column_that_the_problem_ignores_is_no_error(tmp_path):
