@@ -19,6 +19,7 @@ from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, could_be, match, match_time
 from onlinebayes.cli.model import signal_units
 from onlinebayes.cli.outputs import check_apart
+from onlinebayes.cli.servos import servos
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
@@ -108,7 +109,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         *(f"enable.{name}" for name in simulator.commands),
         *_wrenches(simulator, shared),
     )
-    matches = match(wanted, [name for name in shared if name not in ("run", column)])
+    told = servos(simulator.model)
+    matches = match(wanted, [name for name in shared if name not in ("run", column)], told)
     if clock is None and not matches:
         raise BadInput(
             "no column is one of the model's, and none a clock",
@@ -120,7 +122,9 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
     follows = follow(simulator, have) & {*needed}
     taken = {"run", column, *own, *(found.column for found in matches)}
-    lacking = _lacks(sources, wanted, [name for name in needed if name not in follows], shared, taken)
+    left = [name for name in shared if name not in taken and not name.startswith(LIKE_THE_MODEL)]
+    numbers = [name for name in left if needed and _numeric(sources, name)]
+    lacking = {name: could_be(name, wanted, numbers, told) for name in needed if name not in follows}
     if guess := _last_one(lacking):
         matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
     missing = ({} if clock else {"time": ()}) | lacking
@@ -148,15 +152,6 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     text = to_toml(content, head=HEAD.format(name=target.name), comments=comments)
     text += _lacking(missing) + _more(simulator, content.get("signals", {}))
     return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused)
-
-
-def _lacks(
-    sources: Sequence[Source], wanted: Sequence[str], needed: Sequence[str], shared: Sequence[str], taken: set[str]
-) -> dict[str, tuple[str, ...]]:
-    """Names of the model without a column -> the columns that each could be."""
-    left = [column for column in shared if column not in taken and not column.startswith(LIKE_THE_MODEL)]
-    numbers = [column for column in left if _numeric(sources, column)] if needed else []
-    return {name: could_be(name, wanted, numbers) for name in needed}
 
 
 def _last_one(lacking: Mapping[str, tuple[str, ...]]) -> Match | None:
@@ -224,7 +219,7 @@ def _measurement(
         if not found.name.startswith("ctrl.")
     ]
     commanded = [
-        CommandColumn(found.name.removeprefix("ctrl."), found.column)
+        CommandColumn(found.name.removeprefix("ctrl."), found.column, to_si(found.unit) if found.unit else 1.0)
         for found in matches
         if found.name.startswith("ctrl.")
     ]

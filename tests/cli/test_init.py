@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 
+import mujoco
 import pytest
 
 from onlinebayes.cli.freeing import free_parameters
@@ -12,6 +13,7 @@ from onlinebayes.cli.init import draft
 from onlinebayes.cli.main import main
 from onlinebayes.cli.matching import Match, match
 from onlinebayes.cli.problem import load_problem
+from onlinebayes.cli.servos import servos
 from onlinebayes.parameters import ParameterSpace
 from tests.cli.conftest import MODEL, table
 from tests.criticism import tumbling
@@ -247,10 +249,43 @@ def test_a_file_that_is_there_stays(folder, capsys) -> None:
         (["ctrl.a", "ctrl.b"], ["a_pwm", "b_duty"], {"ctrl.a": "a_pwm", "ctrl.b": "b_duty"}),
         (["ctrl.a", "ctrl.b"], ["amps"], {}),  # whose?
         (["qpos.hip"], ["hip_current"], {}),
+        (["ctrl.hip"], ["hip_torque_target", "hip_torque"], {"ctrl.hip": "hip_torque_target"}),
+        (["ctrl.hip"], ["hip_target_position"], {}),  # nothing says that the actuator is told one
+        (["qpos.hip"], ["hip_goal"], {}),
+        (
+            ["qpos.tilt", "ctrl.tilt_motor"],
+            ["tilt_deg", "tilt_motor_Nm"],
+            {"qpos.tilt": "tilt_deg", "ctrl.tilt_motor": "tilt_motor_Nm"},
+        ),
     ],
 )
 def test_names(names, columns, found) -> None:
     assert {one.name: one.column for one in match(names, columns)} == found
+
+
+@pytest.mark.parametrize(
+    ("actuator", "column", "unit"),
+    [
+        ("velocity kv", "belt_speed_cmd_mm/s", "mm/s"),
+        ("velocity kv", "belt_target_vel", ""),
+        ("intvelocity kp", "belt_speed_setpoint", ""),
+        ("position kp", "belt_pos_cmd", ""),
+        ("position kp", "belt_goal_mm", "mm"),
+        ("position kp", "belt_desired_position", ""),
+        ("position kp", "belt_pos", None),  # measured
+        ("position kp", "belt_speed_cmd", None),
+        ("motor gear", "belt_pos_cmd", None),
+    ],
+)
+def test_a_servo_is_told_a_position_or_a_speed(actuator: str, column: str, unit: str | None) -> None:
+    name, gain = actuator.split()
+    servo = f'<actuator><{name} name="belt" joint="track" {gain}="7" /></actuator>'
+    if name == "intvelocity":
+        servo = servo.replace(" />", ' actrange="-1 1"/>')
+    body = '<body><joint name="track" type="slide"/><geom size="1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody>{servo}</mujoco>")
+    found = [one for one in match(["qpos.track", "ctrl.belt"], [column], servos(model)) if one.name == "ctrl.belt"]
+    assert found == ([] if unit is None else [Match("ctrl.belt", column, unit)])
 
 
 @pytest.mark.parametrize("column", ["motor", "channel 7"])
