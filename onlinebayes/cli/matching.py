@@ -17,6 +17,8 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+from onlinebayes.measurements.units import SI
+
 KINDS = {
     "qpos": {"qpos", "q", "pos", "position", "angle", "theta", "displacement", "encoder"},
     "qvel": {"qvel", "qd", "dq", "vel", "velocity", "speed", "omega", "rate"},
@@ -81,7 +83,7 @@ NAMED, SURE, LIKELY, CALLED = 6, 4, 2, 3
 The last is less than a joint's claim by its name, and than a word for a command.
 """
 UNITS = {word: word for word in ("mm", "cm", "um", "deg", "rev", "mrad", "rpm")} | {"degrees": "deg", "degree": "deg"}
-OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}, "ctrl": set()}
+OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}}
 CLOCK = {"time", "t", "timestamp", "stamp", "clock", "elapsed", "since", "start"}
 SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -89,6 +91,8 @@ SECONDS = {
     **dict.fromkeys(("us", "usec", "micros", "microsecond", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
 }
+OF_PUSHES = ("N", "N m", "V", "A")
+"""SI units of what an actuator is told that is no servo."""
 PER_SECOND = {"mm", "cm", "deg", "rev", "mrad"}
 
 
@@ -219,8 +223,13 @@ def _said(kind: str, have: set[str], named: bool, servo: bool) -> int:
 
 
 def _unit(kind: str, column: str) -> str:
+    """The unit that a column's name has; empty for SI."""
+    if kind == "ctrl":
+        end = re.search(r"(?:^|[\W_])([a-zA-Z]+(?: m)?)\W*$", column)
+        si, factor = SI.get(end[1] if end else "", ("", 1.0))
+        return end[1] if end and si in OF_PUSHES and factor != 1.0 else ""
     said = [UNITS[word] for word in words(column) if word in UNITS]
-    if not said or kind == "ctrl":
+    if not said:
         return ""
     if kind == "qvel" and said[-1] in PER_SECOND:
         return f"{said[-1]}/s"

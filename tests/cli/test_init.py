@@ -342,6 +342,32 @@ def test_units_in_names() -> None:
     )
 
 
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("drive_torque_mNm", "mNm"),
+        ("drive torque [mN m]", "mN m"),
+        ("drive_cmd_kN", "kN"),
+        ("drive_mA", "mA"),
+        ("/drive.cmd(mV)", "mV"),
+        ("drive_torque_Nm", ""),  # SI
+        ("drive_cmd_ms", ""),  # no unit of a push
+        ("drive_cmd_raw", ""),
+    ],
+)
+def test_a_commands_unit_is_the_end_of_its_columns_name(column: str, unit: str) -> None:
+    assert match(["ctrl.drive"], [column]) == (Match("ctrl.drive", column, unit),)
+
+
+def test_a_commands_unit_is_read_as_the_problem_file_does(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("ctrl.motor", "motor_force_mN"))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert "ctrl.motor <- motor_force_mN [mN]" in said
+    own = load_problem(folder / "carriage.toml").measurement.data["command"]
+    assert float((load_problem(folder / "first.toml").measurement.data["command"] - 1e-3 * own).abs().max()) < 1e-12
+
+
 def test_a_finger_that_is_geared_to_the_other_is_not_missed(folder, capsys) -> None:
     """Nor are its damping and mass freed, of which nothing tells the other finger's."""
     (folder / "gripper.xml").write_text(GRIPPER)
