@@ -38,6 +38,7 @@ from onlinebayes.measurements.stretches import check_rises
 from onlinebayes.runs import BadInput, similar
 
 STATE = ("qpos", "qvel")
+ONE_TABLE = "the rows of one run belong into one table, a cell empty where its column was not measured"
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,10 @@ class TableReader:
         self._classify([name for name in source.names if name not in taken], path)
         if not found:
             raise BadInput(
-                "no column that the model has",
-                f"give one of {_list([w.source for w in wanted])}" + _instead(source.names),
+                "commands alone cannot stand by themselves" if inputs else "no column that the model has",
+                (f"{ONE_TABLE}; " if inputs else "")
+                + f"give one of {_list([w.source for w in wanted])}"
+                + _instead([name for name in source.names if name not in taken]),
                 where=f"{path}, row 1",
             )
         text = [name for name in ("run",) if name in names]
