@@ -114,7 +114,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     if clock is None and not matches:
         raise BadInput(
             "no column is one of the model's, and none a clock",
-            f"the model has {_few(wanted)}; the log has {_few(shared)}",
+            f"the model has {_few(wanted)}; the log has {_few(shared)}; write a problem file that maps them: "
+            f'[time] column = "...", [signals."{(*simulator.signals, "qpos.joint")[0]}"] column = "..."',
             where=", ".join(map(str, logs)),
         )
     have = {found.name for found in matches}
@@ -127,7 +128,8 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     lacking = {name: could_be(name, wanted, numbers, told) for name in needed if name not in follows}
     if guess := _last_one(lacking):
         matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
-    missing = ({} if clock else {"time": ()}) | lacking
+    clocks = () if clock else tuple(name for name in shared if name not in taken and _rises(sources, name))
+    missing = ({} if clock else {"time": clocks}) | lacking
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
     measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing else None
     if measurement is None:
@@ -168,6 +170,15 @@ def _numeric(sources: Sequence[Source], column: str) -> bool:
         return all(np.isfinite(source.columns([column])[column]).any() for source in sources)
     except BadInput:
         return False
+
+
+def _rises(sources: Sequence[Source], column: str) -> bool:
+    """Whether it could be a clock: numbers that rise from row to row, but where a run begins."""
+    try:
+        steps = [np.diff(source.columns([column])[column]) for source in sources]
+    except BadInput:
+        return False
+    return all(len(step) > 0 and float(np.mean(step > 0)) > 0.9 for step in steps)
 
 
 def _clock(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:

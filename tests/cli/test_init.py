@@ -117,7 +117,13 @@ def test_two_clocks_are_a_question(folder, capsys) -> None:
     text = table().replace("run,time", "run,t").splitlines()
     (folder / "lab.csv").write_text("\n".join([f"{text[0]},stamp", *(f"{row},0" for row in text[1:])]) + "\n")
     _, said = make(folder, capsys, log="lab.csv")
-    assert 'missing:   time: no column was found; name it here: [time] column = "..."' in said
+    assert 'missing:   time: perhaps t; name it here: [time] column = "..."' in said
+
+
+def test_a_clock_of_an_unknown_word_is_the_column_that_rises(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("run,time", "run,Zeit_ms"))
+    _, said = make(folder, capsys, log="lab.csv")
+    assert 'missing:   time: perhaps Zeit_ms; name it here: [time] column = "...", unit = "ms"' in said
 
 
 def test_a_mapped_command_tells_parameters_apart_as_its_own_name_does(folder, capsys) -> None:
@@ -181,7 +187,8 @@ def test_a_log_of_another_machine_is_named_by_its_columns(folder, capsys) -> Non
     status, said = make(folder, capsys, log="lab.csv")
     assert status == 2
     assert "lab.csv: no column is one of the model's, and none a clock; the model has 'qpos.carriage'" in said
-    assert "the log has 'c0', 'c1', 'c2', 'c3', 'c4', 'c5' and 3 more" in said
+    assert "the log has 'c0', 'c1', 'c2', 'c3', 'c4', 'c5' and 3 more; write a problem file that maps them" in said
+    assert '[time] column = "...", [signals."qpos.carriage"] column = "..."' in said
 
 
 @pytest.mark.parametrize(
