@@ -19,6 +19,7 @@ from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, could_be, match, match_time
 from onlinebayes.cli.model import signal_units
 from onlinebayes.cli.outputs import check_apart
+from onlinebayes.cli.servos import servos
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
@@ -108,11 +109,13 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         *(f"enable.{name}" for name in simulator.commands),
         *_wrenches(simulator, shared),
     )
-    matches = match(wanted, [name for name in shared if name not in ("run", column)])
+    told = servos(simulator.model)
+    matches = match(wanted, [name for name in shared if name not in ("run", column)], told)
     if clock is None and not matches:
         raise BadInput(
             "no column is one of the model's, and none a clock",
-            f"the model has {_few(wanted)}; the log has {_few(shared)}",
+            f"the model has {_few(wanted)}; the log has {_few(shared)}; write a problem file that maps them: "
+            f'[time] column = "...", [signals."{(*simulator.signals, "qpos.joint")[0]}"] column = "..."',
             where=", ".join(map(str, logs)),
         )
     have = {found.name for found in matches}
@@ -120,10 +123,13 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
     follows = follow(simulator, have) & {*needed}
     taken = {"run", column, *own, *(found.column for found in matches)}
-    lacking = _lacks(sources, wanted, [name for name in needed if name not in follows], shared, taken)
+    left = [name for name in shared if name not in taken and not name.startswith(LIKE_THE_MODEL)]
+    numbers = [name for name in left if needed and _numeric(sources, name)]
+    lacking = {name: could_be(name, wanted, numbers, told) for name in needed if name not in follows}
     if guess := _last_one(lacking):
         matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
-    missing = ({} if clock else {"time": ()}) | lacking
+    clocks = () if clock else tuple(name for name in shared if name not in taken and _rises(sources, name))
+    missing = ({} if clock else {"time": clocks}) | lacking
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
     measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing else None
     if measurement is None:
@@ -150,15 +156,6 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused)
 
 
-def _lacks(
-    sources: Sequence[Source], wanted: Sequence[str], needed: Sequence[str], shared: Sequence[str], taken: set[str]
-) -> dict[str, tuple[str, ...]]:
-    """Names of the model without a column -> the columns that each could be."""
-    left = [column for column in shared if column not in taken and not column.startswith(LIKE_THE_MODEL)]
-    numbers = [column for column in left if _numeric(sources, column)] if needed else []
-    return {name: could_be(name, wanted, numbers) for name in needed}
-
-
 def _last_one(lacking: Mapping[str, tuple[str, ...]]) -> Match | None:
     """The one column left for the one actuator left, where nothing else of the model lacks one."""
     (name, columns), *others = lacking.items() or [("", ())]
@@ -173,6 +170,15 @@ def _numeric(sources: Sequence[Source], column: str) -> bool:
         return all(np.isfinite(source.columns([column])[column]).any() for source in sources)
     except BadInput:
         return False
+
+
+def _rises(sources: Sequence[Source], column: str) -> bool:
+    """Whether it could be a clock: numbers that rise from row to row, but where a run begins."""
+    try:
+        steps = [np.diff(source.columns([column])[column]) for source in sources]
+    except BadInput:
+        return False
+    return all(len(step) > 0 and float(np.mean(step > 0)) > 0.9 for step in steps)
 
 
 def _clock(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:
@@ -224,7 +230,7 @@ def _measurement(
         if not found.name.startswith("ctrl.")
     ]
     commanded = [
-        CommandColumn(found.name.removeprefix("ctrl."), found.column)
+        CommandColumn(found.name.removeprefix("ctrl."), found.column, to_si(found.unit) if found.unit else 1.0)
         for found in matches
         if found.name.startswith("ctrl.")
     ]

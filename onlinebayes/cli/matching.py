@@ -3,18 +3,21 @@
 A column is cut into words (``LeftKneePos_deg`` -> left, knee, pos, deg). It is proposed for ``qpos.left_knee`` when it
 holds every word of the joint's name and a word for position, or no word for another kind; where the model has a single
 joint (or actuator) its name may be missing. What fits best is taken, each column once, nothing by chance: a column that
-fits two names equally well is left out. The clock's column is found by its name alone.
+fits two names equally well is left out, until what it rivals is taken. The clock's column is found by its name alone.
 
-For a command a word of what was told (``cmd``) counts more than one of what then flows or pushes (``current``), which
-may be a measurement; a unit alone (``coil_A``) counts beside the actuator's name. Two guesses come last and are called
-so: a column with exactly an actuator's name that no joint claims, and the one column left for the one actuator left.
+For a command a word of what was told (``cmd``, ``target``) counts more than one of what then flows or pushes
+(``current``), which may be a measurement; beside it, a word of position or speed is no other kind's where the actuator
+is told one; a unit alone (``coil_A``) counts beside the actuator's name. Two guesses come last and are called so: a
+column with exactly an actuator's name that no joint claims, and the one column left for the one actuator left.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+
+from onlinebayes.measurements.units import SI
 
 KINDS = {
     "qpos": {"qpos", "q", "pos", "position", "angle", "theta", "displacement", "encoder"},
@@ -32,6 +35,10 @@ KINDS = {
         "action",
     },
 }
+GOALS = {"target", "goal", "ref", "reference", "desired"}
+"""Words for what a servo is to reach; they say as little as a quantity for an actuator that is none."""
+ORDERS = GOALS | {"cmd", "command", "ctrl", "control", "setpoint", "demand"}
+"""Beside these a word of position or speed says what a servo is told, not what was measured."""
 QUANTITIES = {
     "pwm",
     "duty",
@@ -76,7 +83,7 @@ NAMED, SURE, LIKELY, CALLED = 6, 4, 2, 3
 The last is less than a joint's claim by its name, and than a word for a command.
 """
 UNITS = {word: word for word in ("mm", "cm", "um", "deg", "rev", "mrad", "rpm")} | {"degrees": "deg", "degree": "deg"}
-OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}, "ctrl": set()}
+OF_KIND = {"qpos": {"mm", "cm", "um", "deg", "rev", "mrad"}, "qvel": {"rpm"}}
 CLOCK = {"time", "t", "timestamp", "stamp", "clock", "elapsed", "since", "start"}
 SECONDS = {
     **dict.fromkeys(("s", "sec", "secs", "second", "seconds"), "s"),
@@ -84,6 +91,8 @@ SECONDS = {
     **dict.fromkeys(("us", "usec", "micros", "microsecond", "microseconds"), "us"),
     **dict.fromkeys(("ns", "nsec", "nanos", "nanosecond", "nanoseconds"), "ns"),
 }
+OF_PUSHES = ("N", "N m", "V", "A")
+"""SI units of what an actuator is told that is no servo."""
 PER_SECOND = {"mm", "cm", "deg", "rev", "mrad"}
 
 
@@ -109,28 +118,44 @@ class Match:
         return self.column == self.name and not self.unit
 
 
-def match(names: Sequence[str], columns: Sequence[str]) -> tuple[Match, ...]:
-    """Columns for as many of the names as can be told.
+def match(names: Sequence[str], columns: Sequence[str], told: Mapping[str, str] | None = None) -> tuple[Match, ...]:
+    """Columns for as many of the names as can be told; what one takes is no rival of the others.
 
     Args:
         names: of the model, ``<kind>.<joint or actuator>`` with kind qpos, qvel or ctrl.
         columns: of the log.
+        told: see :func:`~onlinebayes.cli.servos.servos`.
     """
+    told = told or {}
     found = [Match(name, name) for name in names if name in columns]
     left = [name for name in names if name not in columns]
     free = [column for column in columns if column not in names]
-    scored = {(name, column): _score(name, column, names) for name in left for column in free}
+    scored = {(name, column): _score(name, column, names, told) for name in left for column in free}
+    while more := _clear(left, free, scored, told):
+        found += more
+        left = [name for name in left if name not in {one.name for one in more}]
+        free = [column for column in free if column not in {one.column for one in more}]
+    return tuple(found)
+
+
+def _clear(
+    left: Sequence[str], free: Sequence[str], scored: Mapping[tuple[str, str], int], told: Mapping[str, str]
+) -> list[Match]:
+    """The names that one column fits best, which fits no other name as well."""
+    found = []
     for name in left:
         best = max(((scored[name, column], column) for column in free), default=(0, ""))
         rivals = [other for other in free if other != best[1] and scored[name, other] == best[0]]
         claims = [other for other in left if other != name and scored[other, best[1]] >= best[0]] if best[0] else []
         if best[0] > 0 and not rivals and not claims:
             why = "a guess, it is the actuator's name alone" if best[0] == CALLED else Match.why
-            found.append(Match(name, best[1], _unit(name.partition(".")[0], best[1]), why))
-    return tuple(found)
+            found.append(Match(name, best[1], _unit(told.get(name, name.partition(".")[0]), best[1]), why))
+    return found
 
 
-def could_be(name: str, names: Sequence[str], columns: Sequence[str]) -> tuple[str, ...]:
+def could_be(
+    name: str, names: Sequence[str], columns: Sequence[str], told: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
     """Columns of which each may be what ``name`` is measured or told by; one of them is a guess, several a question.
 
     Those that say most of it; for a command that nothing says anything of, all that do not say something else.
@@ -139,8 +164,9 @@ def could_be(name: str, names: Sequence[str], columns: Sequence[str]) -> tuple[s
         name: one that has no column.
         names: of the model.
         columns: that nothing takes.
+        told: see :func:`~onlinebayes.cli.servos.servos`.
     """
-    scores = {column: _score(name, column, names) for column in columns}
+    scores = {column: _score(name, column, names, told or {}) for column in columns}
     most = max(scores.values(), default=0)
     if most > 0:
         return tuple(column for column, score in scores.items() if score == most)
@@ -170,32 +196,40 @@ def words(column: str) -> list[str]:
     return [part.lower() for part in parts]
 
 
-def _score(name: str, column: str, names: Sequence[str]) -> int:
+def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]) -> int:
     """How well they agree: 0 for not at all."""
     kind, _, target = name.partition(".")
     have, wanted = set(words(column)), set(words(target))
-    told = KINDS | {"ctrl": KINDS["ctrl"] | QUANTITIES}
-    others = set().union(*(told[other] for other in told if other != kind)) - told[kind] - wanted
-    named, said = wanted <= have, _said(kind, have - wanted, wanted <= have)
+    means = KINDS | {"ctrl": KINDS["ctrl"] | GOALS | QUANTITIES}
+    others = set().union(*(means[other] for other in means if other != kind)) - means[kind] - wanted
+    aim = KINDS[told[name]] if name in told and have & ORDERS else set()
+    named = wanted <= have
+    said = _said(kind, have - wanted, named, name in told) + bool(have & aim)
     only = sum(other.partition(".")[0] == kind for other in names) == 1
-    if have & others or not (named or (only and said)):
+    if have & (others - aim) or not (named or (only and said)):
         return 0
     if not said and kind != "qpos":
         return CALLED if kind == "ctrl" and words(column) == words(target) else 0
     return NAMED * named + said
 
 
-def _said(kind: str, have: set[str], named: bool) -> int:
+def _said(kind: str, have: set[str], named: bool, servo: bool) -> int:
     """How surely these words mean the kind: 0 for not at all."""
-    if have & KINDS[kind]:
+    goal = kind == "ctrl" and bool(have & GOALS)
+    if have & KINDS[kind] or (goal and (servo or have & QUANTITIES)):
         return SURE
     likely = QUANTITIES | UNIT_OF_A_COMMAND if named else QUANTITIES
-    return LIKELY if kind == "ctrl" and have & likely else 0
+    return LIKELY if goal or (kind == "ctrl" and have & likely) else 0
 
 
 def _unit(kind: str, column: str) -> str:
+    """The unit that a column's name has; empty for SI."""
+    if kind == "ctrl":
+        end = re.search(r"(?:^|[\W_])([a-zA-Z]+(?: m)?)\W*$", column)
+        si, factor = SI.get(end[1] if end else "", ("", 1.0))
+        return end[1] if end and si in OF_PUSHES and factor != 1.0 else ""
     said = [UNITS[word] for word in words(column) if word in UNITS]
-    if not said or kind == "ctrl":
+    if not said:
         return ""
     if kind == "qvel" and said[-1] in PER_SECOND:
         return f"{said[-1]}/s"

@@ -34,9 +34,11 @@ from onlinebayes.measurements.mapping import SECONDS, CommandColumn, SignalColum
 from onlinebayes.measurements.matching import matches
 from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.measurements.quaternions import normalised, quaternions
+from onlinebayes.measurements.stretches import check_rises
 from onlinebayes.runs import BadInput, similar
 
 STATE = ("qpos", "qvel")
+ONE_TABLE = "the rows of one run belong into one table, a cell empty where its column was not measured"
 
 
 @dataclass(frozen=True)
@@ -102,12 +104,15 @@ class TableReader:
         self._classify([name for name in source.names if name not in taken], path)
         if not found:
             raise BadInput(
-                "no column that the model has",
-                f"give one of {_list([w.source for w in wanted])}" + _instead(source.names),
+                "commands alone cannot stand by themselves" if inputs else "no column that the model has",
+                (f"{ONE_TABLE}; " if inputs else "")
+                + f"give one of {_list([w.source for w in wanted])}"
+                + _instead([name for name in source.names if name not in taken]),
                 where=f"{path}, row 1",
             )
         text = [name for name in ("run",) if name in names]
         read = source.columns(sorted(taken & names), text, sorted(sources))
+        check_rises(read[clock] * self.clock.scale, clock, read, source)
         return {run: self._one_run(read, rows, found, inputs, source) for run, rows in _run_rows(read, path).items()}
 
     def _inputs(self) -> dict[str, CommandColumn]:
@@ -142,7 +147,7 @@ class TableReader:
         for name in self.commands:
             if f"ctrl.{name}" in inputs:
                 blank_while_off(name, inputs[f"ctrl.{name}"].source, values, where, numbers)
-        check_columns(values, where, numbers)
+        check_columns(values, where, numbers, self.clock.column)
         for w in found:
             values[w.signal.name] = advanced(values["time"], values[w.signal.name], w.latency)
         for quaternion in quaternions(s.name for s in self.signals):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 
+import mujoco
 import pytest
 
 from onlinebayes.cli.freeing import free_parameters
@@ -12,6 +13,7 @@ from onlinebayes.cli.init import draft
 from onlinebayes.cli.main import main
 from onlinebayes.cli.matching import Match, match
 from onlinebayes.cli.problem import load_problem
+from onlinebayes.cli.servos import servos
 from onlinebayes.parameters import ParameterSpace
 from tests.cli.conftest import MODEL, table
 from tests.criticism import tumbling
@@ -115,7 +117,13 @@ def test_two_clocks_are_a_question(folder, capsys) -> None:
     text = table().replace("run,time", "run,t").splitlines()
     (folder / "lab.csv").write_text("\n".join([f"{text[0]},stamp", *(f"{row},0" for row in text[1:])]) + "\n")
     _, said = make(folder, capsys, log="lab.csv")
-    assert 'missing:   time: no column was found; name it here: [time] column = "..."' in said
+    assert 'missing:   time: perhaps t; name it here: [time] column = "..."' in said
+
+
+def test_a_clock_of_an_unknown_word_is_the_column_that_rises(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("run,time", "run,Zeit_ms"))
+    _, said = make(folder, capsys, log="lab.csv")
+    assert 'missing:   time: perhaps Zeit_ms; name it here: [time] column = "...", unit = "ms"' in said
 
 
 def test_a_mapped_command_tells_parameters_apart_as_its_own_name_does(folder, capsys) -> None:
@@ -179,7 +187,8 @@ def test_a_log_of_another_machine_is_named_by_its_columns(folder, capsys) -> Non
     status, said = make(folder, capsys, log="lab.csv")
     assert status == 2
     assert "lab.csv: no column is one of the model's, and none a clock; the model has 'qpos.carriage'" in said
-    assert "the log has 'c0', 'c1', 'c2', 'c3', 'c4', 'c5' and 3 more" in said
+    assert "the log has 'c0', 'c1', 'c2', 'c3', 'c4', 'c5' and 3 more; write a problem file that maps them" in said
+    assert '[time] column = "...", [signals."qpos.carriage"] column = "..."' in said
 
 
 @pytest.mark.parametrize(
@@ -247,10 +256,43 @@ def test_a_file_that_is_there_stays(folder, capsys) -> None:
         (["ctrl.a", "ctrl.b"], ["a_pwm", "b_duty"], {"ctrl.a": "a_pwm", "ctrl.b": "b_duty"}),
         (["ctrl.a", "ctrl.b"], ["amps"], {}),  # whose?
         (["qpos.hip"], ["hip_current"], {}),
+        (["ctrl.hip"], ["hip_torque_target", "hip_torque"], {"ctrl.hip": "hip_torque_target"}),
+        (["ctrl.hip"], ["hip_target_position"], {}),  # nothing says that the actuator is told one
+        (["qpos.hip"], ["hip_goal"], {}),
+        (
+            ["qpos.tilt", "ctrl.tilt_motor"],
+            ["tilt_deg", "tilt_motor_Nm"],
+            {"qpos.tilt": "tilt_deg", "ctrl.tilt_motor": "tilt_motor_Nm"},
+        ),
     ],
 )
 def test_names(names, columns, found) -> None:
     assert {one.name: one.column for one in match(names, columns)} == found
+
+
+@pytest.mark.parametrize(
+    ("actuator", "column", "unit"),
+    [
+        ("velocity kv", "belt_speed_cmd_mm/s", "mm/s"),
+        ("velocity kv", "belt_target_vel", ""),
+        ("intvelocity kp", "belt_speed_setpoint", ""),
+        ("position kp", "belt_pos_cmd", ""),
+        ("position kp", "belt_goal_mm", "mm"),
+        ("position kp", "belt_desired_position", ""),
+        ("position kp", "belt_pos", None),  # measured
+        ("position kp", "belt_speed_cmd", None),
+        ("motor gear", "belt_pos_cmd", None),
+    ],
+)
+def test_a_servo_is_told_a_position_or_a_speed(actuator: str, column: str, unit: str | None) -> None:
+    name, gain = actuator.split()
+    servo = f'<actuator><{name} name="belt" joint="track" {gain}="7" /></actuator>'
+    if name == "intvelocity":
+        servo = servo.replace(" />", ' actrange="-1 1"/>')
+    body = '<body><joint name="track" type="slide"/><geom size="1"/></body>'
+    model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody>{servo}</mujoco>")
+    found = [one for one in match(["qpos.track", "ctrl.belt"], [column], servos(model)) if one.name == "ctrl.belt"]
+    assert found == ([] if unit is None else [Match("ctrl.belt", column, unit)])
 
 
 @pytest.mark.parametrize("column", ["motor", "channel 7"])
@@ -305,6 +347,32 @@ def test_units_in_names() -> None:
         Match("qpos.hip", "hip_pos_deg", "deg"),
         Match("qvel.hip", "hip_vel_deg", "deg/s"),
     )
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("drive_torque_mNm", "mNm"),
+        ("drive torque [mN m]", "mN m"),
+        ("drive_cmd_kN", "kN"),
+        ("drive_mA", "mA"),
+        ("/drive.cmd(mV)", "mV"),
+        ("drive_torque_Nm", ""),  # SI
+        ("drive_cmd_ms", ""),  # no unit of a push
+        ("drive_cmd_raw", ""),
+    ],
+)
+def test_a_commands_unit_is_the_end_of_its_columns_name(column: str, unit: str) -> None:
+    assert match(["ctrl.drive"], [column]) == (Match("ctrl.drive", column, unit),)
+
+
+def test_a_commands_unit_is_read_as_the_problem_file_does(folder, capsys) -> None:
+    (folder / "lab.csv").write_text(table().replace("ctrl.motor", "motor_force_mN"))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert "ctrl.motor <- motor_force_mN [mN]" in said
+    own = load_problem(folder / "carriage.toml").measurement.data["command"]
+    assert float((load_problem(folder / "first.toml").measurement.data["command"] - 1e-3 * own).abs().max()) < 1e-12
 
 
 def test_a_finger_that_is_geared_to_the_other_is_not_missed(folder, capsys) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.runs import BadInput
 
 HEAD = "run,time,ctrl.motor,qpos.carriage\n"
@@ -114,7 +114,7 @@ def test_a_column_may_be_mapped_to_a_signal(tmp_path):
             r"log\.csv, row 1: no column 'position', which \[signals\.\"qpos\.carriage\"\] names; "
             r"the columns are 'ctrl\.motor', 'qvel\.carriage'$",
         ),
-        (GOOD.replace("qpos.carriage", "Position"), {}, r"or map one of its columns: 'ctrl\.motor', 'Position'$"),
+        (GOOD.replace("qpos.carriage", "Position"), {}, r"or map one of its columns: 'Position'$"),
         (
             "time,ctrl.motor,qvel.carriage,position\n0,1,0,0\n1,1,0,0\n",
             {"ignore": ["pos*"]},
@@ -173,6 +173,10 @@ def test_a_command_may_be_the_product_of_two_columns(tmp_path):
         read(tmp_path, text.replace("50,7", "50,"), commanded=[volts])
 
 
+COMMANDS_ALONE = (
+    "row 1: commands alone cannot stand by themselves; the rows of one run belong into one table, a cell empty "
+    "where its column was not measured; give one of 'qpos.carriage', 'qvel.carriage'$"
+)
 BAD = {
     "goes back": (GOOD.replace("a,0.2", "a,0.05"), r"row 4, column 'time': time goes from 0\.1 to 0\.05 s"),
     "stands still": (GOOD.replace("a,0.2", "a,0.1"), "row 4, column 'time': time goes from"),
@@ -202,7 +206,8 @@ BAD = {
         "time,qpos.carriage,u\n0,0,0\n1,0,0\n",
         "row 1: no column 'ctrl.motor', the command .* or map one of its columns: 'qpos.carriage', 'u'$",
     ),
-    "no signal": ("time,ctrl.motor\n0,0\n1,0\n", "row 1: no column that the model has; give one of 'qpos.carriage'"),
+    "no signal": ("time,ctrl.motor\n0,0\n1,0\n", COMMANDS_ALONE),
+    "nothing of the model": ("time,u\n0,0\n1,0\n", "row 1: no column that the model has; .*, or map .*: 'u'$"),
     "latin": (GOOD.encode().replace(b"0.5", b"\xe9"), "row 3, byte 0xe9: the file is not UTF-8"),
     "utf-16": (GOOD.encode("utf-16"), "the file is UTF-16"),
     "binary": (bytes(range(256)) * 8, "not UTF-8"),
@@ -221,6 +226,22 @@ def test_what_is_wrong_is_said_in_one_line(tmp_path, name):
     assert "\n" not in str(caught.value)
     assert "log.csv" in str(caught.value)
     assert ";" in str(caught.value), "no cure"
+
+
+@pytest.mark.parametrize(
+    ("names", "cure"),
+    [
+        ("aabb", r"'test' seems to name the runs: call that column 'run'$"),
+        ("aaaa", "sort the rows, or, where a column names the runs, call that column 'run'$"),
+        ("aaab", "sort the rows, or, where a column names the runs, call that column 'run'$"),
+    ],
+)
+def test_runs_under_another_name_are_told_and_the_clock_has_its_own(tmp_path, names, cure):
+    rows = [f"{test},{t},0,0" for test, t in zip(names, (0, 8, 0, 8), strict=True)]
+    text = "\n".join(["test,t_ms,ctrl.motor,qpos.carriage", *rows]) + "\n"
+    wanted = rf"row 4, column 't_ms': time goes from 0\.008 to 0 s; it must increase strictly within a run: {cure}"
+    with pytest.raises(BadInput, match=wanted):
+        read(tmp_path, text, clock=TimeColumn("t_ms", 1e-3))
 
 
 def test_a_column_that_the_problem_ignores_is_no_error(tmp_path):

@@ -52,6 +52,11 @@ def test_a_joint_that_is_geared_to_another() -> None:
     torch.testing.assert_close(found[:, 1], 0.01 + 2 * path[:, 0], atol=1e-9, rtol=0.0)
 
 
+def test_where_all_were_measured_nothing_is_left_to_follow() -> None:
+    path = torch.tensor([[0.0, 0.01], [0.1, 0.2]], dtype=torch.float64)
+    assert torch.equal(MujocoSimulator(GRIPPER).tied_positions(path, [0, 1]), path)
+
+
 def test_from_a_dead_point_the_slider_does_not_tell_which_way_the_crank_turns() -> None:
     path = torch.zeros(60, 3, dtype=torch.float64)  # the model's own pose is one: crank and rod in line
     path[:, 2] = torch.tensor(slider_crank(np.linspace(0.0, 0.5, 60))[:, 2])

@@ -91,6 +91,8 @@ class Closure:
         """
         others = [j for j in range(self._model.nv) if j not in known]
         full, determined = path.copy(), np.ones(len(path), dtype=bool)
+        if not others:  # all were measured
+            return full, determined
         q = self._model.qpos0.copy()
         for share in np.linspace(0.0, 1.0, APPROACH, endpoint=False):
             q[known] = self._model.qpos0[known] + share * (path[0, known] - self._model.qpos0[known])

@@ -1,0 +1,53 @@
+"""Runs one after the other in a table without a ``run`` column: time begins again, and another column may name them."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float
+
+from onlinebayes.measurements.formats import Columns, Source
+from onlinebayes.runs import BadInput
+
+
+def check_rises(time: Float[np.ndarray, " T"], clock: str, read: Columns, source: Source) -> None:
+    """Raise :class:`BadInput` where time goes back in a table that is read as one run.
+
+    Args:
+        time: of every row [s].
+        clock: the column that it comes from.
+        read: the table's columns that were read.
+        source: the table.
+    """
+    falls = np.flatnonzero(np.diff(time) < 0)
+    if "run" in source.names or not falls.size:
+        return
+    k = int(falls[0])
+    named = naming(source, clock, falls + 1)
+    cure = f"'{named}' seems to name the runs" if named else "sort the rows, or, where a column names the runs"
+    raise BadInput(
+        f"time goes from {time[k]:.12g} to {time[k + 1]:.12g} s",
+        f"it must increase strictly within a run: {cure}{':' if named else ','} call that column 'run'",
+        where=f"{source.path}, row {read.rows[k + 1]}, column '{clock}'",
+    )
+
+
+def naming(source: Source, clock: str, starts: np.ndarray) -> str:
+    """The first column with one text in each stretch of rising time, and another in each; empty where none is.
+
+    Args:
+        source: the table.
+        clock: its column of time.
+        starts: numbers of the rows with which all stretches but the first begin.
+    """
+    for name in source.names:
+        if name == clock:
+            continue
+        try:
+            texts = source.columns([name], [name])[name]
+        except BadInput:  # not of texts
+            continue
+        said = [set(stretch.tolist()) for stretch in np.split(texts, starts)]
+        names = set().union(*said)
+        if "" not in names and len(names) == len(said) and all(len(one) == 1 for one in said):
+            return name
+    return ""
