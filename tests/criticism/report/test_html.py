@@ -249,3 +249,13 @@ def test_a_rival_stands_right_below_its_accepted_effect() -> None:
     table = page[page.index("Ranking of 6 candidate effects") :]
     assert table.index("actuator delay at motor") < table.index("joint stiffness at carriage")
     assert "explains as much as dry friction at carriage" in table
+
+
+def test_a_value_that_may_be_anywhere_within_its_bounds_is_not_determined() -> None:
+    mass = Estimate(95.0, 33374.8, 50.0, 150.0, "kg", identifiable=False)
+    small = Estimate(-5e-4, 6e-4, -1.6e-3, 6e-4, "rad")
+    assert phrases.estimate(mass) == "not determined"
+    assert phrases.estimate(small) == "-500 ± 600 µrad"  # determined: near zero
+    result = criticism(rate=50.0, seconds=2.0)
+    page = to_html(bare(result, parameters={**result.parameters, "body.carriage.mass": mass}))
+    assert "not determined" in page and "30000 kg" not in page
