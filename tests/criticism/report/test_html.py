@@ -13,7 +13,7 @@ import torch
 from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.sections.summary import sizes
-from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, HeldOutError, Remainder
+from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, FlatDirection, HeldOutError, Remainder
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
 VOID = {"wbr", "meta", "br", "hr", "img", "link"}
@@ -259,3 +259,12 @@ def test_a_value_that_may_be_anywhere_within_its_bounds_is_not_determined() -> N
     result = criticism(rate=50.0, seconds=2.0)
     page = to_html(bare(result, parameters={**result.parameters, "body.carriage.mass": mass}))
     assert "not determined" in page and "30000 kg" not in page
+
+
+def test_a_flat_direction_leaves_out_what_rounds_to_nothing() -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    one = FlatDirection("it moves nothing", {"body.carriage.mass": -1.0, "joint.carriage.damping": 5e-14})
+    two = FlatDirection("only a ratio", {"body.carriage.mass": -0.8, "joint.carriage.damping": 0.6, "x": 0.004})
+    page = to_html(bare(result, flat_directions=(one, two)))
+    assert "<code>body.carriage.mass</code> alone" in page
+    assert "-0.80 body.carriage.mass  +0.60 joint.carriage.damping<" in page

@@ -98,4 +98,7 @@ def _flat(result: Criticism) -> Html:
 
 def _components(direction: FlatDirection) -> Html:
     largest = sorted(direction.direction.items(), key=lambda item: -abs(item[1]))[:4]
-    return tag("code", "  ".join(f"{value:+.2f} {name}" for name, value in largest))
+    visible = [(name, value) for name, value in largest if abs(value) >= 0.005]  # the others would read 0.00
+    if len(visible) == 1:
+        return join(tag("code", visible[0][0]), " alone")
+    return tag("code", "  ".join(f"{value:+.2f} {name}" for name, value in visible))
