@@ -48,6 +48,11 @@ def listing(items: Sequence[str], last: str = "and") -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
 
 
+def more(count: int, what: str) -> str:
+    """``1 more run``, ``2 more runs``."""
+    return f"{count} more {what}{'' if count == 1 else 's'}"
+
+
 def capitalised(text: str) -> str:
     """The text with a capital at its beginning."""
     return text[:1].upper() + text[1:]

@@ -268,3 +268,16 @@ def test_a_flat_direction_leaves_out_what_rounds_to_nothing() -> None:
     page = to_html(bare(result, flat_directions=(one, two)))
     assert "<code>body.carriage.mass</code> alone" in page
     assert "-0.80 body.carriage.mass  +0.60 joint.carriage.damping<" in page
+
+
+@pytest.mark.parametrize(("runs", "said"), [(7, "1 more run is in"), (8, "2 more runs are in")])
+def test_runs_that_are_not_shown_are_counted(runs: int, said: str) -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    base, final = (
+        dataclasses.replace(
+            model, replays=tuple(dataclasses.replace(model.replays[0], run=f"n{k}") for k in range(runs))
+        )
+        for model in (result.base, result.final)
+    )
+    assert said in to_html(dataclasses.replace(result, base=base, final=final))
+    assert phrases.more(1, "limit") == "1 more limit"

@@ -46,7 +46,7 @@ def _table(result: Criticism) -> Html:
     )
     shown = table("Parameters of the final model", head, rows[:SHOWN])
     rest = rows[SHOWN:]
-    more = folded(f"{len(rest)} more parameters", table("The other parameters", head, rest)) if rest else ""
+    more = folded(phrases.more(len(rest), "parameter"), table("The other parameters", head, rest)) if rest else ""
     return section("Values and intervals", shown, more, note=note) if rows else Html("")
 
 
