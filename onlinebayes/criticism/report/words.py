@@ -179,8 +179,9 @@ def _few(runs: Sequence[str]) -> str:
 def _level(change: ParameterChange, runs: Sequence[str]) -> str:
     """``0.7512 ± 0.0007 kg``: the mean over a group's runs, and their mean sd."""
     values = [change.values[run] for run in runs]
-    numbers = zip(*((v.mean, v.sd, v.q05, v.q95) for v in values), strict=True)
-    return estimate(Estimate(*(sum(column) / len(values) for column in numbers), values[0].unit))
+    columns = zip(*((v.mean, v.sd, v.q05, v.q95) for v in values), strict=True)
+    mean, sd, q05, q95 = (sum(numbers) / len(values) for numbers in columns)
+    return estimate(Estimate(mean, sd, q05, q95, values[0].unit))
 
 
 def _starts(result: Criticism, signal: str) -> str:
