@@ -27,8 +27,10 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         folder: where its report was written.
         more: names of further files there.
     """
-    asked = " (no effect was tried)" if result.only_compared else ""
-    lines = [f"verdict:   {result.verdict}{asked}"]
+    by_hand = result.final.effects
+    tried = f"with {', '.join(by_hand)} added by hand" if by_hand else "no effect was tried"
+    asked = f" ({tried})" if result.only_compared else ""
+    lines = _labelled("verdict", f"{result.verdict}{asked}")
     sentences = [words.headline(result), words.improvement(result)]
     if result.verdict != "insufficient_data":
         sentences.append(words.remainder(result))
