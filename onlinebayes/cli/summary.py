@@ -10,6 +10,7 @@ from pathlib import Path
 from onlinebayes.criticism import Candidate, Criticism, quantities
 from onlinebayes.criticism.report import candidate_words, words
 from onlinebayes.criticism.report.refined import left_out
+from onlinebayes.criticism.results import HELPS
 
 WIDTH = 80
 RANKS = 5
@@ -26,8 +27,10 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         folder: where its report was written.
         more: names of further files there.
     """
-    asked = " (no effect was tried)" if result.only_compared else ""
-    lines = [f"verdict:   {result.verdict}{asked}"]
+    by_hand = result.final.effects
+    tried = f"with {', '.join(by_hand)} added by hand" if by_hand else "no effect was tried"
+    asked = f" ({tried})" if result.only_compared else ""
+    lines = _labelled("verdict", f"{result.verdict}{asked}")
     sentences = [words.headline(result), words.improvement(result)]
     if result.verdict != "insufficient_data":
         sentences.append(words.remainder(result))
@@ -73,10 +76,14 @@ def _errors(result: Criticism) -> list[str]:
 def _candidates(result: Criticism) -> list[str]:
     """Gain and p of the ranked effects, the first ones and all that are in the model, with their rivals."""
     ranked = [candidate for candidate in candidate_words.in_order(result) if candidate.rank is not None]
-    shown = [c for k, c in enumerate(ranked) if k < RANKS or c.accepted or c.indistinguishable_from]
+    shown = [c for k, c in enumerate(ranked) if k < RANKS or c.accepted or c.indistinguishable_from or _helps(c)]
     lines = [f"{'candidate effects':<35} {'gain':>11} {'p':>6}  outcome"]
     lines += [_candidate(result, candidate) for candidate in shown]
     return [*lines, *_others(len(result.candidates) - len(shown), "candidate", " in the report")]
+
+
+def _helps(candidate: Candidate) -> bool:
+    return any(reason.startswith(HELPS) for reason in candidate.refused_because)
 
 
 def _candidate(result: Criticism, candidate: Candidate) -> str:

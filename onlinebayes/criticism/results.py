@@ -73,6 +73,9 @@ MOVES_NOTHING = "nothing moves"
 STOPPED = "stopped before it was added"
 """Why a candidate is not in the model though nothing speaks against it: the search ended in its round."""
 
+HELPS = "helps, but not enough"
+"""Why a candidate that was tried last and lowers the error by a third is not in the model: more than noise is left."""
+
 NOT_NEEDED = "not needed"
 """The same where the search went on: another one explains more, or the data are at fault."""
 
@@ -83,7 +86,8 @@ class Candidate:
 
     Args:
         effect: ``name@target``.
-        rank: 1 for the first; None where it is confounded with the free parameters, or was tried last.
+        rank: 1 for the first; None where it is confounded with the free parameters, or was tried last
+            and lowers the error by less than a third.
         p_value: of the maximum over all candidates, in the stage in which it was last screened; None if confounded.
         score_gain, score_gain_se: cross-validated log score over the model without it, nats; None if not refitted.
         n_blocks: number of blocks B.

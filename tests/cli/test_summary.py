@@ -186,3 +186,11 @@ def test_a_fault_says_what_the_refined_files_hold() -> None:
     assert "refined.toml reads the table with the fault, which can only be put right there" in told(by_hand)
     assert "hold the model fitted to the table with the fault" in told(dataclasses.replace(result, mended=None))
     assert "fault put right" not in " ".join(summary(result, Path("out")).split())
+
+
+def test_compare_names_the_effects_that_were_added_by_hand() -> None:
+    result = dataclasses.replace(criticism(rate=50.0, seconds=2.0), command="compare", verdict="unexplained")
+    given = dataclasses.replace(result, final=dataclasses.replace(result.final, effects=("dry_friction@carriage",)))
+    bare = dataclasses.replace(result, final=dataclasses.replace(result.final, effects=()))
+    assert told(given).startswith("verdict: unexplained (with dry_friction@carriage added by hand)")
+    assert told(bare).startswith("verdict: unexplained (no effect was tried)")

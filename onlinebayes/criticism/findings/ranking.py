@@ -9,7 +9,7 @@ from onlinebayes.criticism.candidates.survey import Screened
 from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import NOT_NEEDED, STOPPED, Candidate, Estimate, Step
+from onlinebayes.criticism.results import HELPS, NOT_NEEDED, STOPPED, Candidate, Estimate, Step
 from onlinebayes.criticism.searching.search import Found
 from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, REFIT_BELOW, Stage
 
@@ -38,30 +38,23 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str,
     listed = {row.effect for row in rows}
     verdicts = {judged.effect.key: judged for judged in last.judged}
     order = sorted(last.screened, key=lambda s: _place(s, verdicts.get(s.effect.key)))
-    for screened in order:
-        key = screened.effect.key
-        if key in listed:
-            continue
-        if key in verdicts:
-            row = _judged(last, verdicts[key], len(rows) + 1, equal, accepted=False, screened=screened)
+    left = [screened for screened in order if screened.effect.key not in listed]
+    for screened in left:
+        if (refitted := verdicts.get(screened.effect.key)) is not None:
+            row = _judged(last, refitted, len(rows) + 1, equal, accepted=False, screened=screened)
             if not row.refused_because and not row.indistinguishable_from:
                 row = replace(row, refused_because=(STOPPED if found.interrupted else NOT_NEEDED,))
-        else:
-            number = None if screened.p_value is None else len(rows) + 1
-            refused = _not_refitted(screened)
-            row = Candidate(
-                key,
-                number,
-                screened.p_value,
-                None,
-                None,
-                last.blocks.count,
-                refused_because=refused,
-                confounded_with=screened.confounded_with,
-                exclusion_limit=screened.exclusion_limit,
-                indistinguishable_from=_equals(key, equal),
-            )
-        rows.append(row)
+            rows.append(row)
+    listed = {row.effect for row in rows}
+    for stage, judged in found.taken_back:  # before what was screened beside it: it may be part of the answer
+        if judged.effect.key not in listed:
+            row = _judged(stage, judged, len(rows) + 1, equal, accepted=False)
+            rows.append(replace(row, refused_because=(_not_all(judged),)))
+    listed = {row.effect for row in rows}
+    rows += [
+        _only_screened(last, screened, len(rows) + 1 + k, equal)
+        for k, screened in enumerate(one for one in left if one.effect.key not in listed)
+    ]
     listed = {row.effect for row in rows}
     late = ("tried last: it does not leave noise",)
     rows += [
@@ -73,6 +66,27 @@ def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str,
     return tuple(
         replace(row, nested_in=tuple(key for key, simpler in richer.items() if row.effect in simpler)) for row in rows
     )
+
+
+def _only_screened(last: Stage, screened: Screened, number: int, equal: Mapping[str, tuple[str, ...]]) -> Candidate:
+    key = screened.effect.key
+    return Candidate(
+        key,
+        None if screened.p_value is None else number,
+        screened.p_value,
+        None,
+        None,
+        last.blocks.count,
+        refused_because=_not_refitted(screened),
+        confounded_with=screened.confounded_with,
+        exclusion_limit=screened.exclusion_limit,
+        indistinguishable_from=_equals(key, equal),
+    )
+
+
+def _not_all(judged: Judged) -> str:
+    """Why what stood on trial is not in the model."""
+    return f"{HELPS}: the error falls by {100 * judged.falls[0]:.0f} %, and what is left is not noise"
 
 
 def _partners(found: Found, judged: Judged) -> tuple[str, ...]:

@@ -10,6 +10,9 @@ from onlinebayes.criticism import quantities
 from onlinebayes.criticism.results import Estimate
 from onlinebayes.simulators.effects import EFFECTS
 
+NOT_DETERMINED = "not determined"
+"""In place of a value that may be anywhere within its bounds."""
+
 
 def plain(effect: str) -> str:
     """``dry_friction@carriage`` -> ``dry friction at carriage``."""
@@ -45,13 +48,23 @@ def listing(items: Sequence[str], last: str = "and") -> str:
     return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
 
 
+def more(count: int, what: str) -> str:
+    """``1 more run``, ``2 more runs``."""
+    return f"{count} more {what}{'' if count == 1 else 's'}"
+
+
 def capitalised(text: str) -> str:
     """The text with a capital at its beginning."""
     return text[:1].upper() + text[1:]
 
 
 def estimate(value: Estimate) -> str:
-    """``mean ± sd unit``."""
+    """``mean ± sd unit``, or that the data leave all of its bounds open: the mean is then where the fit began.
+
+    The interval is cut at the bounds, so that it is narrower than the sd only where both cut it.
+    """
+    if 0 < value.q95 - value.q05 < value.sd:
+        return NOT_DETERMINED
     return quantities.with_error(value.mean, value.sd, value.unit)
 
 

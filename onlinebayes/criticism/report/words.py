@@ -13,7 +13,7 @@ from onlinebayes.criticism import places, quantities
 from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
 from onlinebayes.criticism.report.phrases import better, estimate, listing, times_floor, together
-from onlinebayes.criticism.results import STOPPED, Criticism, ParameterChange
+from onlinebayes.criticism.results import STOPPED, Criticism, Estimate, ParameterChange
 from onlinebayes.criticism.scope import address_of
 
 VERDICTS = {
@@ -179,8 +179,9 @@ def _few(runs: Sequence[str]) -> str:
 def _level(change: ParameterChange, runs: Sequence[str]) -> str:
     """``0.7512 ± 0.0007 kg``: the mean over a group's runs, and their mean sd."""
     values = [change.values[run] for run in runs]
-    mean, sd = (sum(numbers) / len(values) for numbers in zip(*((v.mean, v.sd) for v in values), strict=True))
-    return quantities.with_error(mean, sd, values[0].unit)
+    columns = zip(*((v.mean, v.sd, v.q05, v.q95) for v in values), strict=True)
+    mean, sd, q05, q95 = (sum(numbers) / len(values) for numbers in columns)
+    return estimate(Estimate(mean, sd, q05, q95, values[0].unit))
 
 
 def _starts(result: Criticism, signal: str) -> str:

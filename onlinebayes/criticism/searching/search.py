@@ -57,6 +57,7 @@ class Found:
         enough: whether there is enough motion to judge by: 7 windows' worth.
         widened: the bound that excludes the truth; ``final`` is then the base model with that bound widened.
         changes: the parameters that were given one value a run, in order.
+        taken_back: what stood on trial and went, for more than noise was left beside it.
     """
 
     base: Grounds
@@ -68,6 +69,7 @@ class Found:
     enough: bool = True
     widened: Widened | None = None
     changes: tuple[Changed, ...] = ()
+    taken_back: tuple[Added, ...] = ()
 
     def simulator(self, base: Simulator) -> Simulator:
         """The base model at its own step, with a value in every run of what was found to differ between them."""
@@ -112,6 +114,7 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
     last: list[tuple[Group, ...]] = []  # of what is tried last, each time
     alone: set[str] = set()  # of these, what was tried with nothing else
     before_trial: Standing | None = None  # comes back unless noise is all that is left
+    on_trial: tuple[Added, ...] = ()
     with watch.giving_up():
         while standing.grounds.numerics.sufficient and not watch.stopped:
             thorough = not stages and not standing.at_floor(selection.tolerance)
@@ -132,7 +135,8 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
                     alone = {effect.key for _, group in last[-1] for effect in group}
                 if (latest := _latest(context, standing, stages[-1], last[-1])) is not None:
                     added = latest.added
-                    before_trial = before_trial or (None if latest.believed else standing)
+                    if before_trial is None and not latest.believed:
+                        before_trial, on_trial = standing, tuple(added)
             if added:
                 standing = _extended(context, standing, added)
             elif (leaner := with_one_for_several(standing, stages[-1], context)) is not None:
@@ -146,6 +150,8 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
             seen.add(names)
     if before_trial is not None and not standing.at_floor(selection.tolerance):
         standing = before_trial
+    else:
+        on_trial = ()
     if not watch.stopped:
         with watch.giving_up():
             standing = without_needless(standing, context)
@@ -153,7 +159,8 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
     late = {effect.key: effect for groups in last for _, group in groups for effect in group}
     tried = (*effects, *late.values())
     accepted, changes = standing.accepted, standing.changes
-    return Found(base, standing.grounds, tried, tuple(stages), accepted, watch.stopped, changes=changes)
+    stopped = watch.stopped
+    return Found(base, standing.grounds, tried, tuple(stages), accepted, stopped, changes=changes, taken_back=on_trial)
 
 
 def _round(context: SearchContext, standing: Standing, effects: Sequence[Effect], thorough: bool, number: int) -> Stage:

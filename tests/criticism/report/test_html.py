@@ -13,7 +13,7 @@ import torch
 from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.sections.summary import sizes
-from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, HeldOutError, Remainder
+from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, Estimate, FlatDirection, HeldOutError, Remainder
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
 VOID = {"wbr", "meta", "br", "hr", "img", "link"}
@@ -249,3 +249,36 @@ def test_a_rival_stands_right_below_its_accepted_effect() -> None:
     table = page[page.index("Ranking of 6 candidate effects") :]
     assert table.index("actuator delay at motor") < table.index("joint stiffness at carriage")
     assert "explains as much as dry friction at carriage" in table
+
+
+def test_a_value_that_may_be_anywhere_within_its_bounds_is_not_determined() -> None:
+    mass = Estimate(95.0, 33374.8, 50.0, 150.0, "kg", identifiable=False)
+    small = Estimate(-5e-4, 6e-4, -1.6e-3, 6e-4, "rad")
+    assert phrases.estimate(mass) == "not determined"
+    assert phrases.estimate(small) == "-500 ± 600 µrad"  # determined: near zero
+    result = criticism(rate=50.0, seconds=2.0)
+    page = to_html(bare(result, parameters={**result.parameters, "body.carriage.mass": mass}))
+    assert "not determined" in page
+    assert "30000 kg" not in page
+
+
+def test_a_flat_direction_leaves_out_what_rounds_to_nothing() -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    one = FlatDirection("it moves nothing", {"body.carriage.mass": -1.0, "joint.carriage.damping": 5e-14})
+    two = FlatDirection("only a ratio", {"body.carriage.mass": -0.8, "joint.carriage.damping": 0.6, "x": 0.004})
+    page = to_html(bare(result, flat_directions=(one, two)))
+    assert "<code>body.carriage.mass</code> alone" in page
+    assert "-0.80 body.carriage.mass  +0.60 joint.carriage.damping<" in page
+
+
+@pytest.mark.parametrize(("runs", "said"), [(7, "1 more run is in"), (8, "2 more runs are in")])
+def test_runs_that_are_not_shown_are_counted(runs: int, said: str) -> None:
+    result = criticism(rate=50.0, seconds=2.0)
+    base, final = (
+        dataclasses.replace(
+            model, replays=tuple(dataclasses.replace(model.replays[0], run=f"n{k}") for k in range(runs))
+        )
+        for model in (result.base, result.final)
+    )
+    assert said in to_html(dataclasses.replace(result, base=base, final=final))
+    assert phrases.more(1, "limit") == "1 more limit"

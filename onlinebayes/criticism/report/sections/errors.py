@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism import places, quantities
-from onlinebayes.criticism.report import replays, svg, words
+from onlinebayes.criticism.report import phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
 from onlinebayes.criticism.results import Criticism
@@ -70,8 +70,9 @@ def along(result: Criticism) -> Html:
         return Html("")
     shown = [*charts[:RUNS_OPEN]]
     if charts[RUNS_OPEN:]:
-        shown.append(folded(f"{len(charts) - RUNS_OPEN} more runs", *charts[RUNS_OPEN:]))
-    left = f" {len(found) - RUNS_SHOWN} more runs are in the recording." if len(found) > RUNS_SHOWN else ""
+        shown.append(folded(phrases.more(len(charts) - RUNS_OPEN, "run"), *charts[RUNS_OPEN:]))
+    unseen = len(found) - RUNS_SHOWN
+    left = f" {phrases.more(unseen, 'run')} {'is' if unseen == 1 else 'are'} in the recording." if unseen > 0 else ""
     horizon = quantities.exact(result.heldout_error.horizon_s[signal], "s")
     note = f"Simulated minus measured {signal}; every {horizon} the model starts again from the measured state.{left}"
     return section("The error along the runs", legend(result.changed, ("before", "after", "floor")), *shown, note=note)

@@ -46,7 +46,7 @@ def _table(result: Criticism) -> Html:
     )
     shown = table("Parameters of the final model", head, rows[:SHOWN])
     rest = rows[SHOWN:]
-    more = folded(f"{len(rest)} more parameters", table("The other parameters", head, rest)) if rest else ""
+    more = folded(phrases.more(len(rest), "parameter"), table("The other parameters", head, rest)) if rest else ""
     return section("Values and intervals", shown, more, note=note) if rows else Html("")
 
 
@@ -98,4 +98,7 @@ def _flat(result: Criticism) -> Html:
 
 def _components(direction: FlatDirection) -> Html:
     largest = sorted(direction.direction.items(), key=lambda item: -abs(item[1]))[:4]
-    return tag("code", "  ".join(f"{value:+.2f} {name}" for name, value in largest))
+    visible = [(name, value) for name, value in largest if abs(value) >= 0.005]  # the others would read 0.00
+    if len(visible) == 1:
+        return join(tag("code", visible[0][0]), " alone")
+    return tag("code", "  ".join(f"{value:+.2f} {name}" for name, value in visible))

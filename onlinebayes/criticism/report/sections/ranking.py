@@ -38,7 +38,7 @@ def _table(result: Criticism) -> Html:
     title = f"Ranking of {len(rows)} candidate effects"
     shown = table("Candidate effects, the most significant first", head, rows[:SHOWN], kinds[:SHOWN])
     rest = table("Candidate effects, the others", head, rows[SHOWN:], kinds[SHOWN:])
-    more = folded(f"{len(rows) - SHOWN} more candidates", rest) if rows[SHOWN:] else ""
+    more = folded(phrases.more(len(rows) - SHOWN, "candidate"), rest) if rows[SHOWN:] else ""
     return section(title, shown, more, note=note)
 
 
@@ -121,7 +121,8 @@ def _limits(result: Criticism) -> Html:
     note = "Had one of these effects been larger than this, these data would have shown it"
     note += "; beside what was accepted, the limit is for what comes on top of it." if result.accepted else "."
     head, title = ("effect", "excluded"), "What is excluded"
-    more = folded(f"{len(rows) - SHOWN} more limits", table("More limits", head, rows[SHOWN:])) if rows[SHOWN:] else ""
+    rest = table("More limits", head, rows[SHOWN:])
+    more = folded(phrases.more(len(rows) - SHOWN, "limit"), rest) if rows[SHOWN:] else ""
     return section(title, table("Limits at 95 %", head, rows[:SHOWN]), more, note=note)
 
 
