@@ -175,7 +175,10 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "sd": (more('[signals."qpos.carriage"]\nsd = -1'), "sd = -1.0 is not a positive number"),
     "signal": (more('[signals."qpos.carrige"]\nsd = 1'), "unknown key; nearest: qpos.carriage"),
     "signal unit": (more('[signals."qpos.carriage"]\nunit = "deg"'), "unit 'deg' cannot become m; use one of m, cm"),
-    "signal column": (more('[signals."qpos.carriage"]\ncolumn = "x"'), "commands alone cannot stand by themselves; .*'x'"),
+    "signal column": (
+        more('[signals."qpos.carriage"]\ncolumn = "x"'),
+        "commands alone cannot stand by themselves; .*'x'",
+    ),
     "alpha": (more("[selection]\nalpha = 3"), "selection.alpha: 3.0 is out of range; .*between 0 and 1"),
     "folds": (more("[selection]\nfolds = 1.5"), "selection.folds: 1.5 is not a whole number"),
     "horizon": (more("[selection]\nhorizon_s = nan"), "selection.horizon_s: nan is not finite"),

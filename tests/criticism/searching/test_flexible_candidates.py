@@ -69,7 +69,7 @@ def test_beside_which_candidates_the_last_ones_are_looked_for(monkeypatch: pytes
         for name, (failed, gain) in rank.items()
     ]
     lines, tried = list[str](), list[object]()
-    monkeypatch.setattr(flexible_candidates, "tried_last", lambda current, groups, context: tried.append(current) or [])
+    monkeypatch.setattr(flexible_candidates, "tried_last", lambda current, *_: tried.append(current) or [])
     context = SearchContext(data, Selection(), watch=Watch(say=lines.append))
     groups = last_candidates(base)
     assert found_beside([replace(stage, judged=tuple(leads))], base, groups, context) is None
