@@ -19,7 +19,7 @@ from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.matching import Match, could_be, match, match_time
 from onlinebayes.cli.model import signal_units
 from onlinebayes.cli.outputs import check_apart
-from onlinebayes.cli.servos import servos
+from onlinebayes.cli.servo_inputs import servo_inputs
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
@@ -109,7 +109,7 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         *(f"enable.{name}" for name in simulator.commands),
         *_wrenches(simulator, shared),
     )
-    told = servos(simulator.model)
+    told = servo_inputs(simulator.model)
     matches = match(wanted, [name for name in shared if name not in ("run", column)], told)
     if clock is None and not matches:
         raise BadInput(

@@ -124,7 +124,7 @@ def match(names: Sequence[str], columns: Sequence[str], told: Mapping[str, str] 
     Args:
         names: of the model, ``<kind>.<joint or actuator>`` with kind qpos, qvel or ctrl.
         columns: of the log.
-        told: see :func:`~onlinebayes.cli.servos.servos`.
+        told: see :func:`~onlinebayes.cli.servo_inputs.servo_inputs`.
     """
     told = told or {}
     found = [Match(name, name) for name in names if name in columns]
@@ -164,7 +164,7 @@ def could_be(
         name: one that has no column.
         names: of the model.
         columns: that nothing takes.
-        told: see :func:`~onlinebayes.cli.servos.servos`.
+        told: see :func:`~onlinebayes.cli.servo_inputs.servo_inputs`.
     """
     scores = {column: _score(name, column, names, told or {}) for column in columns}
     most = max(scores.values(), default=0)

@@ -22,7 +22,7 @@ def check_rises(time: Float[np.ndarray, " T"], clock: str, read: Columns, source
     if "run" in source.names or not falls.size:
         return
     k = int(falls[0])
-    named = naming(source, clock, falls + 1)
+    named = column_that_names_runs(source, clock, falls + 1)
     cure = f"'{named}' seems to name the runs" if named else "sort the rows, or, where a column names the runs"
     raise BadInput(
         f"time goes from {time[k]:.12g} to {time[k + 1]:.12g} s",
@@ -31,7 +31,7 @@ def check_rises(time: Float[np.ndarray, " T"], clock: str, read: Columns, source
     )
 
 
-def naming(source: Source, clock: str, starts: np.ndarray) -> str:
+def column_that_names_runs(source: Source, clock: str, starts: np.ndarray) -> str:
     """The first column with one text in each stretch of rising time, and another in each; empty where none is.
 
     Args:

@@ -13,7 +13,7 @@ from onlinebayes.cli.init import draft
 from onlinebayes.cli.main import main
 from onlinebayes.cli.matching import Match, match
 from onlinebayes.cli.problem import load_problem
-from onlinebayes.cli.servos import servos
+from onlinebayes.cli.servo_inputs import servo_inputs
 from onlinebayes.parameters import ParameterSpace
 from tests.cli.conftest import MODEL, table
 from tests.criticism import tumbling
@@ -291,7 +291,8 @@ def test_a_servo_is_told_a_position_or_a_speed(actuator: str, column: str, unit:
         servo = servo.replace(" />", ' actrange="-1 1"/>')
     body = '<body><joint name="track" type="slide"/><geom size="1"/></body>'
     model = mujoco.MjModel.from_xml_string(f"<mujoco><worldbody>{body}</worldbody>{servo}</mujoco>")
-    found = [one for one in match(["qpos.track", "ctrl.belt"], [column], servos(model)) if one.name == "ctrl.belt"]
+    matched = match(["qpos.track", "ctrl.belt"], [column], servo_inputs(model))
+    found = [one for one in matched if one.name == "ctrl.belt"]
     assert found == ([] if unit is None else [Match("ctrl.belt", column, unit)])
 
 

@@ -3,8 +3,8 @@
     u_{i+k} = u_i + k / (m + 1) (u_{i+1} - u_i),   k = 1 .. m      m rows lost between rows i and i + 1 of the table
     jump:   abs(u_{i+1} - u_i) > 5 (m + 1) median_j abs(u_{j+1} - u_j),  and more than a fifth of the command's range
 
-Held over the gap, as between rows of an even clock, a smooth command comes late by half of the gap: three rows lost in
-a hundred passed for friction and hid what was missing. Of a jump nobody knows in which of the lost rows it was; there
+Held over the gap, as between rows of an even clock, a smooth command comes late by half of the gap, which hides what is
+missing. Of a jump nobody knows in which of the lost rows it was; there
 the run is parted, as at a pause.
 """
 

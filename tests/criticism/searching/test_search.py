@@ -35,3 +35,29 @@ def test_it_goes_on_after_one_effect_took_anothers_place_and_not_in_circles(monk
     found = search(model(), SearchContext(data, Selection(), ["dry_friction"]), 6, base)
     assert taken == [["a"], ["b"], ["b", "c"], ["b"]]
     assert [judged.effect.key for _, judged in found.accepted] == ["b"]
+
+
+@pytest.mark.usefixtures("without_shape_checks")
+@pytest.mark.parametrize(("believed", "noise"), [(False, False), (False, True), (True, False)])
+def test_what_stood_on_trial_and_left_more_than_noise_is_kept_as_taken_back(
+    monkeypatch: pytest.MonkeyPatch, believed: bool, noise: bool
+) -> None:
+    trial = (None, SimpleNamespace(effect=SimpleNamespace(key="cogging@rail")))
+    found_last: Iterator[object] = iter([SimpleNamespace(added=[trial], believed=believed), None])
+    floors: Iterator[bool] = iter([False, False, False, noise, noise, noise, noise])
+    monkeypatch.setattr(search_module, "_round", lambda *_: None)
+    monkeypatch.setattr(search_module, "excluded", lambda *_: None)
+    monkeypatch.setattr(search_module, "_chosen", lambda *_: [])
+    monkeypatch.setattr(search_module, "last_candidates", lambda *_: ())
+    monkeypatch.setattr(search_module, "_latest", lambda *_: next(found_last))
+    monkeypatch.setattr(search_module, "_extended", lambda _, standing, added: replace(standing, accepted=tuple(added)))
+    monkeypatch.setattr(search_module, "with_one_for_several", lambda *_: None)
+    monkeypatch.setattr(search_module, "without_needless", lambda standing, _: standing)
+    monkeypatch.setattr(search_module, "_simplest", lambda context, base, standing, alone: standing)
+    monkeypatch.setattr(search_module.Standing, "at_floor", lambda *_: next(floors))
+    data = measure(runs=8)
+    base = ground(model(), data, Selection())
+    found = search(model(), SearchContext(data, Selection()), 6, base)
+    goes = not (believed or noise)
+    assert found.taken_back == ((trial,) if goes else ())
+    assert found.accepted == (() if goes else (trial,))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import mujoco
 
 
-def servos(model: mujoco.MjModel) -> dict[str, str]:
+def servo_inputs(model: mujoco.MjModel) -> dict[str, str]:
     """``ctrl.<actuator>`` -> ``qpos`` for a ``<position>``, ``qvel`` for a ``<velocity>`` or ``<intvelocity>``.
 
     f = k (u - q) - d v is told a position, f = k (u - v) a speed; integrated first, the first is told a speed, too.
