@@ -10,13 +10,14 @@ all contacts what the leading one has, but for its own parameter.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
 from jaxtyping import Bool
 
 from onlinebayes.runs import BadInput, nearest
+from onlinebayes.simulators.effects.collisions import may_touch
 from onlinebayes.simulators.effects.scales import Contact
 
 FIELDS = ("geom_priority", "geom_condim", "geom_friction", "geom_solref", "geom_solimp", "geom_solmix")
@@ -94,7 +95,7 @@ def _targets(model: mujoco.MjModel) -> tuple[dict[str, tuple[int, ...]], dict[st
     bodies: dict[str, tuple[int, ...]] = {}
     for i in range(model.ngeom):
         body = int(model.geom_bodyid[i])
-        if not model.body_weldid[body] or next(partners(model, i), None) is None:
+        if not model.body_weldid[body] or not partners(model, i):
             continue
         if name := model.geom(i).name:
             geoms[name] = (i,)
@@ -109,19 +110,8 @@ def leading_partner(model: mujoco.MjModel, i: int) -> int:
     return max(partners(model, i), key=lambda j: float(pair_properties(fields, i, j)["geom_friction"][0, 0]))
 
 
-def partners(model: mujoco.MjModel, i: int) -> Iterator[int]:
-    """The geoms that geom i can touch, by MuJoCo's rules for bodies; none where a ``<pair>`` decides its contacts."""
+def partners(model: mujoco.MjModel, i: int) -> list[int]:
+    """The geoms that geom i can touch; none where a ``<pair>`` decides its contacts."""
     if i in model.pair_geom1 or i in model.pair_geom2:
-        return
-    mine, excluded = int(model.geom_bodyid[i]), set(model.exclude_signature.tolist())
-    weld, parent = model.body_weldid, model.body_weldid[model.body_parentid[model.body_weldid]]
-    filtered = not model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_FILTERPARENT
-    for j in range(model.ngeom):
-        other = int(model.geom_bodyid[j])
-        touch = model.geom_contype[i] & model.geom_conaffinity[j] or model.geom_contype[j] & model.geom_conaffinity[i]
-        if not touch or weld[mine] == weld[other]:
-            continue
-        family = weld[mine] and weld[other] and (parent[mine] == weld[other] or parent[other] == weld[mine])
-        low, high = sorted((mine, other))
-        if not (filtered and family) and (low << 16) + high not in excluded:
-            yield j
+        return []
+    return np.flatnonzero(may_touch(model)[i]).tolist()

@@ -10,6 +10,7 @@ from pathlib import Path
 import mujoco
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.effects.collisions import can_touch
 from onlinebayes.simulators.mujoco.files import check_files
 
 
@@ -53,9 +54,14 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def batch_model(model: mujoco.MjModel) -> mujoco.MjModel:
-    """A copy that keeps a diverged state instead of silently starting anew, so that divergence can be seen."""
+    """A copy that keeps a diverged state instead of silently starting anew, so that divergence can be seen.
+
+    Where nothing can touch it does not look for contacts either, which changes no result.
+    """
     model = copy.copy(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    if not can_touch(model):
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
     return model
 
 
