@@ -5,8 +5,9 @@
 Criticism begins on the coarsest rung of the ladder, where that is cheap, and goes down as the model improves and its
 residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
 model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
-taken while the residual is far above the sensors' noise, for they leave measured rows out; steps longer than the
-model's own not at all where rows jitter or commands change between them. In the end the model as it
+taken while the residual is far above the sensors' noise, for they leave measured rows out. Where rows jitter, or
+commands change between them, what a coarse clock costs (values moved along their slopes, averaged commands) is measured
+with the integrator's error: e is how the residual moves then. In the end the model as it
 was given, or its own soft friction, is preferred where it follows the log far better (:mod:`.as_run`).
 """
 
@@ -186,13 +187,16 @@ def check(
     rms = _rms(long)
     if not adjustable(simulator):
         return Numerics(timestep, float("nan"), True), torch.zeros_like(fitted.theta)
-    moved = step_difference(measurement, windows, fitted, timestep / 4)
+    moved = step_difference(
+        measurement, windows, fitted, timestep / 4, _between_rows(simulator, measurement, windows, fitted)
+    )
     rows = long.project(noise_rows(windows, moved[..., None]))
     error = float((rows.square().sum() / count).sqrt())
     too_few_rows = rms < ROWS_MATTER_BELOW and _leaves_out(simulator, measurement, windows, fitted)
     fine_enough = error < STEP_ERROR_SHARE * max(rms, LEAST_RESIDUAL)
-    sufficient = fine_enough and not too_few_rows and not _between_rows(simulator, measurement, windows, fitted)
-    return Numerics(timestep, error, sufficient), _shift(long.columns.flatten(0, 1), rows.flatten())
+    return Numerics(timestep, error, fine_enough and not too_few_rows), _shift(
+        long.columns.flatten(0, 1), rows.flatten()
+    )
 
 
 def _rms(projected: Projected) -> float:
@@ -230,13 +234,23 @@ def _shift(columns: Float[Tensor, "N P"], moved: Float[Tensor, " N"]) -> Float[T
     return 4 / 3 * asked / scale
 
 
-def step_difference(measurement: Measurement, windows: Windows, fitted: Fit, timestep: float) -> Float[Tensor, "W n S"]:
-    """How the binned replay moves when it is integrated with another step."""
+def step_difference(
+    measurement: Measurement, windows: Windows, fitted: Fit, timestep: float, clock: bool = False
+) -> Float[Tensor, "W n S"]:
+    """How the binned replay moves when it is integrated with another step.
+
+    With ``clock`` the replay less what was measured, each on a clock of its step: values that were moved to their rows
+    and commands that were averaged between them count, too.
+    """
     finer = fitted.simulator.with_timestep(timestep)
     fine = make_windows(finer, measurement, windows.horizon, MEMORY * windows.horizon, like=windows)
     theta, starts = fitted.theta[None], fitted.lin.starts[None]
     coarse_signals, _ = replay(fitted.simulator, windows, theta, starts)
     fine_signals, valid = replay(finer, fine, theta, starts)
-    ratio = fine.rows // windows.rows
-    moved = windows.bin(fine_signals[0, :, ratio - 1 :: ratio] - coarse_signals[0])
+    if clock:
+        moved = fine.bin(fine_signals[0] - fine.value) - windows.bin(coarse_signals[0] - windows.value)
+        moved = torch.where(fine.seen, moved, torch.zeros_like(moved))
+    else:
+        ratio = fine.rows // windows.rows
+        moved = windows.bin(fine_signals[0, :, ratio - 1 :: ratio] - coarse_signals[0])
     return torch.where(valid[0][:, None, None], moved, torch.full_like(moved, float("inf")))

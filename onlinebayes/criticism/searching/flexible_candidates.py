@@ -57,6 +57,9 @@ MOST_LEADS = 3
 LEAST_FALL_ON_TRIAL = 0.3
 """What lowers a gross error by this share is taken on trial though it leaves more than noise."""
 
+CREEPING_ABOVE = 0.7
+"""Of a gross misfit's squared error: a fit that creeps above it is given up, for half is what a trial asks."""
+
 Group = tuple[str, tuple[Effect, ...]]
 
 
@@ -126,10 +129,12 @@ def tried_last(
         current: the model as it stands.
         groups: of :func:`last_candidates`.
         context: of the search; its watch is looked at between the fits, and what was tried until then is returned.
-        hopeless: an objective above which a fit that creeps is given up.
+        hopeless: an objective above which a fit that creeps is given up; of a gross misfit any that hardly falls.
     """
     selection, watch = context.selection, context.watch
     gross = misfit(current.fitted.projected) > GROSS_FLOORS
+    if gross:
+        hopeless = min(hopeless, CREEPING_ABOVE * current.fitted.projected.objective)
     level = HALF_LEVEL * selection.alpha / (1 if gross else max(len(groups), 1))
     stricter = replace(selection, alpha=level)
     tried: list[Stage] = []

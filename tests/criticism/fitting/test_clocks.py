@@ -8,6 +8,7 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.data.grid import replay_step
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.measurements import Measurement, Signal
@@ -53,6 +54,38 @@ def test_the_right_model_leaves_noise(held: int, jitters: bool) -> None:
     grounds = ground(MujocoSimulator(ARM, FREE, threads=1), measured(held, jitters), Selection())
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([0.05], rel=0.01)
+
+
+FINE = MujocoSimulator(ARM.replace('".004"', '".001"'), FREE, threads=1)
+
+
+def jittering(load: float) -> Measurement:
+    """The arm's replay in steps of a millisecond: a command and an angle every 20 ms, up to 4 ms early or late."""
+    arm, draw, steps = FINE.with_worlds(RUNS).with_effect(LOADED), np.random.default_rng(1), 3000
+    rows = 20 * np.arange(steps // 20) + draw.integers(-4, 5, (RUNS, steps // 20))
+    rows[:, 0] = 0
+    command = np.zeros((RUNS, steps))
+    for run, at in enumerate(rows):
+        command[run] = (0.5 * draw.normal(size=len(at)))[np.searchsorted(at, np.arange(steps), side="right") - 1]
+    truth = torch.tensor([[0.05, load]] * RUNS, dtype=torch.float64)
+    inputs = TensorDict({"command": torch.from_numpy(command)[..., None]}, batch_size=(RUNS, steps))
+    time = 1e-3 * torch.arange(1, steps + 1, dtype=torch.float64)
+    path = arm.rollout(truth, arm.state, inputs, time)["qpos"][..., 0]
+    angle = torch.nn.functional.pad(path, (1, 0)).numpy() + NOISE * draw.normal(size=(RUNS, steps + 1))
+    runs = {
+        f"run{run}": {"time": 1e-3 * at, "ctrl.motor": command[run, at], "qpos.arm": angle[run, at]}
+        for run, at in enumerate(rows)
+    }
+    return Measurement.from_runs(runs, signals=[Signal("qpos.arm", "rad", sd=NOISE)])
+
+
+@pytest.mark.parametrize(("load", "gross"), [(0.05, True), (0.0, False)], ids=["a load is missing", "right"])
+def test_a_coarse_clock_is_kept_while_its_error_does_not_matter(load: float, gross: bool) -> None:
+    measurement = jittering(load)
+    grounds = ground(FINE, measurement, Selection())
+    assert grounds.numerics.sufficient
+    assert misfit(grounds.fitted.projected) > 300 if gross else misfit(grounds.fitted.projected) < 1.1
+    assert (grounds.windows.step > 1.01 * replay_step(measurement, FINE.timestep)) == gross
 
 
 def test_what_is_missing_is_found_there() -> None:
