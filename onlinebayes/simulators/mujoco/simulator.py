@@ -18,6 +18,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
+from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, forgetting
@@ -298,6 +299,10 @@ class MujocoSimulator(Simulator):
         if any(effect.key == other.key for other in self.effects):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
         return self._remade(effects=(*self.effects, effect))
+
+    def without_effect(self, key: str) -> Self:
+        """A new simulator without one of its effects; see :meth:`Simulator.without_effect`."""
+        return self._remade(effects=all_but(key, self.effects))
 
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""
