@@ -24,6 +24,7 @@ from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.measurements.formats import Source, open_source
+from onlinebayes.measurements.joining import joined
 from onlinebayes.measurements.units import to_si
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, write_atomic
@@ -100,9 +101,11 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         raise BadInput("no such file", "name the MJCF file of the model", where=str(model))
     simulator = MujocoSimulator(model, threads=1)
     sources = [open_source(log) for log in logs]
-    shared = [name for name in sources[0].names if all(name in other.names for other in sources)]
+    clock = _clock(sources, _shared(sources))
+    if clock is not None:
+        sources = joined(sources, TimeColumn(clock.column, to_si(clock.unit or "s")))
+    shared = _shared(sources)
     wanted = (*simulator.signals, *(f"ctrl.{name}" for name in simulator.commands))
-    clock = _clock(sources, shared)
     column = "" if clock is None else clock.column
     own = (
         *measured_sensors(simulator.model, shared),
@@ -154,6 +157,11 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     text = to_toml(content, head=HEAD.format(name=target.name), comments=comments)
     text += _lacking(missing) + _more(simulator, content.get("signals", {}))
     return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused)
+
+
+def _shared(sources: Sequence[Source]) -> list[str]:
+    """The columns that every log has."""
+    return [name for name in sources[0].names if all(name in other.names for other in sources)]
 
 
 def _last_one(lacking: Mapping[str, tuple[str, ...]]) -> Match | None:

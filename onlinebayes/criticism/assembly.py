@@ -16,6 +16,7 @@ from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
 from onlinebayes.criticism.findings.fit_notes import fit_notes
+from onlinebayes.criticism.findings.gear_notes import gear_notes
 from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
 from onlinebayes.criticism.findings.opening import opened
@@ -233,6 +234,7 @@ def _notes(
         *(_carried_over(task, found, models, units) if found.accepted else ()),
         *beyond_fit,
         *too_small_note(candidates, task.selection.alpha),
+        *gear_notes(models.final, candidates),
         *log_notes(candidates, parameters, simulator.commands, tuple(units)),
     )
 

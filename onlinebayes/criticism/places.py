@@ -14,6 +14,8 @@ _PATTERNS: Final = (
     (r"qpos\.(.+) > (.+)", r"where \1 is above \2"),
     (r"\|ctrl\.(.+)\| > (.+)", r"where the command of \1 is larger than \2"),
     (r"run '(.+)'", r"in run “\1”"),
+    (r"time since the run's start < (.+)", r"in the first \1 of a run"),
+    (r"time since the run's start > (.+)", r"later than \1 after a run's start"),
     (r"the (first|middle|last) third of the time", r"in the \1 third of the time"),
 )
 

@@ -40,6 +40,16 @@ def check_columns(
     if len(time) < 2:
         at = f", row {rows[0]}" if len(time) else ""
         raise BadInput(f"a run of {len(time)} row{'' if len(time) == 1 else 's'}", "give two or more", where=where + at)
+    _check_increases(time, where, rows, clock)
+
+
+def check_time(time: np.ndarray, where: str, rows: Int[np.ndarray, " T"], clock: str = "time") -> None:
+    """Raise :class:`BadInput` unless the instants are known and increase; arguments as :func:`check_columns`."""
+    _check_values("time", time, f"column '{clock}'", where, rows)
+    _check_increases(time, where, rows, clock)
+
+
+def _check_increases(time: np.ndarray, where: str, rows: np.ndarray, clock: str) -> None:
     if (wrong := np.flatnonzero(np.diff(time) <= 0)).size:
         k = int(wrong[0])
         raise BadInput(

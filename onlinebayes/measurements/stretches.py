@@ -1,6 +1,11 @@
-"""Runs one after the other in a table without a ``run`` column: time begins again, and another column may name them."""
+"""Which rows are which run: those of one name, which stand together; without a ``run`` column all of them.
+
+Where time begins again in a table without one, another column may name the runs.
+"""
 
 from __future__ import annotations
+
+from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
@@ -51,3 +56,30 @@ def column_that_names_runs(source: Source, clock: str, starts: np.ndarray) -> st
         if "" not in names and len(names) == len(said) and all(len(one) == 1 for one in said):
             return name
     return ""
+
+
+def run_rows(read: Columns, path: Path) -> dict[str, slice]:
+    """Run name -> its rows; the file's stem where there is no run column."""
+    if "run" not in read:
+        return {path.stem: slice(0, len(read.rows))}
+    names = read["run"]
+    if (empty := np.flatnonzero(names == "")).size:
+        raise BadInput("a row without a run", "name its run", where=f"{path}, row {read.rows[empty[0]]}, column 'run'")
+    starts = np.concatenate([[0], np.flatnonzero(names[1:] != names[:-1]) + 1])
+    ends = np.concatenate([starts[1:], [len(names)]])
+    found: dict[str, slice] = {}
+    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
+        if not (run := str(names[start])).isprintable():
+            raise BadInput(
+                f"run {run[:40]!r} has characters that cannot be shown",
+                "name runs by letters and digits",
+                where=f"{path}, row {read.rows[start]}, column 'run'",
+            )
+        if run in found:
+            raise BadInput(
+                f"run '{run}' begins again (it ended at row {read.rows[found[run].stop - 1]})",
+                "put the rows of a run together, or give the second part a name of its own",
+                where=f"{path}, row {read.rows[start]}, column 'run'",
+            )
+        found[run] = slice(start, end)
+    return found

@@ -14,6 +14,7 @@
 | ``qpos.<joint>``, ...         | a signal of the model; an empty cell was not measured; quaternions made unit  |
 | ``meta.*``, other unknown     | kept out and named in the notes, like ``sensor.*`` that the model lacks       |
 
+A run may stand in several tables, each with some of its columns: see :mod:`.joining`.
 An unknown joint or actuator is an error unless ``ignore`` lists the column. Logs with names of their own (MCAP, ...)
 are mapped column by column; see ``formats`` for what their columns are called.
 """
@@ -29,16 +30,17 @@ import numpy as np
 from onlinebayes.measurements.checks import check_columns
 from onlinebayes.measurements.formats import Columns, Source, open_source
 from onlinebayes.measurements.inputs import begun, blank_while_off, first_commanded, held
+from onlinebayes.measurements.joining import JoinedSource, joined
 from onlinebayes.measurements.latency import advanced
 from onlinebayes.measurements.mapping import SECONDS, CommandColumn, SignalColumn, TimeColumn
 from onlinebayes.measurements.matching import matches
 from onlinebayes.measurements.measurement import Measurement, Signal
 from onlinebayes.measurements.quaternions import normalised, quaternions
-from onlinebayes.measurements.stretches import check_rises
+from onlinebayes.measurements.stretches import check_rises, run_rows
 from onlinebayes.runs import BadInput, similar
 
 STATE = ("qpos", "qvel")
-ONE_TABLE = "the rows of one run belong into one table, a cell empty where its column was not measured"
+ONE_RUN = "tables are joined where their column 'run' has the same names: name the runs alike there, or write one table"
 
 
 @dataclass(frozen=True)
@@ -76,8 +78,8 @@ class TableReader:
         runs: dict[str, Mapping[str, np.ndarray]] = {}
         origin: dict[str, Path] = {}
         columns: dict[str, list[str]] = {}
-        for path in map(Path, paths):
-            source = open_source(path)
+        for source in self._tables(paths):
+            path = source.path
             columns[str(path)] = list(source.names)
             for run, values in self._runs_of(source, wanted).items():
                 if run in runs:
@@ -89,12 +91,22 @@ class TableReader:
         self._check_mapped(found, columns)
         return Measurement.from_runs(runs, present, self.commands)
 
+    def _tables(self, paths: Iterable[str | Path]) -> list[Source]:
+        """The tables, each with a clock, those that share runs joined."""
+        sources = [open_source(Path(path)) for path in paths]
+        for source in sources:
+            if (clock := self.clock.column) not in source.names:
+                near = _nearest(clock, source.names) or f"the table has {_list(source.names)}"
+                cure = f'{near}; name its column in the problem file: [time] column = "..."'
+                raise BadInput(f"no column '{clock}'", cure, where=f"{source.path}, row 1")
+        tables = joined(sources, self.clock)
+        for one in tables:
+            if one not in sources:
+                self.note(f"{one.path}: joined by '{self.clock.column}', for they share runs")
+        return tables
+
     def _runs_of(self, source: Source, wanted: Sequence[SignalColumn]) -> dict[str, dict[str, np.ndarray]]:
-        path, names = source.path, set(source.names)
-        if (clock := self.clock.column) not in names:
-            near = _nearest(clock, source.names) or f"the table has {_list(source.names)}"
-            cure = f'{near}; name its column in the problem file: [time] column = "..."'
-            raise BadInput(f"no column '{clock}'", cure, where=f"{path}, row 1")
+        path, names, clock = source.path, set(source.names), self.clock.column
         self._check_beside(source)
         inputs = {name: one for name, one in self._inputs().items() if one.source in names}
         inputs = {name: one for name, one in inputs.items() if not self._ignored(one.source)}
@@ -105,7 +117,7 @@ class TableReader:
         if not found:
             raise BadInput(
                 "commands alone cannot stand by themselves" if inputs else "no column that the model has",
-                (f"{ONE_TABLE}; " if inputs else "")
+                (f"{ONE_RUN}; " if inputs else "")
                 + f"give one of {_list([w.source for w in wanted])}"
                 + _instead([name for name in source.names if name not in taken]),
                 where=f"{path}, row 1",
@@ -113,7 +125,10 @@ class TableReader:
         text = [name for name in ("run",) if name in names]
         read = source.columns(sorted(taken & names), text, sorted(sources))
         check_rises(read[clock] * self.clock.scale, clock, read, source)
-        return {run: self._one_run(read, rows, found, inputs, source) for run, rows in _run_rows(read, path).items()}
+        return {
+            run: self._one_run(read, rows, found, inputs, source, _where(source, run))
+            for run, rows in run_rows(read, path).items()
+        }
 
     def _inputs(self) -> dict[str, CommandColumn]:
         """``ctrl.<actuator>`` and ``enable.<actuator>`` -> the column each comes from."""
@@ -129,8 +144,9 @@ class TableReader:
         found: Sequence[SignalColumn],
         inputs: Mapping[str, CommandColumn],
         source: Source,
+        where: str,
     ) -> dict[str, np.ndarray]:
-        numbers, where = read.rows[rows], str(source.path)
+        numbers = read.rows[rows]
         values = {"time": read[self.clock.column][rows] * self.clock.scale}
         for name, one in inputs.items():
             cells = (held(name, read[column][rows], where, numbers) for column in one.sources)
@@ -171,8 +187,8 @@ class TableReader:
             if f"ctrl.{name}" not in values and not (f"enable.{name}" in values and not values[f"enable.{name}"].any()):
                 raise BadInput(
                     f"no column '{one.source}', the command of the model's actuator '{name}'",
-                    f"add it, or 'enable.{name}' with 0 in every row when the actuator was off"
-                    + _instead(source.names),
+                    f"add it, or a table that has it of the same 'run', or 'enable.{name}' with 0 in every row when "
+                    "the actuator was off" + _instead(source.names),
                     where=f"{source.path}, row 1",
                 )
 
@@ -234,31 +250,9 @@ class TableReader:
                 )
 
 
-def _run_rows(read: Columns, path: Path) -> dict[str, slice]:
-    """Run name -> its rows; the file's stem where there is no run column."""
-    if "run" not in read:
-        return {path.stem: slice(0, len(read.rows))}
-    names = read["run"]
-    if (empty := np.flatnonzero(names == "")).size:
-        raise BadInput("a row without a run", "name its run", where=f"{path}, row {read.rows[empty[0]]}, column 'run'")
-    starts = np.concatenate([[0], np.flatnonzero(names[1:] != names[:-1]) + 1])
-    ends = np.concatenate([starts[1:], [len(names)]])
-    found: dict[str, slice] = {}
-    for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-        if not (run := str(names[start])).isprintable():
-            raise BadInput(
-                f"run {run[:40]!r} has characters that cannot be shown",
-                "name runs by letters and digits",
-                where=f"{path}, row {read.rows[start]}, column 'run'",
-            )
-        if run in found:
-            raise BadInput(
-                f"run '{run}' begins again (it ended at row {read.rows[found[run].stop - 1]})",
-                "put the rows of a run together, or give the second part a name of its own",
-                where=f"{path}, row {read.rows[start]}, column 'run'",
-            )
-        found[run] = slice(start, end)
-    return found
+def _where(source: Source, run: str) -> str:
+    """What a message about a run names beside the row; of joined tables rows are counted in each run."""
+    return f"{source.path}, run '{run}'" if isinstance(source, JoinedSource) else str(source.path)
 
 
 def _instead(names: Iterable[str]) -> str:

@@ -260,6 +260,14 @@ class Simulator(ABC):
             BadInput: the target does not exist, the effect is already there, or this simulator cannot carry it.
         """
 
+    def without_effect(self, key: str) -> Self:
+        """A new simulator without one of its effects, ``name@target``; all worlds nominal.
+
+        Raises:
+            BadInput: it is not there, or this simulator keeps what it has.
+        """
+        raise BadInput(f"{type(self).__name__} keeps {key}", "override without_effect to let its fit begin elsewhere")
+
     @abstractmethod
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds."""

@@ -37,6 +37,25 @@ def test_exact_names_need_nothing_more(folder, capsys) -> None:
     assert "signals" not in content
 
 
+def test_commands_and_positions_in_two_tables_of_the_same_runs(folder, capsys) -> None:
+    """Commands every 10 ms and positions every 20 ms are what one table with empty cells is."""
+    rows = [row.split(",") for row in (folder / "carriage.csv").read_text().splitlines()]
+    sent = [f"{run},{t},{u}" for run, t, u, _ in rows]
+    seen = [f"{run},{t},{q}" for k, (run, t, _, q) in enumerate(rows) if k == 0 or t[-1] in "02468"]
+    (folder / "sent.csv").write_text("\n".join(sent))
+    (folder / "seen.csv").write_text("\n".join(seen))
+    empty = [f"{run},{t},{u},{q if k == 0 or t[-1] in '02468' else ''}" for k, (run, t, u, q) in enumerate(rows)]
+    (folder / "carriage.csv").write_text("\n".join(empty))
+    model, *logs = (str(folder / name) for name in ("carriage.xml", "sent.csv", "seen.csv"))
+    assert main(["init", model, *logs, "--out", str(folder / "first.toml")]) == 0
+    assert "missing" not in "".join(capsys.readouterr())
+    assert tomllib.loads((folder / "first.toml").read_text())["measurements"] == ["sent.csv", "seen.csv"]
+    notes: list[str] = []
+    joined = load_problem(folder / "first.toml", note=notes.append).measurement
+    assert bool((joined.data == load_problem(folder / "carriage.toml").measurement.data).all())
+    assert any("joined by 'time'" in note for note in notes)
+
+
 def test_a_position_is_not_missed_where_the_speed_was_measured(folder, capsys) -> None:
     rows = [row.split(",") for row in (folder / "carriage.csv").read_text().splitlines()[1:]]
     speeds = [(float(b[3]) - float(a[3])) / 0.01 for a, b in zip(rows, [*rows[1:], rows[-1]], strict=True)]

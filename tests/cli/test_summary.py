@@ -12,6 +12,7 @@ import pytest
 from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import WIDTH, _wrapped, summary
 from onlinebayes.criticism import Criticism
+from onlinebayes.criticism.report import words
 from onlinebayes.criticism.results import Estimate, Wiring
 from tests.criticism.report.many import many
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism, lagging, miswired
@@ -149,6 +150,15 @@ def test_what_refined_xml_lacks_is_one_line() -> None:
         "refined.xml: without actuator_lag@motor, which plain MuJoCo has no term for;\n           refined.toml has it\n"
     ) in text
     assert "refined.xml" not in summary(lagging(), Path("o"))
+
+
+def test_each_reason_is_said_once() -> None:
+    term, short = "which has no term", "which is short"
+    lacking = {"cogging@a": term, "actuator_delay@m": short, "actuator_lag@m": term}
+    assert words.left_out(lacking, ["refined.toml", "refined.xml"]) == (
+        f"refined.xml: without cogging@a and actuator_lag@m, {term}; without actuator_delay@m, {short}; "
+        "refined.toml has them"
+    )
 
 
 def test_too_little_data_implies_nothing_and_has_no_empty_table() -> None:

@@ -174,8 +174,8 @@ def test_a_command_may_be_the_product_of_two_columns(tmp_path):
 
 
 COMMANDS_ALONE = (
-    "row 1: commands alone cannot stand by themselves; the rows of one run belong into one table, a cell empty "
-    "where its column was not measured; give one of 'qpos.carriage', 'qvel.carriage'$"
+    "row 1: commands alone cannot stand by themselves; tables are joined where their column 'run' has the same names: "
+    "name the runs alike there, or write one table; give one of 'qpos.carriage', 'qvel.carriage'$"
 )
 BAD = {
     "goes back": (GOOD.replace("a,0.2", "a,0.05"), r"row 4, column 'time': time goes from 0\.1 to 0\.05 s"),

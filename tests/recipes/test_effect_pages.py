@@ -11,7 +11,7 @@ import torch
 from envs.pendulum import Pendulum
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
-from onlinebayes.simulators.mujoco.export import foreign
+from onlinebayes.simulators.mujoco.foreign import foreign
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from recipes.studies.effect_pages import BEGIN, END, name_of, parameter_rows, written
 from recipes.studies.effect_pages_likeness import cosine, traces

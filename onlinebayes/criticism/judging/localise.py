@@ -1,5 +1,6 @@
-"""Where the error concentrates: regions of speed, position, command, run or time that hold most of it for their size.
+"""Where the error concentrates: regions that hold most of it for their size.
 
+Regions are of speed, position, command, time since a run's start, and runs (of a single one the thirds of its time).
 Error is the start-projected residual over short windows, so that a row's error comes from its own neighbourhood;
 regions are compared by share of squared error over share of time, those that hold a fifth of the error at least.
 """
@@ -100,9 +101,9 @@ def _regions(fitted: Fit, windows: Windows, units: dict[str, str]) -> list[Regio
 
 
 def _places(windows: Windows) -> list[Region]:
-    """Runs, and the thirds of their time."""
+    """The beginnings and the ends of runs, the runs, and the thirds of the only one's time."""
     shape = (windows.count, windows.bins)
-    found = []
+    found = _since_the_start(windows)
     for r, name in enumerate(windows.runs):
         mine = windows.run == r
         if len(windows.runs) > 1:
@@ -112,6 +113,18 @@ def _places(windows: Windows) -> list[Region]:
             for third, word in enumerate(("first", "middle", "last")):
                 part = (order * 3 // windows.count) == third
                 found.append(Region(f"the {word} third of the time", part[:, None].expand(shape)))
+    return found
+
+
+def _since_the_start(windows: Windows) -> list[Region]:
+    """What is early and what is late in a run: a motor that sticks at first, or one that warms up."""
+    middle = windows.bin_rows * (torch.arange(windows.bins, device=windows.first.device) + 0.5)
+    since, seen = (windows.first[:, None] + middle) * windows.step, windows.seen.any(-1)
+    found = []
+    for level, word in ((0.25, "<"), (0.75, ">")):
+        edge = float(since[seen].quantile(level)) if bool(seen.any()) else 0.0
+        where = f"time since the run's start {word} {quantities.significant(edge)} s"
+        found.append(Region(where, _beyond(since, edge, word)))
     return found
 
 

@@ -96,6 +96,10 @@ class Around(Simulator):
         """See :meth:`Simulator.with_effect`."""
         return self.around(self.physics.with_effect(effect))
 
+    def without_effect(self, key: str) -> Self:
+        """See :meth:`Simulator.without_effect`."""
+        return self.around(self.physics.without_effect(key))
+
     def with_worlds(self, worlds: int) -> Self:
         """See :meth:`Simulator.with_worlds`."""
         return self.around(self.physics.with_worlds(worlds))

@@ -5,6 +5,7 @@ The first screen answers four questions: how wrong is the model, where, what is 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib.resources import files
 from typing import Final
 
@@ -34,7 +35,7 @@ PAGE: Final = """<!doctype html>
 
 
 def to_html(
-    result: Criticism, *, title: str = "", refined: tuple[str, ...] = (), left_out: tuple[str, ...] = ()
+    result: Criticism, *, title: str = "", refined: tuple[str, ...] = (), left_out: Mapping[str, str] | None = None
 ) -> str:
     """The whole page.
 
@@ -42,7 +43,7 @@ def to_html(
         result: what to report.
         title: what was criticised, e.g. the name of the problem file.
         refined: names of the refined model's files that stand beside the report.
-        left_out: keys of the effects that refined.xml cannot hold.
+        left_out: keys of the effects that refined.xml cannot hold -> why.
     """
     style = files("onlinebayes.criticism.report").joinpath("style.css").read_text(encoding="utf-8")
     chapters = [
@@ -52,7 +53,7 @@ def to_html(
         chapter("where", "Where the model fails", *_where(result)),
         chapter("candidates", "What could be missing", ranking.render(result)),
         chapter("parameters", "Parameters", parameters.render(result)),
-        chapter("next", "What to do next", usage.advice(result, refined, left_out)),
+        chapter("next", "What to do next", usage.advice(result, refined, left_out or {})),
         chapter("how", "How this was reached", usage.provenance(result)),
     ]
     parts = [

@@ -40,11 +40,11 @@ FAILURES = (BadInput, ValueError, mujoco.FatalError)
 """What MuJoCo raises where it cannot make a file of a model."""
 
 
-def left_out(result: Criticism) -> tuple[str, ...]:
-    """Keys of the effects that refined.xml cannot hold, because plain MuJoCo has no term for them."""
+def left_out(result: Criticism) -> Mapping[str, str]:
+    """Keys of the effects that refined.xml cannot hold -> why, and what would let it."""
     model = _model(result)
     simulator, theta = innermost(model.simulator), physical(model.simulator, model.theta)
-    return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else ()
+    return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else {}
 
 
 def noted(result: Criticism) -> Criticism:
@@ -144,7 +144,7 @@ def refined_xml(result: Criticism, simulator: MujocoSimulator, target: Path) -> 
     beside = put_beside(spec, target, ASSETS)
     missing = left_out(result)
     differing = sorted({address_of(name) for name in result.parameters if address_of(name) != name})
-    note = f"without {', '.join(missing)}, for which MuJoCo has no term" if missing else "with all accepted effects"
+    note = words.lacking(missing) or "with all accepted effects"
     note += f"; {', '.join(differing)} at the mean of the runs" if differing else ""
     if result.wiring is not None:
         fitted = "the table with its fault" if result.mended is None else "the mended table"

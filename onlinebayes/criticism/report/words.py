@@ -7,7 +7,7 @@ the same. The signal that a sentence speaks of is the one whose base error stand
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from onlinebayes.criticism import places, quantities
 from onlinebayes.criticism.report.candidate_words import tie_members
@@ -123,17 +123,24 @@ def put_right(result: Criticism) -> str:
     return f"refined.toml reads the table with the fault, which can only be put right there; {values}"
 
 
-def left_out(effects: Sequence[str], files: Sequence[str]) -> str:
+def left_out(effects: Mapping[str, str], files: Sequence[str]) -> str:
     """What refined.xml cannot hold, in one line; empty without any.
 
     Args:
-        effects: their keys.
+        effects: their keys -> why, as a clause.
         files: names of the refined files.
     """
     if not effects or "refined.xml" not in files:
         return ""
     there = f"; refined.toml has {'it' if len(effects) == 1 else 'them'}" if "refined.toml" in files else ""
-    return f"refined.xml: without {listing(list(effects))}, which plain MuJoCo has no term for{there}"
+    return f"refined.xml: {lacking(effects)}{there}"
+
+
+def lacking(effects: Mapping[str, str]) -> str:
+    """``without a and b, which plain MuJoCo has no term for``, for each reason once; empty without any effect."""
+    reasons = dict.fromkeys(effects.values())
+    keys = {why: [key for key, reason in effects.items() if reason == why] for why in reasons}
+    return "; ".join(f"without {listing(keys[why])}, {why}" for why in reasons)
 
 
 def bounds(result: Criticism) -> list[str]:

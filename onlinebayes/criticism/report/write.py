@@ -34,7 +34,7 @@ def write_report(
     """
     folder, result = Path(out_dir), noted(result)
     refined = write_refined(result, folder, problem) if result.command == "refine" else ()
-    lacking = left_out(result) if "refined.xml" in refined else ()
+    lacking = left_out(result) if "refined.xml" in refined else {}
     write_atomic(folder / "report.html", to_html(result, title=title, refined=refined, left_out=lacking))
     write_recording(result, folder / "run.rrd")
     # Last, because programs that wait for the result wait for this one.

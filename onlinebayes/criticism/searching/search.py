@@ -14,6 +14,7 @@ from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, make_blocks
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import choose
 from onlinebayes.criticism.results import Selection
+from onlinebayes.criticism.searching.added_by_hand import begun_as_candidates
 from onlinebayes.criticism.searching.bounds import Widened, excluded
 from onlinebayes.criticism.searching.changes import Changed, changed
 from onlinebayes.criticism.searching.confounded import with_one_for_several
@@ -82,8 +83,9 @@ class Found:
 
 
 def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
-    """The base model fitted, with the noise floor of the fit runs."""
-    return settle(simulator, measurement, selection.horizon_s, measured_floors(measurement))
+    """The base model fitted, its own effects from where candidates begin, with the noise floor of the fit runs."""
+    grounds = settle(simulator, measurement, selection.horizon_s, measured_floors(measurement))
+    return begun_as_candidates(grounds, simulator, measurement, selection)
 
 
 def enough_motion(base: Grounds, selection: Selection) -> bool:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import ctypes
 import itertools
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,11 +17,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from onlinebayes.simulators.effects import ActuatorDelay, Effect
 from onlinebayes.simulators.mujoco import possible_moments
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array
 from onlinebayes.simulators.mujoco.compile_time import written_out
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
+from onlinebayes.simulators.mujoco.foreign import delay_of, foreign, samples
 from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -48,29 +47,9 @@ def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
             _write(spec, system.model, array, values[0], base)
     for effect in system.stages:
         if effect.key not in left_out:
-            _write_delay(spec, effect.target, _delay(system, effect, theta), system.model.opt.timestep)
+            _write_delay(spec, effect.target, delay_of(system, effect, theta), system.model.opt.timestep)
     compile_spec(spec)
     return spec
-
-
-def foreign(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
-    """Keys of the effects that have no place in MJCF at these parameters, so that plain MuJoCo lacks them.
-
-    Force stages, sensor effects and parameters that change have none. Input stages have none but a delay of zero, or of
-    at least one timestep: MuJoCo reads its buffer before the present command enters it, which makes a shorter delay a
-    whole timestep. RK4 reads it anew at each stage, later commands at later ones, which no command held over a timestep
-    does: there only a delay of one timestep is the same.
-    """
-    keys = [e.key for e in system.effects if e.fields and not set(e.fields) <= set(SPEC)]
-    keys += [e.key for e in system.effects if e in system.staged or e.target_kind in ("signal", "parameter")]
-    step, staged = system.model.opt.timestep, system.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-    for effect in system.stages:
-        target = system.model.actuator(effect.target).id
-        native = isinstance(effect, ActuatorDelay) and not system.model.actuator_delay[target]
-        delay = _delay(system, effect, theta) if native else 0.0
-        if not native or 0 < delay < step or (staged and delay > step):
-            keys.append(effect.key)
-    return tuple(keys)
 
 
 def approximate(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
@@ -79,10 +58,6 @@ def approximate(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
     if possible_moments.FIELD not in fields:
         return ()
     return possible_moments.not_rigid(system.model, fields[possible_moments.FIELD][0], system.model.body_inertia)
-
-
-def _delay(system: MujocoSystem, effect: Effect, theta: np.ndarray) -> float:
-    return float(system.own(effect, theta)["delay"][0])
 
 
 def to_xml(spec: mujoco.MjSpec) -> str:
@@ -146,7 +121,7 @@ def _write_delay(spec: mujoco.MjSpec, target: str, delay: float, timestep: float
     if delay > 0:
         actuator = spec.actuator(target)
         actuator.delay, actuator.interp = delay, 1
-        actuator.nsample = math.ceil(delay / timestep) + 2
+        actuator.nsample = samples(delay, timestep)
 
 
 @contextmanager

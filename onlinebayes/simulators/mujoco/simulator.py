@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, Self
 
@@ -18,12 +18,14 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
+from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
 from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, forgetting
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
-from onlinebayes.simulators.mujoco.export import approximate, export, foreign, to_xml
+from onlinebayes.simulators.mujoco.export import approximate, export, to_xml
+from onlinebayes.simulators.mujoco.foreign import foreign
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
 from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
 from onlinebayes.simulators.mujoco.rollout import rollout
@@ -299,6 +301,10 @@ class MujocoSimulator(Simulator):
             raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
         return self._remade(effects=(*self.effects, effect))
 
+    def without_effect(self, key: str) -> Self:
+        """A new simulator without one of its effects; see :meth:`Simulator.without_effect`."""
+        return self._remade(effects=all_but(key, self.effects))
+
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""
         return self._remade(worlds=worlds)
@@ -393,8 +399,8 @@ class MujocoSimulator(Simulator):
         """:meth:`export` as MJCF text with all 17 digits, which plain MuJoCo loads and replays alike."""
         return to_xml(self.export(theta))
 
-    def foreign(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
-        """Keys of the effects that :meth:`export` has to leave out at these parameters."""
+    def foreign(self, theta: Float[Tensor, " P"]) -> Mapping[str, str]:
+        """Keys of the effects that :meth:`export` has to leave out at these parameters -> why; see :mod:`.foreign`."""
         return foreign(self._system, _finite(theta[None]).numpy())
 
     def approximate(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:

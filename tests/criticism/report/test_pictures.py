@@ -59,6 +59,8 @@ def test_the_worst_signal_stands_first() -> None:
         ("qpos.arm > 0.2 rad", "where arm is above 0.2 rad"),
         ("|ctrl.motor| > 3", "where the command of motor is larger than 3"),
         ("run 'a run'", "in run “a run”"),
+        ("time since the run's start < 2.5 s", "in the first 2.5 s of a run"),
+        ("time since the run's start > 40 s", "later than 40 s after a run's start"),
         ("the last third of the time", "in the last third of the time"),
         ("something else", "something else"),
     ],

@@ -152,10 +152,11 @@ def test_what_mujoco_lacks_is_named(folder: Path) -> None:
         effects=(*result.final.effects, delay.key),
     )
     result = dataclasses.replace(result, final=final, accepted=final.effects)
-    assert left_out(result) == ("actuator_delay@motor",)
+    assert tuple(left_out(result)) == ("actuator_delay@motor",)
     write_refined(result, folder / "out", folder / "drive.toml")
     text = (folder / "out" / "refined.xml").read_text()
-    assert "without actuator_delay@motor" in text.splitlines()[0]
+    assert "without actuator_delay@motor, which plain MuJoCo has from one timestep on (" in text.splitlines()[0]
+    assert 'delay="0.0002" interp="linear" nsample="3" at the actuator, hold it' in text.splitlines()[0]
     assert mujoco.MjModel.from_xml_string(text).dof_frictionloss[0] == pytest.approx(22.04)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from onlinebayes.criticism import quantities
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
@@ -45,13 +47,13 @@ RANK = "Run onlinebayes diagnose to rank the effects that could be missing."
 ADD = "onlinebayes refine adds it, refits, and looks for more."
 
 
-def advice(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...]) -> Html:
+def advice(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, str]) -> Html:
     """The next step, and the refined model in use.
 
     Args:
         result: what to report.
         files: names of the refined files that stand beside the report.
-        left_out: keys of the effects that refined.xml cannot hold.
+        left_out: keys of the effects that refined.xml cannot hold -> why.
     """
     return join(_next(result), _snippet(result, files, left_out))
 
@@ -91,7 +93,7 @@ def _notes(result: Criticism) -> list[Html]:
     return [tag("p", note, kind="note") for note in result.notes]
 
 
-def _snippet(result: Criticism, files: tuple[str, ...], left_out: tuple[str, ...]) -> Html:
+def _snippet(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, str]) -> Html:
     parts = []
     if "refined.xml" in files:
         held = [effect for effect in result.final.effects if effect not in left_out]
