@@ -3,9 +3,11 @@
     u_g = 1/h int_{t_g}^{t_{g+1}} u(t) dt,      y_g = y_i + dy/dt_i (t_g - t_i),   i the nearest measured row
 
 u(t) is the logged command, held between rows. A clock that is even already is left as it is; a jittering one is
-corrected to first order, and a grid row without a measurement within h / 2 has none. Both the average and the
-correction err by about h^2 times an acceleration's change, which was taken for a late motor: where commands change
-between the measured rows, or rows jitter, the replay's own grid is finer than the sensor's (:func:`replay_step`).
+corrected to first order, and a grid row without a measurement within h / 2 has none. A replay is not held against
+values that were moved so: it is read where the sensor was, phi = (t_i - t_g) / h rows after row g
+(:mod:`.replaying.instants`). The average errs by about h^2 times an acceleration's change, which was taken for a late
+motor: where commands change between the measured rows, or rows jitter, the replay's own grid is finer than the
+sensor's (:func:`replay_step`).
 Where a log pauses for more than ``PAUSE`` steps, or lost the row in which a command jumps (:mod:`.lost_rows`), nobody
 knows what was commanded: the run falls into pieces there, and no window bridges them.
 """
@@ -39,11 +41,11 @@ MOST = 0.95
 EXACT = 0.05
 """Of a grid's step: instants further from its rows jitter."""
 
-JITTER_PARTS = 8
-"""Into so many parts a step is cut whose rows jitter."""
-
 FINEST = 1e-3
 """No step [s] is cut below this: what happens within it moves no machine."""
+
+AT_ROWS = 1e-3
+"""Of a grid's step: what was measured as near as that to its rows was measured there."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ class RunGrid:
         value: signals at the rows [SI], 0 where not observed.
         observed: whether they were measured there.
         pauses: (last row before, first row after) each gap of the log.
+        reading, late: the values as they were measured [SI], and how many rows after the row (-1/2 to 1/2); None where
+            all were measured at rows.
     """
 
     name: str
@@ -69,6 +73,8 @@ class RunGrid:
     value: Float[Tensor, "G1 S"]
     observed: Bool[Tensor, "G1 S"]
     pauses: tuple[tuple[int, int], ...] = ()
+    reading: Float[Tensor, "G1 S"] | None = None
+    late: Float[Tensor, "G1 S"] | None = None
 
     @property
     def pieces(self) -> tuple[tuple[int, int], ...]:
@@ -111,8 +117,8 @@ def even_step(measurement: Measurement, timestep: float) -> float:
 def replay_step(measurement: Measurement, timestep: float) -> float:
     """Spacing h [s] of what a replay is driven by: as :func:`even_step`, or finer, as commands and jitter ask for.
 
-    Where commands change between the measured rows, the time between their changes; an eighth of the step where more
-    than a few rows, or changes, lie off an even clock of it.
+    Where commands change between the measured rows, the time between their changes; a single timestep where more than
+    a few rows, or changes, lie off an even clock of it.
     """
     measured = row_step(measurement) / _rows_apart(measurement)
     step, instants = measured, list(_measured_and_changed(measurement))
@@ -120,7 +126,7 @@ def replay_step(measurement: Measurement, timestep: float) -> float:
         apart = torch.cat([changes.diff() for _, changes in instants])
         step = min(step, float(apart.median()))
     if not all(_even(torch.cat(both), step) for both in instants):
-        step /= JITTER_PARTS
+        step = 0.0
     return max(1, round(max(step, min(FINEST, measured)) / timestep)) * timestep
 
 
@@ -180,7 +186,8 @@ def _run_grid(measurement: Measurement, r: int, step: float, longest: float) -> 
             "check its times, or cut it into runs",
         )
     grid = torch.arange(count + 1, dtype=time.dtype, device=time.device) * step
-    value, observed = _nearest(time, data["signal"], data["measured"], grid, step)
+    reading, slope, late, observed = _nearest(time, data["signal"], data["measured"], grid, step)
+    at_rows = bool((late.abs() <= AT_ROWS).all())
     midpoint = torch.searchsorted(time, grid + 0.5 * step).clamp(1, rows) - 1
     pause = time.diff() > max(longest, 2 * step)
     missing = torch.where(pause, 0, lost(time, data["measured"].any(-1)))
@@ -190,9 +197,11 @@ def _run_grid(measurement: Measurement, r: int, step: float, longest: float) -> 
         step,
         _average(*filled(time, data["command"], missing), grid, step),
         data["enable"][midpoint],
-        value,
+        reading - slope * late * step,
         observed,
         _pauses(time, pause | jumps(data["command"], missing), step, count),
+        None if at_rows else reading,
+        None if at_rows else late,
     )
 
 
@@ -225,21 +234,24 @@ def _nearest(
     measured: Bool[Tensor, "T S"],
     grid: Float[Tensor, " G1"],
     step: float,
-) -> tuple[Float[Tensor, "G1 S"], Bool[Tensor, "G1 S"]]:
-    """Each grid row's nearest measured value, moved to the grid's instant along the local slope."""
-    value, observed = [], []
+) -> tuple[Float[Tensor, "G1 S"], Float[Tensor, "G1 S"], Float[Tensor, "G1 S"], Bool[Tensor, "G1 S"]]:
+    """Each grid row's nearest measured value, the local slope, how many rows late it was, and whether there is one."""
+    nothing = torch.zeros_like(grid)
+    found: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
     for s in range(signal.shape[1]):
         t, y = time[measured[:, s]], signal[measured[:, s], s]
         if len(t) < 3:
-            value.append(torch.zeros_like(grid))
-            observed.append(torch.zeros_like(grid, dtype=torch.bool))
+            found.append((nothing, nothing, nothing, nothing > 0))
             continue
         slope = torch.gradient(y, spacing=(t,))[0]
         right = torch.searchsorted(t, grid).clamp(1, len(t) - 1)
         nearest = torch.where(grid - t[right - 1] < t[right] - grid, right - 1, right)
-        offset = grid - t[nearest]
-        observed.append(offset.abs() <= 0.5001 * step)
-        value.append(torch.where(observed[-1], y[nearest] + slope[nearest] * offset, torch.zeros_like(grid)))
-    if not value:
-        return signal.new_zeros(len(grid), 0), measured.new_zeros(len(grid), 0)
-    return torch.stack(value, -1), torch.stack(observed, -1)
+        late = (t[nearest] - grid) / step
+        near = late.abs() <= 0.5001
+        shown = torch.where(near, torch.stack([y[nearest], slope[nearest], late]), nothing)
+        found.append((shown[0], shown[1], shown[2], near))
+    if not found:
+        empty = signal.new_zeros(len(grid), 0)
+        return empty, empty, empty, measured.new_zeros(len(grid), 0)
+    reading, slopes, lateness, observed = (torch.stack(part, -1) for part in zip(*found, strict=True))
+    return reading, slopes, lateness, observed

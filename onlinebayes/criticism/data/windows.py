@@ -47,6 +47,7 @@ class Windows:
         columns: the S signals' places among the simulator's signals.
         runs, begin: names of the runs, and the instants of their first rows [s].
         pasts: how each of the runs moved before its windows; none where that is not at hand.
+        late: how many rows after its row each value was measured (-1/2 to 1/2); None where all were at rows.
     """
 
     step: float
@@ -69,6 +70,7 @@ class Windows:
     runs: tuple[str, ...]
     begin: tuple[float, ...]
     pasts: tuple[Past, ...] = ()
+    late: Float[Tensor, "W K S"] | None = None
 
     @property
     def count(self) -> int:
@@ -127,6 +129,7 @@ class Windows:
         names = (
             *("run", "first", "command", "enable", "history", "history_enable"),
             *("value", "observed", "measured", "inside", "start", "start_sd", "free"),
+            *(() if self.late is None else ("late",)),
         )
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
@@ -202,7 +205,9 @@ def _gather(
     """Everything that the windows of a tiling hold, ``history`` rows of commands before each included."""
     names = tuple(signal.name for signal in measurement.signals)
     cut = [_cut(grids[r], g, tiling.rows, history) for r, g in tiling.places]
-    command, enable, past, past_enable, value, measured, inside = (torch.stack(part) for part in zip(*cut, strict=True))
+    command, enable, past, past_enable, value, measured, inside, late = (
+        torch.stack(part) for part in zip(*cut, strict=True)
+    )
     observed = measured.clone()
     for j, joint in enumerate(joint_names(simulator)):
         for s, name in enumerate(names):
@@ -230,6 +235,7 @@ def _gather(
         runs=measurement.runs,
         begin=tuple(grid.start for grid in grids),
         pasts=tuple(Past(measurement, grid, joint_names(simulator)) for grid in grids),
+        late=late if bool(late.any()) else None,
     )
 
 
@@ -265,12 +271,15 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
     after = during + 1
     inside = after <= end
     after = after.clamp_max(end)
+    value = grid.value if grid.reading is None else grid.reading
+    late = torch.zeros_like(value) if grid.late is None else grid.late
     return (
         grid.command[held],
         grid.enable[held],
         grid.command[before],
         grid.enable[before] * began[:, None].to(grid.enable),
-        grid.value[after],
+        value[after],
         grid.observed[after] & inside[:, None],
         inside,
+        late[after],
     )

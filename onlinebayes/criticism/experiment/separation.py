@@ -170,4 +170,10 @@ def _joined(present: Windows, new: Windows) -> Windows:
         runs=(*present.runs, *(f"predicted {name}" for name in new.runs)),
         begin=(*present.begin, *new.begin),
         pasts=(*present.pasts, *new.pasts),
+        late=torch.cat([_lateness(present), _lateness(new)]),
     )
+
+
+def _lateness(windows: Windows) -> Tensor:
+    """How many rows after its row each value was measured (W, K, S)."""
+    return torch.zeros_like(windows.value) if windows.late is None else windows.late

@@ -6,9 +6,9 @@ Criticism begins on the coarsest rung of the ladder, where that is cheap, and go
 residual shrinks; rungs whose error is too large even beside the residual before a fit are passed by, and where the
 model's own method is of first order those whose error a coarser one foretells. Steps longer than the rows are only
 taken while the residual is far above the sensors' noise, for they leave measured rows out. Where rows jitter, or
-commands change between them, what a coarse clock costs (values moved along their slopes, averaged commands) is measured
-with the integrator's error: e is how the residual moves then. In the end the model as it
-was given, or its own soft friction, is preferred where it follows the log far better (:mod:`.as_run`).
+commands change between them, the finer replay is driven on a finer clock: what averaged commands cost is in e, too. In
+the end the model as it was given, or its own soft friction, is preferred where it follows the log far better
+(:mod:`.as_run`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.grid import even_step, replay_step, row_step
+from onlinebayes.criticism.data.grid import even_step, row_step
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
 from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project
+from onlinebayes.criticism.replaying.instants import read_between
 from onlinebayes.criticism.replaying.ladder import Rung, adjustable, first_order, ladder
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.results import Numerics
@@ -187,9 +188,7 @@ def check(
     rms = _rms(long)
     if not adjustable(simulator):
         return Numerics(timestep, float("nan"), True), torch.zeros_like(fitted.theta)
-    moved = step_difference(
-        measurement, windows, fitted, timestep / 4, _between_rows(simulator, measurement, windows, fitted)
-    )
+    moved = step_difference(measurement, windows, fitted, timestep / 4)
     rows = long.project(noise_rows(windows, moved[..., None]))
     error = float((rows.square().sum() / count).sqrt())
     too_few_rows = rms < ROWS_MATTER_BELOW and _leaves_out(simulator, measurement, windows, fitted)
@@ -210,13 +209,6 @@ def _leaves_out(simulator: Simulator, measurement: Measurement, windows: Windows
     return windows.step > even_step(measurement, finest) * (1 + 1e-9)
 
 
-def _between_rows(simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit) -> bool:
-    """Whether commands change, or were measured values moved, within a step longer than the model's own."""
-    finest = min(fitted.simulator.timestep, simulator.timestep)
-    asked = replay_step(measurement, finest)
-    return asked < even_step(measurement, finest) * (1 - 1e-9) and windows.step > asked * (1 + 1e-9)
-
-
 def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:
     """Whether a method of first order, whose error falls as its step does, will err by too much on a rung."""
     if rung.runge_kutta or coarser.rung.runge_kutta or not first_order(simulator):
@@ -234,23 +226,15 @@ def _shift(columns: Float[Tensor, "N P"], moved: Float[Tensor, " N"]) -> Float[T
     return 4 / 3 * asked / scale
 
 
-def step_difference(
-    measurement: Measurement, windows: Windows, fitted: Fit, timestep: float, clock: bool = False
-) -> Float[Tensor, "W n S"]:
-    """How the binned replay moves when it is integrated with another step.
-
-    With ``clock`` the replay less what was measured, each on a clock of its step: values that were moved to their rows
-    and commands that were averaged between them count, too.
-    """
+def step_difference(measurement: Measurement, windows: Windows, fitted: Fit, timestep: float) -> Float[Tensor, "W n S"]:
+    """How the binned replay moves when it is integrated with another step, on the clock that this step asks for."""
     finer = fitted.simulator.with_timestep(timestep)
     fine = make_windows(finer, measurement, windows.horizon, MEMORY * windows.horizon, like=windows)
     theta, starts = fitted.theta[None], fitted.lin.starts[None]
     coarse_signals, _ = replay(fitted.simulator, windows, theta, starts)
-    fine_signals, valid = replay(finer, fine, theta, starts)
-    if clock:
-        moved = fine.bin(fine_signals[0] - fine.value) - windows.bin(coarse_signals[0] - windows.value)
-        moved = torch.where(fine.seen, moved, torch.zeros_like(moved))
-    else:
-        ratio = fine.rows // windows.rows
-        moved = windows.bin(fine_signals[0, :, ratio - 1 :: ratio] - coarse_signals[0])
+    fine_signals, valid = replay(finer, replace(fine, late=None), theta, starts)
+    rows = torch.arange(1, windows.rows + 1, device=theta.device)[:, None].to(theta)
+    late = torch.zeros_like(windows.value) if windows.late is None else windows.late
+    there = read_between(fine_signals[0], (rows + late) * (fine.rows // windows.rows) - 1)
+    moved = windows.bin(there - coarse_signals[0])
     return torch.where(valid[0][:, None, None], moved, torch.full_like(moved, float("inf")))

@@ -24,6 +24,7 @@ from torch import Tensor
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.replaying.charted import chart_of
 from onlinebayes.criticism.replaying.commanded import commanded
+from onlinebayes.criticism.replaying.instants import read_late
 from onlinebayes.criticism.replaying.recall import recall
 from onlinebayes.criticism.replaying.scoped import unfold
 from onlinebayes.criticism.replaying.timed import pieces
@@ -156,13 +157,14 @@ def shown(
     starts: Float[Tensor, "M W J2"],
     trajectory: TensorDict,
 ) -> Float[Tensor, "M W K S"]:
-    """What the sensors show of :func:`rollout`'s trajectories, in the windows' order of signals."""
+    """What the sensors show of :func:`rollout`'s trajectories when they are read, in the windows' order of signals."""
     simulator, theta = unfold(simulator, windows, theta)
     qpos, qvel = starts.chunk(2, dim=-1)
     state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=starts.shape[:2])
     times = windows.step * torch.arange(1, windows.rows + 1, dtype=theta.dtype, device=theta.device)
     signals = sense(simulator, theta, unsense(simulator, theta, state), trajectory, times)
-    return signals[..., list(windows.columns)]
+    rows = signals[..., list(windows.columns)]
+    return rows if windows.late is None else read_late(rows, windows.late)
 
 
 def _drive(

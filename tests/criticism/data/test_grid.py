@@ -42,6 +42,22 @@ def test_a_jittering_clock_is_corrected_to_first_order() -> None:
     assert float((grid.value[seen, 0] - torch.sin(3 * at[seen])).abs().max()) < 3e-4  # uncorrected it is 9e-3
 
 
+def test_what_jitters_keeps_its_value_and_its_instant() -> None:
+    draw = np.random.default_rng(1)
+    time = np.arange(400) * 0.01 + draw.uniform(-0.003, 0.003, 400)
+    time -= time[0]
+    (grid,) = run_grids(table(time, np.zeros(400), np.sin(3 * time)), 0.001)
+    assert grid.reading is not None
+    assert grid.late is not None
+    seen = grid.observed[:, 0]
+    at = 0.001 * (torch.arange(grid.rows + 1, dtype=torch.float64) + grid.late[:, 0])[seen]
+    assert int(seen.sum()) == 399  # the last one lies beyond the last whole step
+    assert torch.allclose(grid.reading[seen, 0], torch.sin(3 * at))
+    assert float(grid.late.abs().max()) <= 0.5001
+    (even,) = run_grids(table(np.arange(400) * 0.01, np.zeros(400), np.sin(3 * time)), 0.01)
+    assert even.late is None
+
+
 def test_a_gap_is_not_observed() -> None:
     time = np.arange(100) * 0.01
     angle = np.sin(time)
@@ -78,7 +94,7 @@ def test_no_window_bridges_a_gap() -> None:
     tiling = tile(measurement, grids, ("rail",), horizon=0.5)
     assert [g for _, g in tiling.places] == [0, 50, 100, 630, 680]
     assert tiling.rows == 50
-    command, *_, inside = _cut(grids[0], 100, rows=50, history=0)
+    command, *_, inside, _ = _cut(grids[0], 100, rows=50, history=0)
     assert inside.tolist() == [True] * 30 + [False] * 20  # the stretch ends at row 130
     assert float(command.max()) == pytest.approx(130.0)
     _, _, past, *_ = _cut(grids[0], 630, rows=50, history=9)
@@ -134,9 +150,9 @@ def test_a_stray_row_and_a_clock_that_jitters_do_not_refine_the_grid() -> None:
         (1, 1, 0.0, 0.01),
         (5, 5, 0.0, 0.05),
         (5, 1, 0.0, 0.01),
-        (1, 1, 0.2, 0.00125),
+        (1, 1, 0.2, 0.001),
         (1, 1, 1e-3, 0.01),
-        (5, 1, 0.2, 0.00125),
+        (5, 1, 0.2, 0.001),
     ],
     ids=["even", "held for five rows", "denser commands", "jitter", "hardly any jitter", "both"],
 )
