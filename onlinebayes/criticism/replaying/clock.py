@@ -3,8 +3,7 @@
     h' = row / n,   n the least whole number >= row / h with an h' that a file can hold;      h' = n row where h > row
 
 With rows every 5 ms and a step of 2 ms no row after the first falls on a step of the right command: averaged over 4 ms,
-held commands arrive half a millisecond early and late in turn, and measured values must be moved along their slopes,
-which adds noise.
+held commands arrive half a millisecond early and late in turn.
 """
 
 from __future__ import annotations

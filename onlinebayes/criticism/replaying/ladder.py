@@ -7,7 +7,7 @@
 A first-order integrator errs by h times the motion's rates: on a two-link arm at MuJoCo's default of Euler and 2 ms by
 twice a millimetre-class sensor's noise within a second, and at a sixteenth of that still by a tenth. Runge-Kutta's
 method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step. Where rows
-do not fall on steps, measured values are moved along their slopes, which errs by more than any of these.
+do not fall on steps, commands are averaged across their changes, which errs by more than any of these.
 """
 
 from __future__ import annotations
