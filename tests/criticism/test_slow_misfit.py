@@ -60,6 +60,7 @@ def test_a_spring_in_one_slow_run_is_found() -> None:
     assert result.remainder.status == "noise"
 
 
+@pytest.mark.slow
 def test_a_slow_torque_that_nothing_explains_is_unexplained() -> None:
     result = judge(measured(drift=1.0))
     assert result.verdict == "unexplained"

@@ -143,6 +143,7 @@ def test_the_integrators_shift_is_not_a_delay(error: float, refused: bool) -> No
     assert any("shifts time" in reason for reason in judged.failed) == refused
 
 
+@pytest.mark.slow
 def test_a_true_delay_shorter_than_the_step_is_found_where_the_integrator_is_exact() -> None:
     delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
     result = refine(model(), measure({delay: (0.006,)}, runs=10), candidates=["actuator_delay", "dry_friction"])

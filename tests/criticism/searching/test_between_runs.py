@@ -48,6 +48,7 @@ def swung(masses: tuple[float, ...], seconds: float = 4.0) -> Measurement:
     return Measurement.from_runs(table, signals=[signal], commands=["motor"])
 
 
+@pytest.mark.slow
 def test_a_pendulum_whose_mass_changes_between_runs_is_called_that() -> None:
     masses = (0.36, 0.36, 0.44, 0.44, 0.36, 0.44, 0.40, 0.40)
     free = ParameterSpace({BOB: Parameter(0.1, 1.0, "kg"), HINGE: Parameter(0.0, 0.1, "N m s/rad")})

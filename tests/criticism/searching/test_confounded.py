@@ -68,6 +68,7 @@ def test_what_is_confounded_but_leaves_more_changes_nothing() -> None:
     assert with_one_for_several(standing, last, SearchContext(measurement, Selection())) is None
 
 
+@pytest.mark.slow
 def test_the_search_asks_and_goes_on_from_there(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if wind had led no round: it is found in the end, and screened against it is what it took the place of."""
     plain: Callable[..., Stage] = run_stage

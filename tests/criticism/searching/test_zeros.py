@@ -54,6 +54,7 @@ def test_a_zero_error_is_not_given_to_a_load() -> None:
     assert f'[signals."qpos.hinge"] offset = {-bias.mean:.4g}' in note
 
 
+@pytest.mark.slow
 def test_a_zero_error_of_each_run_is_a_rival_too() -> None:
     """With one zero a run there are more numbers than one load has: the load stands, the zeros are judged beside it."""
     result = mended(swung(zero=ZERO), Scope(per_run=("sensor_bias@qpos.hinge",)))
@@ -63,6 +64,7 @@ def test_a_zero_error_of_each_run_is_a_rival_too() -> None:
         assert bias.mean == pytest.approx(ZERO, abs=max(4 * bias.sd, 2e-5))
 
 
+@pytest.mark.slow
 def test_a_load_that_no_zero_explains_is_named() -> None:
     load = 10 * ZERO * WEIGHT
     result = mended(swung(load=load))

@@ -36,6 +36,7 @@ def test_edges_are_settled_beside_theta() -> None:
     assert torch.allclose(fitted, torch.tensor(PENDULUM.truth, dtype=torch.float64), rtol=0.01)
 
 
+@pytest.mark.slow
 def test_a_stretch_that_explains_nothing_goes() -> None:
     theta = torch.tensor(PENDULUM.truth, dtype=torch.float64)
     stretches, _ = settled([*STRETCHES, (2, 130, 132)], [0], PENDULUM.model(), windows(), theta)

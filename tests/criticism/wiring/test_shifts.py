@@ -78,6 +78,7 @@ def test_a_sensor_that_is_read_under_the_next_command_is_found() -> None:
     assert found.fault.lines == '[signals."qfrc.hinge"]\nlatency = -0.01'
 
 
+@pytest.mark.slow
 def test_a_sensor_of_the_wrong_sign_is_found() -> None:
     found = found_with(with_torque(PENDULUM.measure(), early=False, factor=-1.0))
     assert found is not None

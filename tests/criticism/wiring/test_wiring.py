@@ -79,6 +79,7 @@ def test_what_degrees_leave_is_counted_in_the_sensors_own_sd() -> None:
     assert found.left == pytest.approx(1.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_fault_does_not_explain_what_it_stills() -> None:
     """Divided by a thousand nothing moves by more than the sensor's noise, and nothing would be scored."""
     tenfold, simulator, selection = PENDULUM_FAULTS["tenfold"][0], PENDULUM.model(), Selection()
