@@ -140,10 +140,24 @@ def refitted(pair: Pair, inputs: Inputs, present: Windows, signals: Sequence[Sig
 def predicted_windows(
     pair: Pair, inputs: Inputs, present: Windows, signals: Sequence[Signal], noise: Float[Tensor, " S"]
 ) -> Windows:
-    """What the truth would measure under the inputs, cut like the present data; run n is input n."""
+    """What the truth would measure under the inputs, cut like the present data; run n is input n.
+
+    Sensors measure as often as in the present data, whose replay may have rows between; added ones as the quickest.
+    """
     model = pair.other.hypothesis.simulator
     measurement = predicted(pair.truth, inputs, signals, model.commands)
-    return make_windows(model, measurement, present.horizon, MEMORY * present.horizon, noise)
+    new = make_windows(model, measurement, present.horizon, MEMORY * present.horizon, noise)
+    apart = _rows_apart(present)
+    apart = torch.cat([apart, apart.amin().expand(len(signals) - len(apart))])
+    row = new.first[:, None, None] + torch.arange(1, new.rows + 1, device=new.first.device)[:, None]
+    shown = row % apart == 0
+    return replace(new, observed=new.observed & shown, measured=new.measured & shown)
+
+
+def _rows_apart(windows: Windows) -> Int[Tensor, " S"]:
+    """Every how many rows each signal was measured."""
+    share = windows.measured[windows.inside].double().mean(0)
+    return (1 / share.clamp_min(1 / windows.rows)).round().long()
 
 
 def _joined(present: Windows, new: Windows) -> Windows:

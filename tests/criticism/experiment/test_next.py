@@ -101,6 +101,22 @@ def test_first_order_agrees_with_refitting_where_the_model_is_nearly_linear(load
     assert float(quick.min()) > 3
 
 
+def test_a_sensor_is_as_slow_in_the_next_recording_as_in_the_present_one(load_pair: tuple) -> None:
+    """A replay's clock may be finer than the sensor's: its rows are no measurements.
+
+    A quarter of them tells half, and somewhat more where the present data hold the other model back.
+    """
+    pair, measured, (windows, inputs) = load_pair
+    theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
+    true = Pair(Hypothesis("load", sprung.model().with_effect(sprung.LOAD), theta), pair.other)
+    fourth = (torch.arange(windows.rows) % 4 == 3)[:, None]
+    slow = replace(windows, measured=windows.measured & fourth, observed=windows.observed & fourth)
+    new = predicted_windows(true, inputs, slow, measured.signals, windows.noise)
+    assert float(new.measured.double().mean()) == pytest.approx(0.25, rel=0.02)
+    dense, sparse = (separations(true, inputs, one, measured.signals).sigma for one in (windows, slow))
+    assert bool(((sparse > 0.47 * dense) & (sparse < 0.7 * dense)).all())
+
+
 def test_the_fall_of_the_error_is_that_of_a_refit(load_pair: tuple) -> None:
     """A load of 0.003 N: its fall is what the refit's objective rises by, and goes with the square of the size."""
     pair, measured, (windows, inputs) = load_pair
