@@ -23,8 +23,13 @@ FEW = ["constant_load", "joint_stiffness", "dry_friction", "quadratic_drag", "ac
 DELAY = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("effect", "values"), [(SPRING, (0.4, 0.5)), (LOAD, (0.4,))])
+@pytest.mark.parametrize(
+    ("effect", "values"),
+    [
+        pytest.param(SPRING, (0.4, 0.5), marks=pytest.mark.slow),
+        pytest.param(LOAD, (0.4,), marks=pytest.mark.long),
+    ],
+)
 def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float, ...]) -> None:
     hidden = measure({effect: values, DELAY: (0.02,)}, runs=10)
     selection = Selection()
