@@ -184,7 +184,7 @@ def _joined(present: Windows, new: Windows) -> Windows:
         runs=(*present.runs, *(f"predicted {name}" for name in new.runs)),
         begin=(*present.begin, *new.begin),
         pasts=(*present.pasts, *new.pasts),
-        late=torch.cat([_lateness(present), _lateness(new)]),
+        late=None if present.late is None and new.late is None else torch.cat([_lateness(present), _lateness(new)]),
     )
 
 

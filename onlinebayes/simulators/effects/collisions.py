@@ -27,5 +27,5 @@ def may_touch(model: mujoco.MjModel) -> Bool[np.ndarray, "G G"]:
 
 
 def can_touch(model: mujoco.MjModel) -> bool:
-    """Whether anything in a model can; where nothing can, looking for contacts is a tenth of a step's time."""
+    """Whether anything in a model can; where nothing can, looking for contacts is wasted at each step."""
     return bool(model.npair or model.nflex or may_touch(model).any())
