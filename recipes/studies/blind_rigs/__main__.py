@@ -44,8 +44,9 @@ class Study:
         first: seed of the first case; see :data:`REPORTED`.
         candidates: effects that refine tries; none for all.
         processes: that share the cases.
-        minutes: that refine may take for a case; one that takes longer is a miss. (The study's own fits of the true
-            effects come on top, and a case is ended after twice that.)
+        minutes: of processor time that refine may take for a case; one that takes longer is a miss. (The study's own
+            fits of the true effects come on top, and beside other work a case takes longer: it is ended after four
+            times that.)
         out: folder of the judged cases.
         results: folder of the table and of all judged cases in one file, ``NAME-cases.jsonl``.
         published: such a file, of a part of the study that was judged elsewhere; its cases are not judged again.
@@ -116,7 +117,7 @@ def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str
     """Judge the cases, each kept as soon as it is known; ``found`` grows."""
     left, fresh = {job.name: job for job in todo}, []
     with Progress("blind rigs", len(todo) + len(found)) as progress:
-        for done in work(todo, Judge(study.candidates, code), study.processes, 2 * 60 * study.minutes):
+        for done in work(todo, Judge(study.candidates, code), study.processes, 4 * 60 * study.minutes):
             judged = _answered(done, code, 60 * study.minutes)
             write_atomic(study.cases / f"{judged.name}.json", to_json(judged))
             found[judged.name] = judged
@@ -163,7 +164,7 @@ def code_mark(candidates: Iterable[str]) -> str:
 
 
 def _answered(done: Done[Job, Judged], code: str, most: float) -> Judged:
-    """The record of a case; ``most``: seconds that refine may have taken."""
+    """The record of a case; ``most``: seconds of processor time that refine may take."""
     if done.result is not None and done.result.seconds <= most:
         return done.result
     seconds = done.seconds if done.result is None else done.result.seconds

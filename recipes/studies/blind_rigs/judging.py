@@ -40,7 +40,7 @@ class Judge:
         torch.set_num_threads(1)
         made = case(job.rig, job.kind, job.seed)
         problem = loaded(made)
-        began = time.monotonic()
+        began = time.process_time()  # one thread: what other work beside the study takes is not counted
         result = refine(
             problem.simulator,
             problem.measurement,
@@ -48,7 +48,7 @@ class Judge:
             selection=problem.selection,
             candidates=self.candidates or problem.candidates,
         )
-        return judged(made, problem, result, time.monotonic() - began, self.code)
+        return judged(made, problem, result, time.process_time() - began, self.code)
 
 
 def loaded(made: BlindCase) -> Problem:

@@ -68,7 +68,7 @@ class Judged:
         beside: of two hidden effects, each one -> held-out error of the true model without it over the true model's.
         covered, intervals: 90 % intervals that hold the truth, of those given where the right model was found.
         left: rms_over_floor of the final model, the worst signal's.
-        seconds: that refine took [s].
+        seconds: of processor time that refine took [s].
         code: which code judged.
     """
 

@@ -93,9 +93,8 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
     _count(table, "90 % intervals that hold the truth", sum(judged.covered for judged in found), intervals)
     spent = sorted(judged.seconds for judged in found)
     if spent:
-        table.add(
-            "time a case, median", statistics.median(spent), spread=f"{spent[0]:.0f} to {spent[-1]:.0f}", unit="s"
-        )
+        spread = f"{spent[0]:.0f} to {spent[-1]:.0f}"
+        table.add("processor time a case, median", statistics.median(spent), spread=spread, unit="s")
         table.add("cases out of time", sum(judged.ended == "out of time" for judged in found), unit=f"of {len(found)}")
     if (codes := len({judged.code for judged in found})) > 1:
         table.add("versions of the code that judged", codes)
