@@ -73,3 +73,37 @@ def test_not_looking_for_contacts_changes_no_bit() -> None:
         mujoco.mj_step(without, unlooked)
     assert np.array_equal(given.qpos, unlooked.qpos)
     assert np.array_equal(given.qvel, unlooked.qvel)
+
+
+STUCK = """<body pos="0 0 .2"><joint axis="0 1 0" frictionloss=".3" range="-20 20" limited="true"/>
+<geom type="sphere" size=".05" mass="1" pos=".1 0 0"/>{inside}</body>"""
+
+
+def tree_with_every_constraint() -> mujoco.MjModel:
+    """Three links with dry friction, narrow stops and a floor in reach."""
+    inside = ""
+    for _ in range(3):
+        inside = STUCK.format(inside=inside)
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><worldbody><geom type="plane" size="1 1 .1" pos="0 0 .35"/>{inside}</worldbody></mujoco>'
+    )
+
+
+def test_not_looking_for_islands_in_one_tree_changes_no_bit() -> None:
+    model = tree_with_every_constraint()
+    without = batch_model(model)
+    assert without.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ISLAND
+    two_trees = mujoco.MjModel.from_xml_string(
+        f"<mujoco><worldbody>{STUCK.format(inside='')}{STUCK.format(inside='')}</worldbody></mujoco>"
+    )
+    assert not batch_model(two_trees).opt.disableflags & mujoco.mjtDisableBit.mjDSBL_ISLAND
+    given, unlooked, kinds = mujoco.MjData(model), mujoco.MjData(model), set()
+    for data in (given, unlooked):
+        data.qvel[:] = (3.0, -5.0, 4.0)
+    for _ in range(500):
+        mujoco.mj_step(model, given)
+        mujoco.mj_step(without, unlooked)
+        kinds |= set(given.efc_type.tolist())
+    assert len(kinds) == 3  # dry friction, stops and contacts did act
+    assert np.array_equal(given.qpos, unlooked.qpos)
+    assert np.array_equal(given.qvel, unlooked.qvel)

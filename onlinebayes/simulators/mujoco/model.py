@@ -56,12 +56,15 @@ def compile_spec(spec: mujoco.MjSpec) -> mujoco.MjModel:
 def batch_model(model: mujoco.MjModel) -> mujoco.MjModel:
     """A copy that keeps a diverged state instead of silently starting anew, so that divergence can be seen.
 
-    Where nothing can touch it does not look for contacts either, which changes no result.
+    Where nothing can touch it does not look for contacts, and of a single tree of bodies, whose constraints always are
+    one island, for islands: neither changes a result.
     """
     model = copy.copy(model)
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     if not can_touch(model):
         model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+    if model.ntree <= 1:
+        model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_ISLAND
     return model
 
 
