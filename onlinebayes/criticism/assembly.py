@@ -30,7 +30,7 @@ from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
-from onlinebayes.criticism.replaying.ladder import Rung
+from onlinebayes.criticism.replaying.ladder import Rung, by_runge_kutta
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
@@ -57,7 +57,7 @@ class _Opened:
 
     Args:
         base, final: the base model and the accepted one (the same object where nothing was accepted).
-        step: with which both are integrated [s].
+        rung: by which both are run.
         held: windows of the held-out runs at every row.
         error, detail: of both models over them.
         fitted_starts: what the final model leaves there with starts fitted, where the measured ones are what errs.
@@ -65,7 +65,7 @@ class _Opened:
 
     base: FittedModel
     final: FittedModel
-    step: float
+    rung: Rung
     held: Windows
     error: HeldOutError
     detail: Detail
@@ -150,19 +150,25 @@ def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> 
     """The held-out runs opened; ``blocks`` are the base model's."""
     base, final, horizon = found.base, found.final, task.selection.horizon_s
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
-    step = min(model.timestep for model in (task.simulator, base.fitted.simulator, final.fitted.simulator))
-    base_model = final_model = _model(base, step, blocks, task)
+    rung = _reported(task, base, final)
+    base_model = final_model = _model(base, rung, blocks, task)
     if final is not base:
-        final_model = _model(final, step, blocks_for(final.fitted, final.windows, task.selection.folds), task)
+        final_model = _model(final, rung, blocks_for(final.fitted, final.windows, task.selection.folds), task)
     held = windows_to_replay(final_model.simulator, task.held_runs, final_model.theta, horizon, final.windows.noise)
     error, detail = opened(base_model, final_model, held, tuple(units), units)
     left = fitted_starts(final_model, held, error, task.selection.tolerance)
-    return _Opened(base_model, final_model, step, held, error, detail, left)
+    return _Opened(base_model, final_model, rung, held, error, detail, left)
 
 
-def _model(grounds: Grounds, step: float, blocks: Blocks, task: Task) -> FittedModel:
-    """The fitted model integrated with ``step`` [s], with its replays at every row."""
-    fitted = _fitted(grounds, step, blocks)
+def _reported(task: Task, *grounds: Grounds) -> Rung:
+    """How models are run that are reported: by no longer step than the given one, and not by a cheaper method."""
+    step = min(model.timestep for model in (task.simulator, *(one.fitted.simulator for one in grounds)))
+    return Rung(step, "runge_kutta" if by_runge_kutta(task.simulator) else "own")
+
+
+def _model(grounds: Grounds, rung: Rung, blocks: Blocks, task: Task) -> FittedModel:
+    """The fitted model run by ``rung``, with its replays at every row."""
+    fitted = _fitted(grounds, rung, blocks)
     replays: list[ReplayedRun] = []
     for runs, held_out in ((task.fit_runs, False), (task.held_runs, True)):
         horizon, noise = task.selection.horizon_s, grounds.windows.noise
@@ -171,10 +177,10 @@ def _model(grounds: Grounds, step: float, blocks: Blocks, task: Task) -> FittedM
     return replace(fitted, replays=tuple(replays))
 
 
-def _fitted(grounds: Grounds, step: float, blocks: Blocks) -> FittedModel:
-    """The fitted model integrated with ``step`` [s], without replays."""
+def _fitted(grounds: Grounds, rung: Rung, blocks: Blocks) -> FittedModel:
+    """The fitted model run by ``rung``, without replays."""
     fitted = grounds.fitted
-    model = Rung(step).of(fitted.simulator)
+    model = rung.of(fitted.simulator)
     covariance = covariance_of(fitted, blocks) + torch.outer(grounds.shift, grounds.shift)
     values = estimates(fitted, covariance, blocks.count, _flat(grounds))
     return FittedModel(model, fitted.theta, covariance, values, tuple(effect.key for effect in model.effects), ())
@@ -183,8 +189,7 @@ def _fitted(grounds: Grounds, step: float, blocks: Blocks) -> FittedModel:
 def _mended(fault: Suspicion, task: Task) -> FittedModel:
     """The base model fitted to the mended table."""
     grounds = fault.grounds
-    step = min(task.simulator.timestep, grounds.fitted.simulator.timestep)
-    return _fitted(grounds, step, blocks_for(grounds.fitted, grounds.windows, task.selection.folds))
+    return _fitted(grounds, _reported(task, grounds), blocks_for(grounds.fitted, grounds.windows, task.selection.folds))
 
 
 def _flat(grounds: Grounds) -> tuple[FlatDirection, ...]:
@@ -241,7 +246,7 @@ def _notes(
 
 def _carried_over(task: Task, found: Found, models: _Opened, units: dict[str, str]) -> tuple[str, ...]:
     """Notes on what was accepted and does not hold in the held-out runs."""
-    on_the_way = errors_on_the_way(found.accepted, models.step, task.held_runs, task.selection.horizon_s)
+    on_the_way = errors_on_the_way(found.accepted, models.rung, task.held_runs, task.selection.horizon_s)
     last = found.accepted[-1][1].effect.key
     in_vain = in_vain_note(models.error.before, on_the_way, last, models.error.after, units)
     return (*worse_runs_note(models.detail.windows, units, models.error.noise_floor), *in_vain)

@@ -68,7 +68,7 @@ Errors = Mapping[str, float]
 
 
 def errors_on_the_way(
-    accepted: Sequence[Added], step: float, held_runs: Measurement, horizon: float
+    accepted: Sequence[Added], rung: Rung, held_runs: Measurement, horizon: float
 ) -> tuple[tuple[str, Errors], ...]:
     """The effects that were accepted, all but the last, and the held-out error of the model that each of them made.
 
@@ -76,7 +76,7 @@ def errors_on_the_way(
 
     Args:
         accepted: the effects with the rounds that added them.
-        step: of the integration [s].
+        rung: by which all are run.
         held_runs: the runs.
         horizon: of a window [s].
     """
@@ -85,7 +85,7 @@ def errors_on_the_way(
     for stage, judged in accepted[:-1]:
         if not judged.admissible:
             continue
-        model, theta = Rung(step).of(judged.fitted.simulator), judged.fitted.theta
+        model, theta = rung.of(judged.fitted.simulator), judged.fitted.theta
         windows = windows_to_replay(model, held_runs, theta, horizon, stage.windows.noise)
         errors.append((judged.effect.key, replay_error(replay_runs(model, windows, theta, held_out=True), names)))
     return tuple(errors)

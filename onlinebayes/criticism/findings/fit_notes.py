@@ -63,7 +63,7 @@ def _of_the_step(simulator: Simulator, found: Found, refined: bool) -> Iterator[
             f"numerics: the model's own integrator at a step of {final.rung.timestep:g} s follows the log far better "
             "than a finer one, as if a simulator had written it so; judged and kept at that step"
         )
-    elif final.rung.runge_kutta or final.rung.timestep < simulator.timestep:
+    elif final.rung.method == "runge_kutta" or final.rung.timestep < simulator.timestep:
         yield _another_method(simulator, found, refined)
     if final.rung.soft_friction:
         yield (
@@ -83,7 +83,8 @@ def _of_the_step(simulator: Simulator, found: Found, refined: bool) -> Iterator[
 def _another_method(simulator: Simulator, found: Found, refined: bool) -> str:
     """By which method and step the model was integrated in place of its own, why, and what refined.xml has of it."""
     rung = found.final.rung
-    method = "Runge-Kutta's method" if rung.runge_kutta else "its own method"
+    smooth = rung.method == "runge_kutta"
+    method = "Runge-Kutta's method" if smooth else "its own method"
     note = (
         "numerics: so that errors of integration do not pass for missing physics, the model was integrated by "
         f"{method} in steps of {rung.timestep:g} s; its own method in steps of {simulator.timestep:g} s is not exact "
@@ -92,7 +93,7 @@ def _another_method(simulator: Simulator, found: Found, refined: bool) -> str:
     if not refined or not isinstance(innermost(simulator), MujocoSimulator):
         return note
     step = min(simulator.timestep, *(grounds.fitted.simulator.timestep for grounds in (found.base, found.final)))
-    return f"{note}; refined.xml has {'integrator RK4 and ' if rung.runge_kutta else ''}timestep {step:g}"
+    return f"{note}; refined.xml has {'integrator RK4 and ' if smooth else ''}timestep {step:g}"
 
 
 def _of_the_windows(found: Found, selection: Selection) -> Iterator[str]:

@@ -103,7 +103,7 @@ def _own(trial: Trial, best: AsRun) -> Iterator[Rung]:
 
 
 def _refined(trial: Trial, rung: Rung) -> bool:
-    return rung.runge_kutta or rung.timestep < trial.simulator.timestep
+    return rung.method == "runge_kutta" or rung.timestep < trial.simulator.timestep
 
 
 def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:

@@ -211,7 +211,7 @@ def _leaves_out(simulator: Simulator, measurement: Measurement, windows: Windows
 
 def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:
     """Whether a method of first order, whose error falls as its step does, will err by too much on a rung."""
-    if rung.runge_kutta or coarser.rung.runge_kutta or not first_order(simulator):
+    if not rung.method == coarser.rung.method == "own" or not first_order(simulator):
         return False
     expected = coarser.numerics.error_at_quarter_step * rung.timestep / coarser.rung.timestep
     return expected > SURELY_TOO_COARSE * STEP_ERROR_SHARE * max(_rms(coarser.fitted.projected), LEAST_RESIDUAL)

@@ -1,22 +1,27 @@
 """How finely a model is integrated, from coarse to fine.
 
+    first order:     H / 100, where the model's own integrator is Runge's and Kutta's
     own integrator:  H / 100, halved down to the model's own step h, those that the log's rows fall on
     Runge-Kutta:     the same steps, h / 2 and h / 4, where the model's own integrator is another
     own integrator:  h / 4, h / 16
 
 A first-order integrator errs by h times the motion's rates: on a two-link arm at MuJoCo's default of Euler and 2 ms by
 twice a millimetre-class sensor's noise within a second, and at a sixteenth of that still by a tenth. Runge-Kutta's
-method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step. Where rows
-do not fall on steps, commands are averaged across their changes, which errs by more than any of these.
+method errs by h^4 where the motion is smooth, by h where friction sticks, and costs four evaluations a step: while the
+misfit is gross, one is enough. Where rows do not fall on steps, commands are averaged across their changes, which errs
+by more than any of these.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from onlinebayes.criticism.data.tiling import BINS
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.simulators.base import Simulator
+
+Method = Literal["own", "runge_kutta", "first_order"]
 
 ON_STEPS = 0.01  # steps by which a row may miss a whole number of them
 
@@ -27,19 +32,20 @@ class Rung:
 
     Args:
         timestep: h [s].
-        runge_kutta: by the method of Runge and Kutta in place of the model's own.
+        method: the model's own, or Runge's and Kutta's or one of first order in its place.
         soft_friction: dry friction as soft as the engine has it, in place of one that sticks.
         scaled_moments: moments of inertia that follow the free masses, in place of the model's own.
     """
 
     timestep: float
-    runge_kutta: bool = False
+    method: Method = "own"
     soft_friction: bool = False
     scaled_moments: bool = False
 
     def of(self, simulator: Simulator) -> Simulator:
         """The simulator run so; itself where it is already."""
-        chosen = simulator.with_runge_kutta() if self.runge_kutta else simulator
+        chosen = simulator.with_runge_kutta() if self.method == "runge_kutta" else simulator
+        chosen = chosen.with_first_order() if self.method == "first_order" else chosen
         chosen = chosen.with_soft_friction() if self.soft_friction else chosen
         chosen = chosen.with_scaled_moments() if self.scaled_moments else chosen
         return chosen if self.timestep == chosen.timestep else chosen.with_timestep(self.timestep)
@@ -63,8 +69,10 @@ def ladder(simulator: Simulator, horizon: float, row: float) -> list[Rung]:
             steps.append(factor * own)
         factor //= 2
     rungs = [Rung(step) for step in steps]
+    if by_runge_kutta(simulator) and simulator.with_first_order() is not simulator:
+        rungs.insert(0, Rung(steps[0], "first_order"))
     if first_order(simulator):
-        rungs += [Rung(step, True) for step in (*steps, own / 2, own / 4)]
+        rungs += [Rung(step, "runge_kutta") for step in (*steps, own / 2, own / 4)]
     return [*rungs, Rung(own / 4), Rung(own / 16)]
 
 
@@ -81,5 +89,13 @@ def adjustable(simulator: Simulator) -> bool:
 
 def first_order(simulator: Simulator) -> bool:
     """Whether the model's own method is another than Runge's and Kutta's, which it could have."""
-    can = type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
-    return can and simulator.with_runge_kutta() is not simulator
+    return _has_methods(simulator) and simulator.with_runge_kutta() is not simulator
+
+
+def by_runge_kutta(simulator: Simulator) -> bool:
+    """Whether the model's own method is Runge's and Kutta's, and could be another."""
+    return _has_methods(simulator) and simulator.with_runge_kutta() is simulator
+
+
+def _has_methods(simulator: Simulator) -> bool:
+    return type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta

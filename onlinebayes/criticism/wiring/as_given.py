@@ -60,7 +60,7 @@ def _affordable(
     simulator: Simulator, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"]
 ) -> tuple[Simulator, Windows]:
     """The model by its own method at its own step, or at the shortest longer one that does not take long."""
-    own = (rung for rung in ladder(simulator, horizon, row_step(measurement)) if not rung.runge_kutta)
+    own = (rung for rung in ladder(simulator, horizon, row_step(measurement)) if rung.method == "own")
     steps = sorted({rung.timestep for rung in own if rung.timestep >= simulator.timestep})
     for step in steps:
         model = simulator if step == simulator.timestep else simulator.with_timestep(step)

@@ -59,7 +59,7 @@ def test_the_step_that_wrote_the_log_is_kept() -> None:
     grounds = ground(simulator(), recorded(), Selection())
     assert grounds.as_run
     assert grounds.rung.timestep == 0.002
-    assert not grounds.rung.runge_kutta
+    assert grounds.rung.method != "runge_kutta"
     assert grounds.numerics.sufficient
     assert grounds.numerics.error_at_quarter_step > 2
     assert grounds.fitted.theta.tolist() == pytest.approx([1.0, 0.1], rel=2e-3)
@@ -122,7 +122,7 @@ def test_a_step_at_which_theta_is_worse_at_first_is_fitted_before_it_is_judged()
     """Theta as another step had it errs by 558 floors here and by 555 there; fitted, by one floor here."""
     known = MujocoSimulator(ARM.format(more=""), ParameterSpace({"joint.arm.damping": Parameter(0.0, 1.0)}), threads=1)
     rubbing = known.with_effect(DryFriction("arm", Parameter(0.0, 0.5, "N m")))
-    rung, theta = Rung(0.002, runge_kutta=True), torch.tensor([0.2, 0.03], dtype=torch.float64)
+    rung, theta = Rung(0.002, "runge_kutta"), torch.tensor([0.2, 0.03], dtype=torch.float64)
     windows = make_windows(rung.of(rubbing), recorded(SOFT), 1.0, MEMORY)
     judged = AsRun(rung, windows, unfitted(rung.of(rubbing), windows, theta))
     own = Rung(0.002, soft_friction=True)
