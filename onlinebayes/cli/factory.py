@@ -51,10 +51,10 @@ def from_factory(model: str, parameters: ParameterSpace) -> Simulator | mujoco.M
         BadInput: no such factory, one that raises, or a result of another kind.
     """
     module, _, name = model.rpartition(":")
-    make = getattr(import_module(module), name, None)
-    if not callable(make):
-        raise BadInput(f"module '{module}' has no factory '{name}'", f"name a function; it may {RETURNS}")
+    found = import_module(module)
     try:
+        if not callable(make := getattr(found, name, None)):
+            raise BadInput(f"module '{module}' has no factory '{name}'", f"name a function; it may {RETURNS}")
         made = make(parameters) if _takes_parameters(make) else make()
         return made if isinstance(made, Simulator) else _spec(made, model)
     except BadInput:

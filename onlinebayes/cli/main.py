@@ -65,18 +65,29 @@ def parser() -> argparse.ArgumentParser:
         usage = f"onlinebayes {name} [-h] --out DIR [--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
         command = commands.add_parser(name, help=what, description=what, usage=usage)
         command.add_argument("problem", nargs="?", help="the problem file (TOML)")
-        command.add_argument("--out", required=True, metavar="DIR", help="where report and recording are written")
+        command.add_argument(
+            "--out", required=True, type=_path, metavar="DIR", help="where report and recording are written"
+        )
         command.add_argument(
             "--add", nargs="+", action="extend", default=[], metavar="EFFECT@TARGET", help="add an effect by hand"
         )
     first = commands.add_parser("init", help="write a first problem file", description="write a first problem file")
     first.add_argument("model", help="the model (MJCF)")
     first.add_argument("logs", nargs="+", metavar="LOG", help="measurement tables")
-    first.add_argument("--out", metavar="FILE", help="where the problem file goes; MODEL.toml here by default")
+    first.add_argument(
+        "--out", type=_path, metavar="FILE", help="where the problem file goes; MODEL.toml here by default"
+    )
     first.add_argument("--force", action="store_true", help="write over a file that is there")
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
     show.add_argument("out", metavar="DIR", help="the folder that a command wrote")
     return top
+
+
+def _path(text: str) -> str:
+    """A path that names something: an empty one, as of a variable that is not set, would be the current folder."""
+    if not text.strip():
+        raise argparse.ArgumentTypeError("it is empty: name a path")
+    return text
 
 
 def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:

@@ -16,7 +16,7 @@ from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan import FILES, write_plan
 from onlinebayes.criticism.split import split
-from onlinebayes.runs import BadInput, Interrupt, Stopped
+from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 
 WIDTH, COLUMN = 80, 12
 
@@ -100,4 +100,4 @@ def _stopped() -> int:
 
 
 def _log(line: str) -> None:
-    print(f"onlinebayes: {line}", file=sys.stderr, flush=True)
+    print(f"onlinebayes: {one_line(line)}", file=sys.stderr, flush=True)

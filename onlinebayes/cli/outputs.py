@@ -57,7 +57,7 @@ def writable(folder: Path) -> Iterator[Path]:
     """The folder, made if need be and tried out before the long work; taken away again when nothing was written.
 
     Raises:
-        BadInput: it is a link, or cannot be made or written.
+        BadInput: it is a link, cannot be made or written, or holds a folder of the name of a file to be written.
     """
     for link in (folder, *folder.parents):
         if link.is_symlink() and (link == folder or not link.exists()):
@@ -72,6 +72,9 @@ def writable(folder: Path) -> Iterator[Path]:
     except OSError as error:
         problem = "is a file, not a folder" if folder.is_file() else f"cannot be written: {error.strerror}"
         raise BadInput(problem, "give --out a folder that you may write to", where=str(folder)) from None
+    for path in (folder / name for name in NAMES):
+        if path.is_dir():
+            raise BadInput("is a folder, where a file is to be written", "choose another --out", where=str(path))
     try:
         yield folder
     finally:

@@ -285,6 +285,6 @@ def _check_clock(measurement: Measurement, selection: Selection, path: Path) -> 
         if 4 * step > selection.horizon_s:
             raise BadInput(
                 f"run '{run}' has a row every {step:g} s, a window of {selection.horizon_s:g} s has too few of them",
-                "'time' is in seconds: convert it, or set selection.horizon_s to suit a slow log",
+                'say the unit of its time, [time] unit = "ms" (or "us"), or set selection.horizon_s to suit a slow log',
                 where=str(path),
             )

@@ -14,6 +14,8 @@ import time
 from types import TracebackType
 from typing import final
 
+from onlinebayes.runs import one_line
+
 BAR = 10  # characters
 _OF = re.compile(r"\b(\d+) of (\d+)\b")
 
@@ -46,6 +48,7 @@ class Stages:
 
     def __call__(self, line: str) -> None:
         """Say that a stage begins, or an answer."""
+        line = one_line(line)
         if not self._live:
             self._stream.write(f"{self.label}: {line}\n")
             self._stream.flush()

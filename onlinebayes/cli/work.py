@@ -16,7 +16,7 @@ from onlinebayes.cli.wiring_lines import composed
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import write_report
 from onlinebayes.criticism.report.refined import noted
-from onlinebayes.runs import BadInput, Interrupt, Stopped
+from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 
 
 def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
@@ -109,4 +109,4 @@ def earlier_looks(folder: Path) -> int:
 
 
 def _log(line: str) -> None:
-    print(f"onlinebayes: {line}", file=sys.stderr, flush=True)
+    print(f"onlinebayes: {one_line(line)}", file=sys.stderr, flush=True)

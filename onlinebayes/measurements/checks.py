@@ -69,7 +69,9 @@ def _check_values(name: str, values: np.ndarray, column: str, where: str, rows: 
     if (wrong := np.flatnonzero(np.abs(values) > LARGEST)).size:
         raise BadInput(
             f"{values[wrong[0]]:g} is too large for a measured value",
-            "use SI units, and leave the cell empty (or nan) where nothing was measured",
+            'give its unit: [time] unit = "ns" (or "us", "ms") in the problem file'
+            if name == "time"
+            else "use SI units, and leave the cell empty (or nan) where nothing was measured",
             where=f"{where}, row {rows[wrong[0]]}, {column}",
         )
     needed = name == "time" or name.startswith(("ctrl.", "enable."))

@@ -113,6 +113,9 @@ class TableReader:
         found = [w for w in wanted if w.source in names and not self._ignored(w.source)]
         sources = {name for one in inputs.values() for name in one.sources}
         taken = {"run", clock, *sources, *(w.source for w in found)}
+        if "run" in names & {clock, *sources, *(w.source for w in found)}:
+            cure = "map the column that holds the quantity, or call the column of numbers otherwise"
+            raise BadInput("'run' names the runs, and is no number", cure, where=f"{path}, row 1, column 'run'")
         self._classify([name for name in source.names if name not in taken], path)
         if not found:
             raise BadInput(

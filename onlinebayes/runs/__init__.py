@@ -4,6 +4,7 @@ from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
 from onlinebayes.runs.names import nearest, similar
+from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.seeds import generator, seed_everything
@@ -23,6 +24,7 @@ __all__ = [
     "generator",
     "heed",
     "nearest",
+    "one_line",
     "one_torch_thread",
     "seed_everything",
     "similar",

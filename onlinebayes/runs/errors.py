@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from onlinebayes.runs.printable import one_line
+
 
 class BadInput(ValueError):
     """Input that cannot be used; the message is one line with the value, the rule and the cure.
@@ -12,4 +14,4 @@ class BadInput(ValueError):
 
     def __init__(self, problem: str, cure: str = "", *, where: str = "") -> None:
         parts = [f"{where}: " if where else "", problem, f"; {cure}" if cure else ""]
-        super().__init__(" ".join("".join(parts).split()))
+        super().__init__(one_line("".join(parts)))

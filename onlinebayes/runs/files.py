@@ -19,9 +19,11 @@ def atomic_path(destination: str | Path) -> Iterator[Path]:
         destination: the file to create or replace; missing parent folders are made.
 
     Raises:
-        BadInput: the folder cannot be made or written.
+        BadInput: the folder cannot be made or written, or a folder has the file's name.
     """
     destination = Path(destination)
+    if destination.is_dir():
+        raise BadInput("is a folder", "give the name of a file", where=str(destination))
     try:
         destination.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(

@@ -247,7 +247,31 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         problem('["carriage.csv"]', '["carriage.csv", "./carriage.csv"]'),
         "carriage.csv: run 'first' is given twice",
     ),
-    "milliseconds": (milliseconds, "has a row every 10 s, .*'time' is in seconds: convert it"),
+    "milliseconds": (milliseconds, r'has a row every 10 s, .*\[time\] unit = "ms"'),
+    "nanoseconds since 1970": (
+        table("first,0.00,", "first,1700000000000000000,"),
+        r"row 2, column 'time': 1.7e\+18 is too large .*\[time\] unit = \"ns\"",
+    ),
+    "packed": (
+        content("carriage.csv", b"\x1f\x8b\x08\x00 run,time"),
+        "the file is packed by gzip; give the table in it",
+    ),
+    "a workbook": (
+        content("carriage.csv", b"PK\x03\x04 run,time"),
+        "the file is a ZIP archive .* give the table in it",
+    ),
+    "runs as a signal": (more('[signals."qpos.carriage"]\ncolumn = "run"'), "column 'run': 'run' names the runs"),
+    "runs as a command": (more('[commands.motor]\ncolumn = "run"'), "column 'run': 'run' names the runs"),
+    "runs as a factor": (more('[commands.motor]\ntimes = "run"'), "column 'run': 'run' names the runs"),
+    "runs as the clock": (more('[time]\ncolumn = "run"'), "column 'run': 'run' names the runs"),
+    "an escape in a name": (table("ctrl.motor", "ctrl.\x1b[31m"), r"column 'ctrl.\\x1b\[31m'"),
+    "a star in a name": (
+        lambda f: [
+            edit("carriage.xml", 'body name="carriage"', 'body name="c*"')(f),
+            problem("body.carriage.mass", "body.*.mass")(f),
+        ],
+        r"body 'c\*' has \* or \? in its name, .* give the body another name",
+    ),
     "parquet": (problem("carriage.csv", "carriage.toml"), "carriage.toml"),
 }
 
@@ -283,6 +307,14 @@ def test_an_out_folder_that_is_a_file(folder, capsys):
     assert (folder / "taken").read_text() == "mine"
 
 
+@pytest.mark.parametrize("name", ["report.json", "run.rrd", "refined.toml"])
+def test_an_out_folder_with_a_folder_in_a_files_place(folder, capsys, name):
+    (folder / "there" / name).mkdir(parents=True)
+    assert main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "there")]) == 2
+    assert f"{name}: is a folder, where a file is to be written" in one_line(capsys.readouterr().err, folder)
+    assert [path.name for path in (folder / "there").iterdir()] == [name]
+
+
 def test_an_out_folder_that_may_not_be_written(folder, capsys):
     locked = folder / "locked"
     locked.mkdir(mode=0o500)
@@ -305,6 +337,8 @@ def test_an_out_folder_that_may_not_be_written(folder, capsys):
         (["refin", "x.toml", "--out", "o"], "invalid choice: 'refin'"),
         (["compare", "x.toml", "--out", "o", "--seed", "1"], "unrecognized arguments"),
         (["compare", "x.toml", "--out", "o", "--add"], "--add"),
+        (["compare", "x.toml", "--out", ""], "--out: it is empty"),
+        (["init", "x.xml", "x.csv", "--out", " "], "--out: it is empty"),
     ],
 )
 def test_bad_arguments(capsys, arguments, message):

@@ -124,10 +124,16 @@ def test_a_factory_beside_a_file_from_elsewhere_is_not_run(folder, monkeypatch, 
             ("carriage.xml", "stops:make"),
             "model: .*raised SystemExit: no rig here; mend the factory",
         ),
+        (
+            "refuses",
+            "def __getattr__(name):\n    raise RuntimeError('no such thing')\n",
+            ("carriage.xml", "refuses:make"),
+            "model: .*'refuses:make' raised RuntimeError: no such thing; mend the factory",
+        ),
         ("quits", "raise SystemExit(3)\n", None, "effects.modules: .*'quits' cannot be imported: SystemExit: 3"),
     ],
 )
-def test_user_code_that_calls_exit_is_bad_input(folder, monkeypatch, capsys, command, name, text, change, message):
+def test_user_code_that_raises_or_exits_is_bad_input(folder, monkeypatch, capsys, command, name, text, change, message):
     """It does not choose the exit status; 0 would say that a report was written."""
     monkeypatch.chdir(folder)
     (folder / f"{name}.py").write_text(text)

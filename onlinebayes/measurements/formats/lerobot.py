@@ -32,7 +32,8 @@ LONGEST = 256
 VERSION = re.compile(r"v?[23](?!\d)")
 
 EPISODE, TIME = "episode_index", "timestamp"
-OTHER = ("frame_index", "index", "task_index")
+OTHER = ("frame_index", "index", "task_index", "time", "run")
+"""Features that are no quantity, or have the name of what a row is placed by: its clock and its episode."""
 
 
 def lerobot_source(folder: Path) -> ArraySource:

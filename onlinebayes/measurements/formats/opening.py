@@ -22,6 +22,16 @@ from onlinebayes.measurements.formats.source import Source
 from onlinebayes.runs import BadInput
 
 NAMED = {".parquet": "Parquet", ".pq": "Parquet", ".mcap": "MCAP", ".rrd": "Rerun"}
+PACKED = {
+    b"\x1f\x8b": "packed by gzip",
+    b"PK\x03\x04": "a ZIP archive (as .xlsx is)",
+    b"BZh": "packed by bzip2",
+    b"\xfd7zXZ": "packed by xz",
+    b"\x28\xb5\x2f\xfd": "packed by zstd",
+    b"\x89HDF\r\n": "an HDF5 file",
+}
+"""How files begin that hold a table and are not read."""
+
 _CURE = "name a CSV, Parquet, MCAP or Rerun file, or the folder of a LeRobot data set"
 
 
@@ -35,7 +45,7 @@ def open_source(path: Path) -> Source:
         if path.is_dir():
             return lerobot_source(path)
         if not path.exists():
-            raise BadInput("no such file", "check 'measurements' in the problem file", where=str(path))
+            raise BadInput("no such file", "check its path", where=str(path))
         if not path.is_file():
             raise BadInput("is not a file", _CURE, where=str(path))
         with path.open("rb") as file:
@@ -56,6 +66,8 @@ def open_source(path: Path) -> Source:
             "write it again, or name a CSV file .csv",
             where=str(path),
         )
+    if packed := next((kind for mark, kind in PACKED.items() if start.startswith(mark)), ""):
+        raise BadInput(f"the file is {packed}", "give the table in it as CSV or Parquet", where=str(path))
     if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
         raise BadInput("the file is UTF-16", "save it as UTF-8", where=str(path))
     return CsvSource(path)

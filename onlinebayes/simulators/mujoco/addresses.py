@@ -135,7 +135,13 @@ def expand(model: mujoco.MjModel, name: str) -> tuple[str, ...]:
     if kind not in _OBJECTS or not pattern:
         raise BadInput(f"address '{name}' is malformed", f"write <kind>.<glob>.<field> with kind {', '.join(_OBJECTS)}")
     known = [n for n in names(model, kind) if n and (kind, n) != ("body", "world")]
-    if found := [n for n in known if fnmatchcase(n, pattern)]:
+    found = [n for n in known if fnmatchcase(n, pattern)]
+    if strange := [n for n in found if is_glob(n)]:
+        raise BadInput(
+            f"{kind} '{strange[0]}' has * or ? in its name, which stand for any text in an address",
+            f"give the {kind} another name in the model",
+        )
+    if found:
         return tuple(f"{kind}.{n}.{field}" for n in found)
     cure = nearest(pattern.replace("*", ""), known)
     raise BadInput(f"the model has no {kind} that matches '{pattern}'", cure)

@@ -146,8 +146,8 @@ BAD: dict[str, tuple[str, Write, str]] = {
     "csv open quote": ("csv", raw(HEAD + b'0,0,"1\n' + b"1,0,0\n" * 1000), "is no readable CSV"),
     "csv duplicate": ("csv", raw(b"time,qpos.hinge,qpos.hinge\n0,0,0\n1,0,0\n"), "two columns are called"),
     "csv overflow": ("csv", raw(HEAD + b"0,0,1e999\n1,0,0\n"), "inf is no measured value"),
-    "csv gzip": ("csv", raw(b"\x1f\x8b\x08" + bytes(range(255)) * 9), "log.csv"),
-    "csv zip": ("csv", raw(b"PK\x03\x04" + bytes(100)), "not a text file"),
+    "csv gzip": ("csv", raw(b"\x1f\x8b\x08" + bytes(range(255)) * 9), "packed by gzip"),
+    "csv zip": ("csv", raw(b"PK\x03\x04" + bytes(100)), "is a ZIP archive"),
     # Parquet
     "parquet text": ("parquet", raw(HEAD), "is not a Parquet file"),
     "parquet head": ("parquet", raw(b"PAR1"), "is a damaged Parquet file"),
