@@ -10,7 +10,7 @@
 | wiring  | the log is not what it says: see :mod:`envs.rigs.wiring`              | data_problem         |
 | short   | less than a second of each of two runs                                | insufficient_data    |
 
-Seeds below 1000 are for tuning, from 1000 on for reporting. The same rig, kind and seed give the same case.
+The same rig, kind and seed give the same case; which seeds are reported is the study's to say.
 """
 
 from __future__ import annotations

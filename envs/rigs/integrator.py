@@ -98,7 +98,6 @@ class Plant:
         self.equations, self.laws, self.drive, self.time = equations, laws, drive, 0.0
         self.mass, self.hysteresis = mass, hysteresis
         self.joints, self._memory = q.shape[1], np.zeros(len(q))
-        self._tail = slice(self.joints, None)
         behind = [mass.joint] if mass else []
         self._q, self._v = (np.concatenate([x, x[:, behind]], 1) for x in (q, v))
 

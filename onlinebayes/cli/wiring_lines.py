@@ -17,8 +17,8 @@ import tomllib
 from collections.abc import Mapping
 from typing import Any
 
-from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.measurements.units import SI
+from onlinebayes.runs import to_toml
 
 Table = dict[str, Any]
 _HEADER = re.compile(r"\[(signals|commands)\.")

@@ -1,4 +1,4 @@
-"""What every long piece of work needs: errors, atomic files, progress, interruption, seeds, result tables."""
+"""What every long piece of work needs: errors, atomic files, progress, interruption, seeds, result tables, TOML."""
 
 from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
@@ -9,6 +9,7 @@ from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.seeds import generator, seed_everything
 from onlinebayes.runs.threads import one_torch_thread
+from onlinebayes.runs.toml import to_toml
 from onlinebayes.runs.watch import UNWATCHED, Watch
 
 __all__ = [
@@ -28,5 +29,6 @@ __all__ = [
     "one_torch_thread",
     "seed_everything",
     "similar",
+    "to_toml",
     "write_atomic",
 ]

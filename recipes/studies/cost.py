@@ -34,7 +34,6 @@ from onlinebayes.runs import BadInput, ResultTable
 from recipes.studies.exits import status
 
 Part = Literal["arm", "growth", "six joints"]
-FIRST = 10.0  # s
 MEMORY = 4.0  # GB
 SEED = 0
 

@@ -8,8 +8,8 @@ import tomllib
 import mujoco
 import pytest
 
+from onlinebayes.cli.first_draft import draft
 from onlinebayes.cli.freeing import free_parameters
-from onlinebayes.cli.init import draft
 from onlinebayes.cli.main import main
 from onlinebayes.cli.matching import Match, match
 from onlinebayes.cli.problem import load_problem

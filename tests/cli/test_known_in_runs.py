@@ -31,7 +31,9 @@ def test_runs_may_know_masses_far_apart(folder):
 
 def test_a_known_zero(folder):
     line = '"joint.carriage.frictionloss" = 0.0'
-    assert load_problem(known(folder, line, line)).scope is not None
+    scope = load_problem(known(folder, line, line)).scope
+    assert scope is not None
+    assert [scope.constants(run) for run in ("first", "second")] == [{"joint.carriage.frictionloss": 0.0}] * 2
 
 
 @pytest.mark.parametrize(

@@ -300,6 +300,10 @@ def test_every_rig_makes_a_case_that_a_problem_file_carries(name: str, tmp_path:
 def test_every_kind_on_every_rig(name: str, kind: str, tmp_path: Path) -> None:
     for seed in range(3):
         made = case(name, kind, seed)
+        assert (made.rig, made.kind) == (name, kind)
+        assert bool(made.hidden) == (kind in ("effect", "tie", "outside"))
+        assert bool(made.fault) == (kind in ("bounds", "wiring"))
+        assert all((table["time"][-1] < 1.0) == (kind == "short") for table in made.columns.values())
         assert all(np.isfinite(column).all() for table in made.columns.values() for column in table.values())
         load_problem(write_case(made, tmp_path))
 

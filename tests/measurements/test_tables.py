@@ -245,11 +245,11 @@ def test_runs_under_another_name_are_told_and_the_clock_has_its_own(tmp_path, na
 
 
 def test_a_column_that_the_problem_ignores_is_no_error(tmp_path):
-    read(
-        tmp_path,
-        GOOD.replace("run,", "run,qpos.elbow,").replace("a,", "a,9,").replace("b,", "b,9,"),
-        ignore=["qpos.el*"],
-    )
+    wider = GOOD.replace("run,", "run,qpos.elbow,").replace("a,", "a,9,").replace("b,", "b,9,")
+    m, without = read(tmp_path, wider, ignore=["qpos.el*"]), read(tmp_path, GOOD)
+    assert m.signals == without.signals
+    assert m.runs == without.runs
+    assert bool((m.data == without.data).all())
 
 
 def test_a_missing_file_and_a_folder(tmp_path):

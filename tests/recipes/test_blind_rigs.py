@@ -17,12 +17,14 @@ from onlinebayes.simulators.effects import EFFECTS, Scales
 from recipes.studies.blind_rigs.__main__ import Study, main
 from recipes.studies.blind_rigs.judging import Judge, loaded
 from recipes.studies.blind_rigs.names import answer, spelt
-from recipes.studies.blind_rigs.plan import Job, jobs, seconds_to_go
-from recipes.studies.blind_rigs.record import Judged, from_json, to_json
+from recipes.studies.blind_rigs.plan import jobs, seconds_to_go
+from recipes.studies.blind_rigs.record import Judged, from_json
 from recipes.studies.blind_rigs.sizes import next_scale, questions
 from recipes.studies.blind_rigs.table import tabulate, wilson
 from recipes.studies.blind_rigs.truth import base_error, in_floors, true_error, true_values
 from recipes.studies.blind_rigs.workers import Done
+from recipes.studies.job import Job
+from recipes.studies.json_line import line
 
 # Making a case takes seconds with shapes checked, and tests/envs checks them.
 unchecked = pytest.mark.usefixtures("without_shape_checks")
@@ -102,7 +104,7 @@ def test_a_pair_of_which_one_is_faint_beside_the_other_counts_but_not_among_thos
     assert (rows["two effects: both accepted"].value, rows["two effects: both accepted"].unit) == (0.5, "1 of 2")
     assert rows["two effects that both show: both accepted"].unit == "1 of 1"
     assert "without it the true model errs 1.01 times" in rows[f"MISS {faint.name}"].unit
-    assert from_json(to_json(faint)).beside == beside
+    assert from_json(line(faint)).beside == beside
 
 
 @pytest.mark.parametrize(
@@ -139,7 +141,7 @@ def test_each_kind_has_its_right_verdict(kind: str, fields: dict[str, object], r
 
 def test_a_case_survives_its_file() -> None:
     judged = replace(NAMED, refused={"a@b": "weak"}, widened=("x",), gain=3.0)
-    assert from_json(to_json(judged)) == judged
+    assert from_json(line(judged)) == judged
     with pytest.raises(ValueError, match="no judged case"):
         from_json('{"rig": "crane"}')
 

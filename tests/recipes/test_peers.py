@@ -19,12 +19,13 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import QuadraticDrag
 from recipes.studies.blind_rigs.names import Answer, answer
 from recipes.studies.blind_rigs.workers import Done
+from recipes.studies.json_line import line
 from recipes.studies.peers import base, neural
 from recipes.studies.peers.__main__ import Study, main
 from recipes.studies.peers.cases import EMPS, FIRST, RIGS, jobs
 from recipes.studies.peers.judging import Judge, Trial
 from recipes.studies.peers.motion import _kernel
-from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, scored, to_json
+from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, scored
 from recipes.studies.peers.sysid_parameters import setter
 from recipes.studies.peers.table import tabulate
 from recipes.studies.peers.task import Fitted, Task, rms
@@ -179,7 +180,7 @@ def test_twins_count_once_and_what_is_not_hidden_is_false() -> None:
 
 def test_an_outcome_survives_its_file() -> None:
     outcome = Outcome("swing-effect-1000", "ours", ("a@b",), 1.5, ("a@b|c@d",), 1, 0, 3.0)
-    assert from_json(to_json(outcome)) == outcome
+    assert from_json(line(outcome)) == outcome
     with pytest.raises(ValueError, match="no outcome"):
         from_json('{"method": "guess", "case": "x"}')
 

@@ -18,17 +18,13 @@ from onlinebayes.simulators.testing import check_effect
 from tests.simulators.models import SLIDE
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "concepts" / "effects.md"
-IMPORTS = """from dataclasses import dataclass
-from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.effects import EFFECTS, Effect
-"""
 
 
 @pytest.fixture
 def propeller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     blocks = re.findall(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
     code = next(block for block in blocks if "PropellerTorque" in block)
-    (tmp_path / "my_propeller.py").write_text(IMPORTS + code)
+    (tmp_path / "my_propeller.py").write_text(code)
     monkeypatch.syspath_prepend(str(tmp_path))
     import_module("my_propeller")
     yield EFFECTS["propeller_torque"]

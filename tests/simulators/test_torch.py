@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import re
+import runpy
+from pathlib import Path
+
 import pytest
 import torch
 from tensordict import TensorDict
@@ -23,8 +27,17 @@ def test_contract(system: type[TorchSimulator]) -> None:
     check_simulator(system(PRIOR, dt=3 * system.timestep, dtype=torch.float32), scale=0.5)
 
 
+def test_the_documented_system_runs_as_it_stands(tmp_path: Path) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "concepts" / "simulators.md").read_text(encoding="utf-8")
+    (code,) = (block for block in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "class Slider" in block)
+    (tmp_path / "slider.py").write_text(code, encoding="utf-8")
+    simulator = runpy.run_path(str(tmp_path / "slider.py"))["Slider"](["mass"])
+    simulator.reset(torch.tensor([[4.0]], dtype=torch.float64))
+    assert float(simulator.step(inputs(torch.tensor([[3.0]])))["qvel"]) == pytest.approx(0.01 * 2.0 * 3.0 / 4.0)
+
+
 class Slider(TorchSimulator):
-    """A mass on a rail pushed by two motors: the example of docs/concepts/simulators.md, with a second motor."""
+    """A mass on a rail pushed by two motors, of which one has a gear that is a parameter and one a limit."""
 
     physical = ParameterSpace({"mass": Parameter(0.1, 10.0, "kg"), "kt": Parameter(0.0, 5.0, "N")})
     defaults = {"mass": 1.0, "kt": 2.0}  # noqa: RUF012

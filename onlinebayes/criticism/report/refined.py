@@ -22,10 +22,9 @@ from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import physical
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.mending import mended
-from onlinebayes.criticism.report.toml import to_toml
 from onlinebayes.criticism.results import Criticism, FittedModel
 from onlinebayes.criticism.scope import address_of
-from onlinebayes.runs import BadInput, write_atomic
+from onlinebayes.runs import BadInput, to_toml, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.assets import put_beside
 from onlinebayes.simulators.mujoco.export import to_xml

@@ -24,11 +24,13 @@ import onlinebayes
 from envs.rigs import KINDS, RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.studies.blind_rigs.judging import Judge, unanswered
-from recipes.studies.blind_rigs.plan import REPORTED, Job, in_words, jobs, pair_jobs, seconds_to_go
-from recipes.studies.blind_rigs.record import Judged, from_json, to_json
+from recipes.studies.blind_rigs.plan import REPORTED, in_words, jobs, pair_jobs, seconds_to_go
+from recipes.studies.blind_rigs.record import Judged, from_json
 from recipes.studies.blind_rigs.table import tabulate
 from recipes.studies.blind_rigs.workers import Done, work
 from recipes.studies.exits import status
+from recipes.studies.job import Job
+from recipes.studies.json_line import line
 
 
 @dataclass(frozen=True)
@@ -108,7 +110,7 @@ def main(study: Study) -> int:
         value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
         print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
     ordered = sorted(found.values(), key=lambda judged: judged.name)
-    write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(to_json, ordered)))
+    write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(line, ordered)))
     print(f"written: {table.write(study.results)}")
     return 130 if stopped else 0
 
@@ -119,7 +121,7 @@ def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str
     with Progress("blind rigs", len(todo) + len(found)) as progress:
         for done in work(todo, Judge(study.candidates, code), study.processes, 4 * 60 * study.minutes):
             judged = _answered(done, code, 60 * study.minutes)
-            write_atomic(study.cases / f"{judged.name}.json", to_json(judged))
+            write_atomic(study.cases / f"{judged.name}.json", line(judged))
             found[judged.name] = judged
             fresh.append(judged)
             del left[judged.name]
@@ -146,7 +148,7 @@ def read_published(file: Path | None, wanted: Iterable[Job]) -> dict[str, Judged
     if file is None:
         return {}
     try:
-        judged = [from_json(line) for line in file.read_text(encoding="utf-8").splitlines()]
+        judged = [from_json(text) for text in file.read_text(encoding="utf-8").splitlines()]
     except (OSError, ValueError, TypeError) as error:
         raise BadInput(f"{file} holds no judged cases: {error}", "name a blind-rigs-cases.jsonl") from None
     names = {job.name for job in wanted}

@@ -14,9 +14,9 @@ from onlinebayes.cli.problem import Problem, load_problem
 from onlinebayes.criticism import Candidate, Criticism, refine
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.blind_rigs.names import spelt
-from recipes.studies.blind_rigs.plan import Job
 from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.blind_rigs.truth import in_floors, true_error, true_values
+from recipes.studies.job import Job
 
 
 @dataclass(frozen=True)

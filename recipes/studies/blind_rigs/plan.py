@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from itertools import count, islice
 
 from envs.rigs import KINDS, hidden_in
 from recipes.studies.blind_rigs.record import Judged
+from recipes.studies.job import Job
 
 REPORTED = 2200
 """Seed of a rig's first reported case of a kind; with those below the search was tuned, or they were looked at."""
@@ -15,20 +15,6 @@ QUICK = (
     *("thrown_ball", "swing", "position_servo", "slide_drive"),
     *("cart_pole", "two_link_arm", "pushed_block", "six_joint_arm"),
 )
-
-
-@dataclass(frozen=True)
-class Job:
-    """A case to judge."""
-
-    rig: str
-    kind: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """As :attr:`Judged.name`."""
-        return f"{self.rig}-{self.kind}-{self.seed}"
 
 
 def jobs(counts: Mapping[str, int], rigs: Iterable[str], first: int) -> list[Job]:

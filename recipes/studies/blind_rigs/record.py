@@ -10,14 +10,13 @@ same measure, e(true effects without it) / e(true effects); such cases count, an
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
-from typing import Any
+from dataclasses import dataclass, field
 
 from envs.rigs import RIGS
 from onlinebayes.criticism.results import Verdict
 from recipes.studies.blind_rigs.names import Answer, answer, spellings
+from recipes.studies.json_line import parsed
 
 RIGHT: Mapping[str, Verdict] = {
     "effect": "missing_effect",
@@ -205,22 +204,10 @@ class Judged:
         return bool(self.equal) and all(any(key in a.names for a in self.answers) for key in self.equal)
 
 
-def to_json(judged: Judged) -> str:
-    """One line."""
-    return json.dumps(asdict(judged)) + "\n"
-
-
 def from_json(text: str) -> Judged:
-    """The case of such a line.
+    """The case of a line that :func:`~recipes.studies.json_line.line` made.
 
     Raises:
         ValueError: it is none.
     """
-    raw: dict[str, Any] = json.loads(text)
-    if not isinstance(raw, dict) or raw.get("rig") not in RIGS or raw.get("kind") not in RIGHT:
-        raise ValueError("no judged case")
-    known = {entry.name for entry in fields(Judged)}
-    values: dict[str, Any] = {
-        key: tuple(value) if isinstance(value, list) else value for key, value in raw.items() if key in known
-    }
-    return Judged(**values)
+    return parsed(Judged, text, lambda raw: raw.get("rig") in RIGS and raw.get("kind") in RIGHT, "judged case")

@@ -25,9 +25,10 @@ from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.exits import status
+from recipes.studies.json_line import line
 from recipes.studies.peers.cases import jobs
 from recipes.studies.peers.judging import Judge, Trial, unanswered
-from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, to_json
+from recipes.studies.peers.record import COST, METHODS, Outcome, from_json
 from recipes.studies.peers.table import tabulate
 
 NEEDED = ("pysindy", "colorama", "tabulate", "yaml", "imageio", "plotly")
@@ -98,7 +99,7 @@ def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: 
         tried = work(todo, Judge(code), study.processes, 60 * study.minutes)
         for number, done in enumerate(tried, 1):
             outcome = done.result or unanswered(done.job, done.problem, done.seconds, code)
-            write_atomic(study.kept / f"{outcome.name}.json", to_json(outcome))
+            write_atomic(study.kept / f"{outcome.name}.json", line(outcome))
             found[outcome.name] = outcome
             spent += done.seconds
             left = in_words(spent / number * (len(todo) - number) / study.processes)

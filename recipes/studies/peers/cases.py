@@ -20,6 +20,7 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies import blind_data, emps
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import Answer, answer, spelt
+from recipes.studies.job import Job
 from recipes.studies.peers.task import Task
 
 PENDULUM, EMPS = "driven_pendulum", "emps"
@@ -29,21 +30,6 @@ FIRST = 2000
 """Seed of a rig's first case of a kind."""
 PUBLISHED = ("dry_friction@carriage", "constant_load@carriage")
 """What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""
-
-
-@final
-@dataclass(frozen=True)
-class Job:
-    """A case by name: a rig of ``envs/rigs``, the driven pendulum, or EMPS."""
-
-    rig: str
-    kind: str
-    seed: int
-
-    @property
-    def name(self) -> str:
-        """``rig-kind-seed``."""
-        return f"{self.rig}-{self.kind}-{self.seed}"
 
 
 @final

@@ -14,7 +14,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.fitting.heldout import start_floor, start_spread
-from recipes.studies.peers.cases import Case, Job, make
+from recipes.studies.job import Job
+from recipes.studies.peers.cases import Case, make
 from recipes.studies.peers.record import COST, Outcome, scored
 from recipes.studies.peers.task import Fitted, Task, rms
 

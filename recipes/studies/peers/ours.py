@@ -39,10 +39,6 @@ class Refined(Fitted):
         """See :class:`Fitted`."""
         return replayed(self.result.final.simulator, self.result.final.theta, windows)
 
-    def predict_base(self, windows: Windows) -> Float[Tensor, "W K S"]:
-        """The same of the engineer's model, fitted, with nothing added."""
-        return replayed(self.result.base.simulator, self.result.base.theta, windows)
-
 
 def fit(task: Task) -> Refined:
     """Refine the engineer's model with all candidates; the held-out runs go along, as the product has it."""

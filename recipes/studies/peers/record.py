@@ -6,12 +6,12 @@ criticism's held-out error at the engineer's nominal parameters, so that it belo
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from typing import Any, final
+from dataclasses import dataclass
+from typing import final
 
 from recipes.studies.blind_rigs.names import Answer
+from recipes.studies.json_line import parsed
 from recipes.studies.peers.task import Claim
 
 METHODS = ("base", "ours", "pysindy", "sysid", "neural")
@@ -65,20 +65,12 @@ def scored(answers: Sequence[Answer], claims: Sequence[Claim]) -> tuple[int, int
     return right, sum(not any(answer.admits(key) for answer in answers for key in claim) for claim in claims)
 
 
-def to_json(outcome: Outcome) -> str:
-    """One line."""
-    return json.dumps(asdict(outcome)) + "\n"
-
-
 def from_json(text: str) -> Outcome:
-    """The outcome of such a line.
+    """The outcome of a line that :func:`~recipes.studies.json_line.line` made.
 
     Raises:
         ValueError: it is none.
     """
-    raw: dict[str, Any] = json.loads(text)
-    if not isinstance(raw, dict) or raw.get("method") not in (*METHODS, COST) or "case" not in raw:
-        raise ValueError("no outcome of the comparison")
-    known = {entry.name for entry in fields(Outcome)}
-    values: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in raw.items() if k in known}
-    return Outcome(**values)
+    return parsed(
+        Outcome, text, lambda raw: raw.get("method") in (*METHODS, COST) and "case" in raw, "outcome of the comparison"
+    )

@@ -211,13 +211,14 @@ def test_no_replays_no_noise_no_failures() -> None:
     result = criticism()
     empty = tuple(dataclasses.replace(model, replays=()) for model in (result.base, result.final))
     errors = dataclasses.replace(result.heldout_error, noise_floor={SIGNAL: 0.0})
-    check(
+    text = check(
         to_html(
             dataclasses.replace(
                 result, base=empty[0], final=empty[1], heldout_error=errors, failures=(), candidates=(), parameters={}
             )
         )
     )
+    assert f"{SIGNAL}, RMS over 1 s of held-out data: no noise floor is known" in text
 
 
 def test_a_long_log_stays_small() -> None:

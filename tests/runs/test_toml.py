@@ -7,7 +7,7 @@ import tomllib
 
 import pytest
 
-from onlinebayes.criticism.report.toml import to_toml
+from onlinebayes.runs import to_toml
 
 
 @pytest.mark.parametrize(
