@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 from onlinebayes.cli.matching import Match
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import to_toml
+from onlinebayes.runs import one_line, to_toml
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 MOST_NAMED = 4
@@ -36,7 +36,7 @@ def text_of(
         name: of the file.
     """
     comments = _comments(content, simulator, parameters, {one.name: one.why for one in found})
-    text = to_toml(content, head=HEAD.format(name=name), comments=comments)
+    text = to_toml(content, head=HEAD.format(name=one_line(name)), comments=comments)
     return text + _lacking(missing) + _more(simulator, content.get("signals", {}))
 
 
@@ -76,8 +76,8 @@ def _comments(
 
 
 def _lacking(missing: Mapping[str, tuple[str, ...]]) -> str:
-    lines = [f"\n# MISSING: {name}: {doubt(columns)}; {cure(name)}" for name, columns in missing.items()]
-    return "".join(lines) + ("\n" if missing else "")
+    lines = [one_line(f"MISSING: {name}: {doubt(columns)}; {cure(name)}") for name, columns in missing.items()]
+    return "".join(f"\n# {line}" for line in lines) + ("\n" if missing else "")
 
 
 def doubt(columns: Sequence[str]) -> str:
@@ -101,7 +101,7 @@ def cure(name: str) -> str:
 def _more(simulator: MujocoSimulator, mapped: object) -> str:
     """What else could stand here, as comments; a table that stands above is not begun a second time."""
     signal = simulator.signals[0] if simulator.signals else "qpos.joint"
-    table = f'[signals."{signal}"]'
+    table = one_line(f'[signals."{signal}"]')
     begun = isinstance(mapped, Mapping) and signal in mapped
     return (
         f"\n# {f'In {table} above may stand, too:' if begun else table}\n"

@@ -11,7 +11,7 @@ from pathlib import Path
 from onlinebayes.cli.draft_text import cure, doubt
 from onlinebayes.cli.first_draft import draft
 from onlinebayes.cli.outputs import check_apart
-from onlinebayes.runs import BadInput, write_atomic
+from onlinebayes.runs import BadInput, one_line, write_atomic
 
 
 def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
@@ -24,9 +24,11 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         force: write over a file that is there.
 
     Raises:
-        BadInput: the model or a log cannot be read or would be written over, or the file is there already.
+        BadInput: the model or a log cannot be read or would be written over, or the file is a link or is there already.
     """
     target = Path(out)
+    if target.is_symlink():
+        raise BadInput(f"is a link to {target.readlink()}", "give --out the file itself", where=out)
     check_apart([target], {**{Path(log): "a log" for log in logs}, Path(model): "the model"})
     if target.exists() and not force:
         raise BadInput("the file is there already", "choose another --out, or write over it with --force", where=out)
@@ -35,13 +37,18 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     drafted = draft(Path(model), [Path(log) for log in logs], target)
     write_atomic(target, drafted.text)
     for found in drafted.matches:
-        said = "" if found.exact else f"   ({found.why}: check it)"
-        print(f"matched:   {found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}{said}")
+        said = "" if found.exact else f" ({found.why}: check it)"
+        _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}{said}")
     for name, columns in drafted.missing.items():
-        print(f"missing:   {name}: {doubt(columns)}; {cure(name)}")
+        _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
     if drafted.follows:
-        print(f"follows:   {', '.join(drafted.follows)}, from the others by the model's <equality>")
+        _say("follows:", f"{', '.join(drafted.follows)}, from the others by the model's <equality>")
     if drafted.unused:
-        print(f"unused:    {', '.join(drafted.unused)}")
-    print(f"wrote:     {target}")
+        _say("unused:", ", ".join(drafted.unused))
+    _say("wrote:", str(target))
     return 0
+
+
+def _say(word: str, text: str) -> None:
+    """One line; names of a log may hold what a terminal would obey."""
+    print(f"{word:<10} {one_line(text)}")

@@ -12,6 +12,8 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from onlinebayes.runs.printable import one_line
+
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -25,7 +27,7 @@ def to_toml(
         head: comment before the first line.
         comments: path of a key -> comment behind its value.
     """
-    lines = [f"# {line}" for line in head.splitlines()]
+    lines = [f"# {line}" for line in head.split("\n")] if head else []
     _table(lines, (), content, comments or {})
     return "\n".join(lines) + "\n"
 
@@ -39,7 +41,7 @@ def _table(
         lines += ["", f"[{'.'.join(_key(part) for part in path)}]"]
     for key, value in plain.items():
         comment = comments.get((*path, key), "")
-        lines.append(f"{_key(key)} = {_value(value)}{f'  # {comment}' if comment else ''}")
+        lines.append(f"{_key(key)} = {_value(value)}{f'  # {one_line(comment)}' if comment else ''}")
     for key, value in inner.items():
         _table(lines, (*path, key), value, comments)
 

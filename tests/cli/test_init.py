@@ -235,6 +235,47 @@ def test_foreign_columns_that_look_like_the_models_are_ignored(folder, capsys) -
     assert load_problem(folder / "first.toml").measurement.signals[0].name == "qpos.carriage"
 
 
+WRITES_TOML = 't\n[effects]\nmodules = ["stranger"]\n\x1b[31m#'
+
+
+@pytest.mark.parametrize("place", ["clock", "column", "joint"])
+def test_a_name_stays_a_name(folder, capsys, place: str) -> None:
+    """A column or a joint whose name is a table of TOML adds none to the file: modules named there would be run."""
+    table, model = folder / "carriage.csv", folder / "carriage.xml"
+    cell = '"' + WRITES_TOML.replace('"', '""') + '"'
+    if place == "joint":
+        name = WRITES_TOML.replace("\n", "&#10;").replace('"', "&quot;").replace("\x1b", "")
+        text = MODEL.replace('joint name="carriage"', f'joint name="{name}"')
+        model.write_text(text.replace('joint="carriage"', f'joint="{name}"'))
+    else:
+        old = "time," if place == "clock" else "qpos.carriage"
+        table.write_text(table.read_text().replace(old, cell + ("," if place == "clock" else ""), 1))
+    status, said = make(folder, capsys)
+    assert "\x1b" not in said
+    if status == 0:
+        content = tomllib.loads((folder / "first.toml").read_text())
+        assert "effects" not in content
+        assert all(line.startswith(("matched:", "missing:", "unused:", "wrote:")) for line in said.splitlines())
+    assert status in (0, 2)
+
+
+def test_a_link_is_not_written_through(folder, capsys) -> None:
+    (folder / "first.toml").symlink_to(folder / "other.toml")
+    for more in ((), ("--force",)):
+        status, said = make(folder, capsys, *more)
+        assert status == 2
+        assert "is a link to" in said
+    assert not (folder / "other.toml").exists()
+    assert (folder / "first.toml").is_symlink()
+
+
+def test_a_folder_is_not_a_file(folder, capsys) -> None:
+    (folder / "first.toml").mkdir()
+    status, said = make(folder, capsys, "--force")
+    assert status == 2
+    assert "is a folder; give the name of a file" in said
+
+
 def test_a_file_that_is_there_stays(folder, capsys) -> None:
     before = (folder / "carriage.toml").read_text()
     status, said = make(folder, capsys, out="carriage.toml")
@@ -320,7 +361,7 @@ def test_a_guess_of_a_command_is_called_one(folder, capsys, column: str) -> None
     (folder / "lab.csv").write_text(table().replace("ctrl.motor", column))
     status, said = make(folder, capsys, log="lab.csv")
     assert status == 0
-    assert f"ctrl.motor <- {column}   (a guess, " in said
+    assert f"ctrl.motor <- {column} (a guess, " in said
     assert "missing" not in said
     assert "unused" not in said
     (line,) = [line for line in (folder / "first.toml").read_text().splitlines() if line.startswith("column")]
