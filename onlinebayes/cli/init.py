@@ -37,8 +37,8 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     drafted = draft(Path(model), [Path(log) for log in logs], target)
     write_atomic(target, drafted.text)
     for found in drafted.matches:
-        said = "" if found.exact else f" ({found.why}: check it)"
-        _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}{said}")
+        said = () if found.exact else (f"({found.why}: check it)",)
+        _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said)
     for name, columns in drafted.missing.items():
         _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
     if drafted.follows:
@@ -49,6 +49,6 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     return 0
 
 
-def _say(word: str, text: str) -> None:
+def _say(word: str, *parts: str) -> None:
     """One line; names of a log may hold what a terminal would obey."""
-    print(f"{word:<10} {one_line(text)}")
+    print(f"{word:<10} {'   '.join(one_line(part) for part in parts)}")

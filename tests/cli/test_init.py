@@ -361,7 +361,7 @@ def test_a_guess_of_a_command_is_called_one(folder, capsys, column: str) -> None
     (folder / "lab.csv").write_text(table().replace("ctrl.motor", column))
     status, said = make(folder, capsys, log="lab.csv")
     assert status == 0
-    assert f"ctrl.motor <- {column} (a guess, " in said
+    assert f"ctrl.motor <- {column}   (a guess, " in said
     assert "missing" not in said
     assert "unused" not in said
     (line,) = [line for line in (folder / "first.toml").read_text().splitlines() if line.startswith("column")]
