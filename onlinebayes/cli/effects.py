@@ -41,6 +41,8 @@ def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] |
     candidates = section.texts("candidates")
     if not candidates:
         raise section.error("candidates", "nothing to try", 'write "all", or name effects')
+    if "all" in candidates:
+        raise section.error("candidates", "'all' is no effect", 'write candidates = "all", without brackets')
     for candidate in candidates:
         with section.at("candidates"):
             check_effect(candidate, simulator)
@@ -63,6 +65,8 @@ def check_effect(key: str, simulator: Simulator) -> None:
 def check_constant(address: str, value: float, simulator: Simulator) -> None:
     """Raise :class:`BadInput` unless ``name@target.parameter`` exists and may have this value, added or not."""
     key, _, parameter = address.rpartition(".")
+    if not key:
+        raise BadInput(f"'{address}' names no parameter", "write effect@target.parameter")
     check_effect(key, simulator)
     name, _, target = key.partition("@")
     effect = {**EFFECTS, **simulator.own_effects}[name].scaled(target, Scales(1.0, 1.0, 1.0, 1.0))

@@ -166,7 +166,7 @@ def _scope(
             with top.section("runs").section(pattern).at(address):
                 if "@" in address:
                     check_constant(address, value, simulator)
-    with top.at("runs"):
+    with top.at("groups" if scope.groups and not scope.known else "runs"):
         scope.check(simulator.parameters, measurement.runs)
     return scope
 
@@ -262,6 +262,8 @@ def _matched(top: Section, key: str, measurement: Measurement) -> tuple[str, ...
     patterns = top.texts(key)
     for pattern in patterns:
         if not any(matches(run, (pattern,)) for run in measurement.runs):
+            if key != "exclude" and matches(pattern, top.texts("exclude", ())):
+                raise top.error(key, f"'{pattern}' is left out by 'exclude'", "name runs that are left in")
             known = ", ".join(measurement.runs[:12]) + (", ..." if len(measurement.runs) > 12 else "")
             raise top.error(key, f"no run is called '{pattern}'", f"the tables have {known}")
     return tuple(run for run in measurement.runs if matches(run, patterns))

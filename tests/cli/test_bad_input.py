@@ -139,6 +139,17 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
         more('[runs.first]\n"dry_frict@carriage.frictionloss" = 1'),
         "effect 'dry_frict' is unknown",
     ),
+    "runs effect without parameter": (
+        more('[runs.first]\n"dry_friction@carriage" = 1'),
+        "'dry_friction@carriage' names no parameter; write effect@target.parameter",
+    ),
+    "groups": (
+        problem(
+            "[parameters]",
+            'groups = ["x*"]\n[parameters]\n"joint.carriage.armature" = { low = 0, high = 1, scope = "per_run" }',
+        ),
+        r"carriage.toml: groups: no run is called 'x\*'",
+    ),
     "clock": (more('[time]\ncolumn = "tick"'), "row 1: no column 'tick'"),
     "clock key": (more("[time]\nlatency = 1"), "time.latency: unknown key; known: column, unit"),
     "clock unit": (more('[time]\nunit = "mm"'), "time.unit: unit 'mm' cannot become s; use one of s, ms, us, ns"),
@@ -170,6 +181,10 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "address field": (problem("carriage.mass", "carriage.weight"), "no field 'weight'"),
     "address kind": (problem("body.carriage.mass", "bodi.carriage.mass"), "starts with 'bodi'"),
     "holdout": (problem("second", "third"), "holdout: no run is called 'third'; the tables have first, second"),
+    "holdout of what is excluded": (
+        problem('holdout = ["second"]', 'exclude = ["second"]\nholdout = ["second"]'),
+        "holdout: 'second' is left out by 'exclude'; name runs that are left in",
+    ),
     "holdout all": (problem('["second"]', '["*"]'), "holdout: every run is held out"),
     "holdout none": (problem('["second"]', "[]"), "holdout: no run is named"),
     "sd": (more('[signals."qpos.carriage"]\nsd = -1'), "sd = -1.0 is not a positive number"),
@@ -183,6 +198,10 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "folds": (more("[selection]\nfolds = 1.5"), "selection.folds: 1.5 is not a whole number"),
     "horizon": (more("[selection]\nhorizon_s = nan"), "selection.horizon_s: nan is not finite"),
     "candidate": (more("[effects]\ncandidates = ['dry_fricton']"), "'dry_fricton' is unknown; nearest: dry_friction"),
+    "candidate all": (
+        more("[effects]\ncandidates = ['all']"),
+        "'all' is no effect; write candidates = \"all\", without",
+    ),
     "candidate target": (more("[effects]\ncandidates = ['dry_friction@motor']"), "no joint 'motor' for dry_friction"),
     "candidates text": (more("[effects]\ncandidates = 'dry_friction'"), "effects.candidates: .*is no list"),
     "add": (more("[effects]\nadd = ['dry_friction']"), "effects.add: 'dry_friction' names no target"),
