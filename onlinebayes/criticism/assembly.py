@@ -40,7 +40,7 @@ from onlinebayes.criticism.results import (
     Remainder,
     ReplayedRun,
 )
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.ties import alternatives
 from onlinebayes.criticism.task import Task
@@ -72,7 +72,9 @@ class _Opened:
     fitted_starts: dict[str, float]
 
 
-def assemble(question: Question, task: Task, found: Found, fault: Suspicion | None, stopwatch: Stopwatch) -> Criticism:
+def assemble(
+    question: Question, task: Task, found: SearchResult, fault: Suspicion | None, stopwatch: Stopwatch
+) -> Criticism:
     """The answer to a question.
 
     Args:
@@ -128,7 +130,7 @@ def assemble(question: Question, task: Task, found: Found, fault: Suspicion | No
 
 
 def _evidence(
-    question: Question, task: Task, found: Found, fault: Suspicion | None, equal: Mapping[str, tuple[str, ...]]
+    question: Question, task: Task, found: SearchResult, fault: Suspicion | None, equal: Mapping[str, tuple[str, ...]]
 ) -> Evidence:
     """What the verdict rests on."""
     before, after = (left_over(grounds) for grounds in (found.base, found.final))
@@ -146,7 +148,7 @@ def _evidence(
     )
 
 
-def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> _Opened:
+def _opened(task: Task, found: SearchResult, blocks: Blocks, units: dict[str, str]) -> _Opened:
     """The held-out runs opened; ``blocks`` are the base model's."""
     base, final, horizon = found.base, found.final, task.selection.horizon_s
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
@@ -210,7 +212,7 @@ def _what_to_record(base: Grounds, blocks: Blocks) -> str:
 def _notes(
     question: Question,
     task: Task,
-    found: Found,
+    found: SearchResult,
     fault: Suspicion | None,
     models: _Opened,
     candidates: tuple[Candidate, ...],
@@ -239,7 +241,7 @@ def _notes(
     )
 
 
-def _carried_over(task: Task, found: Found, models: _Opened, units: dict[str, str]) -> tuple[str, ...]:
+def _carried_over(task: Task, found: SearchResult, models: _Opened, units: dict[str, str]) -> tuple[str, ...]:
     """Notes on what was accepted and does not hold in the held-out runs."""
     on_the_way = errors_on_the_way(found.accepted, models.step, task.held_runs, task.selection.horizon_s)
     last = found.accepted[-1][1].effect.key

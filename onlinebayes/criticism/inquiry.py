@@ -25,7 +25,7 @@ from onlinebayes.criticism.judging.localise import in_a_sentence
 from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.search import Found, ground, search
+from onlinebayes.criticism.searching.search import SearchResult, ground, search
 from onlinebayes.criticism.wiring.as_given import as_given
 from onlinebayes.criticism.wiring.faults import Fault, misplaced
 from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
@@ -60,7 +60,7 @@ def suspect(
     return leads.explain(selection) if leads is not None else None
 
 
-def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Found, Suspicion | None]:
+def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[SearchResult, Suspicion | None]:
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
     Arguments as :func:`onlinebayes.criticism.searching.search.search`. With a fault nothing is accepted and no
@@ -82,7 +82,7 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Fo
             watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base)))
         wiring = replace(wiring, leads=look(base, simulator, measurement, selection, watch))
         if (fault := wiring.beyond_doubt) is not None:
-            return Found(base, base, (), (), ()), fault
+            return SearchResult(base, base), fault
     found = search(simulator, context, most, base)
     with watch.giving_up():
         fault, share = wiring.beside(found)
@@ -140,7 +140,7 @@ class _Wiring:
             return self.late
         return self.outage if self.leads.sudden and self.outage is not None and self.outage.decisive else None
 
-    def beside(self, found: Found) -> tuple[Suspicion | None, float]:
+    def beside(self, found: SearchResult) -> tuple[Suspicion | None, float]:
         """The fault that may explain more than what was found, and what share of its error it must not exceed."""
         room = self.leads is not None and not found.interrupted
         structured = room and _structured(found.final, self.context.selection)
@@ -154,7 +154,7 @@ class _Wiring:
             fault = min(either, key=lambda one: one.after, default=None)
         return (fault, 1.0) if fault is not None else (log, share)
 
-    def _of_the_log(self, found: Found) -> tuple[Suspicion | None, float]:
+    def _of_the_log(self, found: SearchResult) -> tuple[Suspicion | None, float]:
         """What the log may have done where effects explain it, and what share of their error it must not exceed."""
         context = self.context
         log, share = _faults_of_the_log(found, self.simulator, context.measurement, context.selection)
@@ -168,7 +168,7 @@ class _Wiring:
 
 
 def _faults_of_the_log(
-    found: Found, simulator: Simulator, measurement: Measurement, selection: Selection
+    found: SearchResult, simulator: Simulator, measurement: Measurement, selection: Selection
 ) -> tuple[list[Fault], float]:
     """What the accepted effects may be if the log is to blame, and what share of their error it must not exceed.
 
@@ -187,14 +187,14 @@ def _faults_of_the_log(
     return list(dict.fromkeys(fault for fault in tried if fault is not None)), share
 
 
-def _delays(found: Found, kind: type[SensorDelay] | type[ActuatorDelay]) -> dict[str, float]:
+def _delays(found: SearchResult, kind: type[SensorDelay] | type[ActuatorDelay]) -> dict[str, float]:
     """Target -> the delay [s] that was accepted for it; nothing where any effect of another kind was accepted too."""
     if not all(isinstance(judged.effect, kind) for _, judged in found.accepted):
         return {}
     return delays(found.final.fitted.simulator, found.final.fitted.theta, kind)
 
 
-def _zeros(found: Found) -> dict[str, float]:
+def _zeros(found: SearchResult) -> dict[str, float]:
     """Position of a hinge -> the offset [rad] by which one effect, the only one accepted or its rival, reads it."""
     if len(found.accepted) != 1:
         return {}

@@ -14,7 +14,7 @@ from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough_motion, ground
+from onlinebayes.criticism.searching.search import MOST_EFFECTS, SearchResult, enough_motion, ground
 from onlinebayes.criticism.slow_effects import adds_to, dropped_by
 from onlinebayes.criticism.task import Task, prepared
 from onlinebayes.criticism.timing import Stopwatch
@@ -64,12 +64,12 @@ def compare(
             watch.say(first)
         watch.say("fitting the base model")
         base = ground(task.simulator, task.fit_runs, task.selection)
-        found = Found(base, base, (), (), (), enough=enough_motion(base, task.selection))
+        found = SearchResult(base, base, enough=enough_motion(base, task.selection))
     with watch.giving_up():
         fault = suspect(base, task.simulator, task.fit_runs, task.selection, watch)
         if fault is None and (longer := task.slower(found, watch)) is not None:
             base = ground(task.simulator, task.fit_runs, longer)
-            task, found = task.over(longer), Found(base, base, (), (), ())
+            task, found = task.over(longer), SearchResult(base, base)
     return assemble("compare", task, replace(found, interrupted=watch.stopped), fault, stopwatch)
 
 
@@ -138,10 +138,10 @@ def _searched(
     return replace(result, interrupted=result.interrupted or stopped)
 
 
-def _over_longer(task: Task, found: Found, context: SearchContext, most: int) -> tuple[Task, Found]:
+def _over_longer(task: Task, found: SearchResult, context: SearchContext, most: int) -> tuple[Task, SearchResult]:
     """The task and what was found, over longer windows where these show more; see :mod:`.slow_effects`."""
     longer: Selection | None = None
-    again: Found | None = None
+    again: SearchResult | None = None
     stands = False
     with context.watch.giving_up():
         longer = task.slower(found, context.watch)
