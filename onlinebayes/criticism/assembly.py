@@ -17,9 +17,9 @@ from onlinebayes.criticism.findings.answers import parameter_changes, widened_bo
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
 from onlinebayes.criticism.findings.fit_notes import fit_notes
 from onlinebayes.criticism.findings.gear_notes import gear_notes
+from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
-from onlinebayes.criticism.findings.opening import opened
 from onlinebayes.criticism.findings.ranking import rank, steps
 from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.fitting.blocks import Blocks
@@ -31,6 +31,7 @@ from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
 from onlinebayes.criticism.replaying.ladder import Rung
+from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
@@ -45,7 +46,6 @@ from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.ties import alternatives
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from onlinebayes.criticism.wiring.wiring import Suspicion
 
 Question = Literal["compare", "diagnose", "refine"]
@@ -157,7 +157,7 @@ def _opened(task: Task, found: SearchResult, blocks: Blocks, units: dict[str, st
     if final is not base:
         final_model = _model(final, step, blocks_for(final.fitted, final.windows, task.selection.folds), task)
     held = windows_to_replay(final_model.simulator, task.held_runs, final_model.theta, horizon, final.windows.noise)
-    error, detail = opened(base_model, final_model, held, tuple(units), units)
+    error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
     left = fitted_starts(final_model, held, error, task.selection.tolerance)
     return _Opened(base_model, final_model, step, held, error, detail, left)
 

@@ -20,18 +20,18 @@ from functools import cached_property
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.fitting.first_answer import first_answer
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.localise import in_a_sentence
 from onlinebayes.criticism.judging.verdict import left_over
+from onlinebayes.criticism.replaying.measured_starts import delays
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import SearchResult, ground, search
-from onlinebayes.criticism.wiring.as_given import as_given
 from onlinebayes.criticism.wiring.faults import Fault, misplaced
 from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
-from onlinebayes.criticism.wiring.late_starts import delays
 from onlinebayes.criticism.wiring.shifts import late
-from onlinebayes.criticism.wiring.wiring import Leads, Suspicion, explained, look, outages
+from onlinebayes.criticism.wiring.wiring import Leads, Suspicion, fit_faults, outages, screen_faults
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, Watch
 from onlinebayes.simulators.base import Simulator
@@ -56,7 +56,7 @@ def suspect(
         selection: how faults are judged.
         watch: takes one line of progress.
     """
-    leads = look(base, simulator, measurement, selection, watch)
+    leads = screen_faults(base, simulator, measurement, selection, watch)
     return leads.explain(selection) if leads is not None else None
 
 
@@ -71,7 +71,7 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Se
     """
     measurement, selection, watch = context.measurement, context.selection, context.watch
     with watch.heeded():
-        if first := as_given(simulator, measurement, selection):
+        if first := first_answer(simulator, measurement, selection):
             watch.say(first)
         watch.say("fitting the base model")
         base = ground(simulator, measurement, selection)
@@ -80,7 +80,7 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Se
         if bool(base.windows.observed.any()):
             units = {signal.name: signal.unit for signal in measurement.signals}
             watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base)))
-        wiring = replace(wiring, leads=look(base, simulator, measurement, selection, watch))
+        wiring = replace(wiring, leads=screen_faults(base, simulator, measurement, selection, watch))
         if (fault := wiring.beyond_doubt) is not None:
             return SearchResult(base, base), fault
     found = search(simulator, context, most, base)
@@ -164,7 +164,7 @@ class _Wiring:
 
     def _explained(self, leads: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> Suspicion | None:
         """What the best of these faults explains, each begun at its theta [SI]."""
-        return explained(leads, self.base, self.simulator, self.context.measurement, self.context.selection)
+        return fit_faults(leads, self.base, self.simulator, self.context.measurement, self.context.selection)
 
 
 def _faults_of_the_log(

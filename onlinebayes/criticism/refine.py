@@ -10,15 +10,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from onlinebayes.criticism.assembly import Question, assemble
+from onlinebayes.criticism.fitting.first_answer import first_answer
 from onlinebayes.criticism.inquiry import inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import MOST_EFFECTS, SearchResult, enough_motion, ground
 from onlinebayes.criticism.slow_effects import adds_to, dropped_by
-from onlinebayes.criticism.task import Task, prepared
+from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.wiring.as_given import as_given
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -59,8 +59,8 @@ def compare(
     watch = Watch(stopwatch, interrupt)
     fault = None
     with watch.heeded():
-        task = prepared(simulator, measurement, holdout, selection, scope)
-        if first := as_given(task.simulator, task.fit_runs, task.selection):
+        task = prepare(simulator, measurement, holdout, selection, scope)
+        if first := first_answer(task.simulator, task.fit_runs, task.selection):
             watch.say(first)
         watch.say("fitting the base model")
         base = ground(task.simulator, task.fit_runs, task.selection)
@@ -96,7 +96,7 @@ def diagnose(
     """
     stopwatch = Stopwatch(progress)
     with Watch(stopwatch, interrupt).heeded():
-        task = prepared(simulator, measurement, holdout, selection, scope)
+        task = prepare(simulator, measurement, holdout, selection, scope)
     return _searched("diagnose", task, candidates, 1, stopwatch, interrupt)
 
 
@@ -115,7 +115,7 @@ def refine(
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
     stopwatch = Stopwatch(progress)
     with Watch(stopwatch, interrupt).heeded():
-        task = prepared(simulator, measurement, holdout, selection, scope)
+        task = prepare(simulator, measurement, holdout, selection, scope)
     return _searched("refine", task, candidates, MOST_EFFECTS, stopwatch, interrupt)
 
 

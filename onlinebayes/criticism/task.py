@@ -53,7 +53,7 @@ class Task:
         return replace(self, notes=(*self.notes, said))
 
 
-def prepared(
+def prepare(
     simulator: Simulator,
     measurement: Measurement,
     holdout: Sequence[str] | None,

@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.noise import tau
+from onlinebayes.criticism.data.noise import correlation_time
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.fitting.descent import bounded_step
@@ -140,7 +140,7 @@ def _left_correlation(apart: Fit, windows: Windows) -> float:
     """Correlation time of what a split fit leaves after one step of its own [s]."""
     step, _ = bounded_step(apart.simulator, apart.projected, apart.theta, 0.0)
     long = project(windows, apart.lin)
-    return tau(long.measured_rows(long.residual - long.columns @ step), long.seen(), windows.bin_step)
+    return correlation_time(long.measured_rows(long.residual - long.columns @ step), long.seen(), windows.bin_step)
 
 
 def may_change(name: str) -> bool:
