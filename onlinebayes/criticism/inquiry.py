@@ -44,6 +44,18 @@ TWICE_AS_GOOD = 0.5
 """Share of the error of actuators' delays that a late log may leave, as the two are much alike."""
 
 
+def first_fit(simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch) -> Grounds:
+    """The base model fitted, the first answer said before; arguments as :func:`suspect`.
+
+    Raises:
+        Stopped: it was interrupted before the base model was fitted.
+    """
+    if first := first_answer(simulator, measurement, selection):
+        watch.say(first)
+    watch.say("fitting the base model")
+    return ground(simulator, measurement, selection)
+
+
 def suspect(
     base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
 ) -> Suspicion | None:
@@ -71,10 +83,7 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Se
     """
     measurement, selection, watch = context.measurement, context.selection, context.watch
     with watch.heeded():
-        if first := first_answer(simulator, measurement, selection):
-            watch.say(first)
-        watch.say("fitting the base model")
-        base = ground(simulator, measurement, selection)
+        base = first_fit(simulator, measurement, selection, watch)
     wiring = _Wiring(base, simulator, context, None)
     with watch.giving_up():
         if bool(base.windows.observed.any()):

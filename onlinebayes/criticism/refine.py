@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from onlinebayes.criticism.assembly import Question, assemble
-from onlinebayes.criticism.fitting.first_answer import first_answer
-from onlinebayes.criticism.inquiry import inquire, suspect
+from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
@@ -60,10 +60,7 @@ def compare(
     fault = None
     with watch.heeded():
         task = prepare(simulator, measurement, holdout, selection, scope)
-        if first := first_answer(task.simulator, task.fit_runs, task.selection):
-            watch.say(first)
-        watch.say("fitting the base model")
-        base = ground(task.simulator, task.fit_runs, task.selection)
+        base = first_fit(task.simulator, task.fit_runs, task.selection, watch)
         found = SearchResult(base, base, enough=enough_motion(base, task.selection))
     with watch.giving_up():
         fault = suspect(base, task.simulator, task.fit_runs, task.selection, watch)
@@ -94,10 +91,8 @@ def diagnose(
     Raises:
         BadInput, Stopped: as :func:`compare`.
     """
-    stopwatch = Stopwatch(progress)
-    with Watch(stopwatch, interrupt).heeded():
-        task = prepare(simulator, measurement, holdout, selection, scope)
-    return _searched("diagnose", task, candidates, 1, stopwatch, interrupt)
+    ask = partial(prepare, simulator, measurement, holdout, selection, scope)
+    return _searched("diagnose", ask, candidates, 1, progress, interrupt)
 
 
 @one_torch_thread()
@@ -113,22 +108,23 @@ def refine(
     interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
-    stopwatch = Stopwatch(progress)
-    with Watch(stopwatch, interrupt).heeded():
-        task = prepare(simulator, measurement, holdout, selection, scope)
-    return _searched("refine", task, candidates, MOST_EFFECTS, stopwatch, interrupt)
+    ask = partial(prepare, simulator, measurement, holdout, selection, scope)
+    return _searched("refine", ask, candidates, MOST_EFFECTS, progress, interrupt)
 
 
 def _searched(
     question: Question,
-    task: Task,
+    ask: Callable[[], Task],
     candidates: str | Sequence[str | Effect],
     most: int,
-    stopwatch: Stopwatch,
+    progress: Say | None,
     interrupt: Interrupt | None,
 ) -> Criticism:
-    """The answer after a search for at most so many effects."""
+    """The answer to what is asked, after a search for at most so many effects."""
+    stopwatch = Stopwatch(progress)
     watch = Watch(stopwatch, interrupt)
+    with watch.heeded():
+        task = ask()
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
     found, fault = inquire(task.simulator, context, most)
     if fault is None and not watch.stopped:

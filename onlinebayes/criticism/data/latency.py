@@ -1,6 +1,8 @@
-"""A measurement read as if its late signals had not been late.
+"""A measurement as it would read without the latency of some of its signals.
 
-y'(t) = y(t + latency),     on the clock of the table; see :func:`onlinebayes.measurements.latency.advanced`
+    y'(t) = y(t + L),      on the rows of the table; see :func:`onlinebayes.measurements.latency.advanced`
+
+A log written late is mended so, and the starts of a late sensor's windows are read so.
 """
 
 from __future__ import annotations

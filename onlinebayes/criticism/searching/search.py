@@ -6,7 +6,7 @@ This module owns the order only; every rule stands in the module that is called.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.data.noise import measured_floors
@@ -103,70 +103,144 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
         most: number of effects after which no round begins, one or more; the last round may add several at once.
         base: the base model on its grounds, where it was fitted already.
     """
-    selection, watch = context.selection, context.watch
+    watch = context.watch
     if base is None:
         watch.say("fitting the base model")
-        base = ground(simulator, context.measurement, selection)
+        base = ground(simulator, context.measurement, context.selection)
     effects = propose(base.fitted.simulator, base.windows, context.candidates)
-    if not enough_motion(base, selection):
-        return SearchResult(base, base, effects, (), (), watch.stopped, enough=False)
-    working = WorkingModel(simulator, base)
-    stages: list[Stage] = []
-    seen: set[frozenset[str]] = set()
-    last: list[tuple[Group, ...]] = []  # of what is tried last, each time
-    alone: set[str] = set()  # of these, what was tried with nothing else
-    before_trial: WorkingModel | None = None  # comes back unless noise is all that is left
-    on_trial: tuple[Added, ...] = ()
+    if not enough_motion(base, context.selection):
+        return SearchResult(base, base, effects, interrupted=watch.stopped, enough=False)
+    running = _Search(context, simulator, base, effects, WorkingModel(simulator, base))
+    widened: Widened | None = None
     with watch.giving_up():
-        while working.grounds.numerics.sufficient and not watch.stopped:
-            thorough = not stages and not working.at_floor(selection.tolerance)
-            stages.append(_round(context, working, effects, thorough, len(stages) + 1))
-            if watch.stopped:
-                break  # a round that was cut short accepts nothing
-            if thorough and (wide := excluded(simulator, context, base, stages[0])) is not None:
-                return SearchResult(base, wide.grounds, effects, tuple(stages), (), widened=wide)
-            added = _chosen(context, working, stages[-1], effects)
-            if isinstance(added, Changed):
-                watch.say(f"giving every run its own {added.judged.address}")
-                working = with_change(working, added)
-                working = drop_idle(working, working.accepted, context) or working
-                continue
-            if not (added or watch.stopped or working.at_floor(selection.tolerance)) and context.everything:
-                last.append(
-                    flexible_groups(working.grounds, working.effects) if len(last) < MOST_FLEXIBLE_TRIES else ()
-                )
-                if not (working.effects or working.changes):
-                    alone = {effect.key for _, group in last[-1] for effect in group}
-                if (latest := _latest(context, working, stages[-1], last[-1])) is not None:
-                    added = latest.added
-                    if before_trial is None and not latest.believed:
-                        before_trial, on_trial = working, tuple(added)
-            if added:
-                working = _extended(context, working, added)
-            elif (leaner := merge_confounded(working, stages[-1], context)) is not None:
-                working = leaner
-            else:
-                break
-            names = frozenset(effect.key for effect in working.effects)
-            # What takes an earlier one's place may make room for others; the same ones again would go round in circles.
-            if names in seen or len(working.accepted) >= most:
-                break
-            seen.add(names)
-    if before_trial is not None and not working.at_floor(selection.tolerance):
-        working = before_trial
-    else:
-        on_trial = ()
+        widened = running.go_round(most)
+    if widened is not None:
+        return SearchResult(base, widened.grounds, effects, tuple(running.stages), widened=widened)
+    running.end_trial()
     if not watch.stopped:
         with watch.giving_up():
-            working = eliminate(working, context)
-            working = _simplest(context, base, working, alone)
-    late = {effect.key: effect for groups in last for _, group in groups for effect in group}
-    tried = (*effects, *late.values())
-    accepted, changes = working.accepted, working.changes
-    stopped = watch.stopped
-    return SearchResult(
-        base, working.grounds, tried, tuple(stages), accepted, stopped, changes=changes, taken_back=on_trial
-    )
+            running.simplify()
+    return running.result()
+
+
+@dataclass
+class _Search:
+    """A search under way. Its steps change it one by one, so that a stop in the middle of one leaves what was known.
+
+    Args:
+        context: of the search.
+        simulator, base: the base model at its own step, and fitted.
+        effects: the candidates.
+        working: the model as it stands.
+        stages: the rounds so far.
+        seen: the effects that stood after each of them.
+        flexible: what was tried last, each time.
+        alone: of these, what was tried with nothing else in the model.
+        before_trial: the model that comes back unless noise is all that is left.
+        on_trial: what goes then.
+    """
+
+    context: SearchContext
+    simulator: Simulator
+    base: Grounds
+    effects: tuple[Effect, ...]
+    working: WorkingModel
+    stages: list[Stage] = field(default_factory=list)
+    seen: set[frozenset[str]] = field(default_factory=set)
+    flexible: list[tuple[Group, ...]] = field(default_factory=list)
+    alone: set[str] = field(default_factory=set)
+    before_trial: WorkingModel | None = None
+    on_trial: tuple[Added, ...] = ()
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the model as it stands leaves noise."""
+        return self.working.at_floor(self.context.selection.tolerance)
+
+    def go_round(self, most: int) -> Widened | None:
+        """Round after round, until one adds nothing; a bound that excludes the truth, which is the answer then."""
+        context, watch = self.context, self.context.watch
+        while self.working.grounds.numerics.sufficient and not watch.stopped:
+            thorough = not self.stages and not self.at_floor
+            self.stages.append(_round(context, self.working, self.effects, thorough, len(self.stages) + 1))
+            if watch.stopped:
+                break  # a round that was cut short accepts nothing
+            if thorough and (wide := excluded(self.simulator, context, self.base, self.stages[0])) is not None:
+                return wide
+            added = _chosen(context, self.working, self.stages[-1], self.effects)
+            if isinstance(added, Changed):
+                self.give_own_values(added)
+            elif not self.take_in(added or self.try_flexible()) or self.is_full(most):
+                break
+        return None
+
+    def give_own_values(self, change: Changed) -> None:
+        """A parameter differs between runs from here on; what that makes needless goes."""
+        self.context.watch.say(f"giving every run its own {change.judged.address}")
+        self.working = with_change(self.working, change)
+        self.working = drop_idle(self.working, self.working.accepted, self.context) or self.working
+
+    def try_flexible(self) -> list[Added]:
+        """What is found among the candidates of much freedom; on trial where it leaves more than noise."""
+        if self.context.watch.stopped or self.at_floor or not self.context.everything:
+            return []
+        working, again = self.working, len(self.flexible) < MOST_FLEXIBLE_TRIES
+        self.flexible.append(flexible_groups(working.grounds, working.effects) if again else ())
+        if not (working.effects or working.changes):
+            self.alone = {effect.key for _, group in self.flexible[-1] for effect in group}
+        latest = _latest(self.context, working, self.stages[-1], self.flexible[-1])
+        if latest is None:
+            return []
+        if self.before_trial is None and not latest.believed:
+            self.before_trial, self.on_trial = working, tuple(latest.added)
+        return latest.added
+
+    def take_in(self, added: Sequence[Added]) -> bool:
+        """Whether the model changes: by what was added or, where nothing was, by one effect in place of several."""
+        if added:
+            self.working = _extended(self.context, self.working, added)
+            return True
+        leaner = merge_confounded(self.working, self.stages[-1], self.context)
+        self.working = leaner or self.working
+        return leaner is not None
+
+    def is_full(self, most: int) -> bool:
+        """Whether no round follows: there are ``most`` effects, or those that stood before.
+
+        What takes an earlier one's place may make room for others; the same ones again would go round in circles.
+        """
+        names = frozenset(effect.key for effect in self.working.effects)
+        if names in self.seen or len(self.working.accepted) >= most:
+            return True
+        self.seen.add(names)
+        return False
+
+    def end_trial(self) -> None:
+        """What stood on trial goes where more than noise is left, and is none of it otherwise."""
+        if self.before_trial is not None and not self.at_floor:
+            self.working = self.before_trial
+        else:
+            self.on_trial = ()
+
+    def simplify(self) -> None:
+        """The model without what it does not need, and with fewer effects where they explain as much."""
+        self.working = eliminate(self.working, self.context)
+        self.working = _simplest(self.context, self.base, self.working, self.alone)
+
+    def result(self) -> SearchResult:
+        """What was found."""
+        working = self.working
+        late = {effect.key: effect for groups in self.flexible for _, group in groups for effect in group}
+        return SearchResult(
+            self.base,
+            working.grounds,
+            (*self.effects, *late.values()),
+            tuple(self.stages),
+            working.accepted,
+            interrupted=self.context.watch.stopped,
+            changes=working.changes,
+            taken_back=self.on_trial,
+        )
 
 
 def _round(
