@@ -17,9 +17,9 @@ from onlinebayes.criticism.findings.answers import parameter_changes, widened_bo
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
 from onlinebayes.criticism.findings.fit_notes import fit_notes
 from onlinebayes.criticism.findings.gear_notes import gear_notes
+from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
-from onlinebayes.criticism.findings.opening import opened
 from onlinebayes.criticism.findings.ranking import rank, steps
 from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.fitting.blocks import Blocks
@@ -31,6 +31,7 @@ from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
 from onlinebayes.criticism.replaying.ladder import Rung, by_runge_kutta
+from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
@@ -40,12 +41,11 @@ from onlinebayes.criticism.results import (
     Remainder,
     ReplayedRun,
 )
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.ties import alternatives
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from onlinebayes.criticism.wiring.wiring import Suspicion
 
 Question = Literal["compare", "diagnose", "refine"]
@@ -72,7 +72,9 @@ class _Opened:
     fitted_starts: dict[str, float]
 
 
-def assemble(question: Question, task: Task, found: Found, fault: Suspicion | None, stopwatch: Stopwatch) -> Criticism:
+def assemble(
+    question: Question, task: Task, found: SearchResult, fault: Suspicion | None, stopwatch: Stopwatch
+) -> Criticism:
     """The answer to a question.
 
     Args:
@@ -128,7 +130,7 @@ def assemble(question: Question, task: Task, found: Found, fault: Suspicion | No
 
 
 def _evidence(
-    question: Question, task: Task, found: Found, fault: Suspicion | None, equal: Mapping[str, tuple[str, ...]]
+    question: Question, task: Task, found: SearchResult, fault: Suspicion | None, equal: Mapping[str, tuple[str, ...]]
 ) -> Evidence:
     """What the verdict rests on."""
     before, after = (left_over(grounds) for grounds in (found.base, found.final))
@@ -146,7 +148,7 @@ def _evidence(
     )
 
 
-def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> _Opened:
+def _opened(task: Task, found: SearchResult, blocks: Blocks, units: dict[str, str]) -> _Opened:
     """The held-out runs opened; ``blocks`` are the base model's."""
     base, final, horizon = found.base, found.final, task.selection.horizon_s
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
@@ -155,7 +157,7 @@ def _opened(task: Task, found: Found, blocks: Blocks, units: dict[str, str]) -> 
     if final is not base:
         final_model = _model(final, rung, blocks_for(final.fitted, final.windows, task.selection.folds), task)
     held = windows_to_replay(final_model.simulator, task.held_runs, final_model.theta, horizon, final.windows.noise)
-    error, detail = opened(base_model, final_model, held, tuple(units), units)
+    error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
     left = fitted_starts(final_model, held, error, task.selection.tolerance)
     return _Opened(base_model, final_model, rung, held, error, detail, left)
 
@@ -215,7 +217,7 @@ def _what_to_record(base: Grounds, blocks: Blocks) -> str:
 def _notes(
     question: Question,
     task: Task,
-    found: Found,
+    found: SearchResult,
     fault: Suspicion | None,
     models: _Opened,
     candidates: tuple[Candidate, ...],
@@ -244,7 +246,7 @@ def _notes(
     )
 
 
-def _carried_over(task: Task, found: Found, models: _Opened, units: dict[str, str]) -> tuple[str, ...]:
+def _carried_over(task: Task, found: SearchResult, models: _Opened, units: dict[str, str]) -> tuple[str, ...]:
     """Notes on what was accepted and does not hold in the held-out runs."""
     on_the_way = errors_on_the_way(found.accepted, models.rung, task.held_runs, task.selection.horizon_s)
     last = found.accepted[-1][1].effect.key

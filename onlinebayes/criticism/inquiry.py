@@ -20,18 +20,18 @@ from functools import cached_property
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.fitting.first_answer import first_answer
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.localise import in_a_sentence
 from onlinebayes.criticism.judging.verdict import left_over
+from onlinebayes.criticism.replaying.measured_starts import delays
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.search import Found, ground, search
-from onlinebayes.criticism.wiring.as_given import as_given
+from onlinebayes.criticism.searching.search import SearchResult, ground, search
 from onlinebayes.criticism.wiring.faults import Fault, misplaced
 from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
-from onlinebayes.criticism.wiring.late_starts import delays
 from onlinebayes.criticism.wiring.shifts import late
-from onlinebayes.criticism.wiring.wiring import Leads, Suspicion, explained, look, outages
+from onlinebayes.criticism.wiring.wiring import Leads, Suspicion, fit_faults, outages, screen_faults
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, Watch
 from onlinebayes.simulators.base import Simulator
@@ -42,6 +42,18 @@ MOST_LATE = 4
 
 TWICE_AS_GOOD = 0.5
 """Share of the error of actuators' delays that a late log may leave, as the two are much alike."""
+
+
+def first_fit(simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch) -> Grounds:
+    """The base model fitted, the first answer said before; arguments as :func:`suspect`.
+
+    Raises:
+        Stopped: it was interrupted before the base model was fitted.
+    """
+    if first := first_answer(simulator, measurement, selection):
+        watch.say(first)
+    watch.say("fitting the base model")
+    return ground(simulator, measurement, selection)
 
 
 def suspect(
@@ -56,11 +68,11 @@ def suspect(
         selection: how faults are judged.
         watch: takes one line of progress.
     """
-    leads = look(base, simulator, measurement, selection, watch)
+    leads = screen_faults(base, simulator, measurement, selection, watch)
     return leads.explain(selection) if leads is not None else None
 
 
-def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Found, Suspicion | None]:
+def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[SearchResult, Suspicion | None]:
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
     Arguments as :func:`onlinebayes.criticism.searching.search.search`. With a fault nothing is accepted and no
@@ -71,18 +83,15 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Fo
     """
     measurement, selection, watch = context.measurement, context.selection, context.watch
     with watch.heeded():
-        if first := as_given(simulator, measurement, selection):
-            watch.say(first)
-        watch.say("fitting the base model")
-        base = ground(simulator, measurement, selection)
+        base = first_fit(simulator, measurement, selection, watch)
     wiring = _Wiring(base, simulator, context, None)
     with watch.giving_up():
         if bool(base.windows.observed.any()):
             units = {signal.name: signal.unit for signal in measurement.signals}
             watch.say(in_a_sentence(base.fitted, base.windows, units, left_over(base)))
-        wiring = replace(wiring, leads=look(base, simulator, measurement, selection, watch))
+        wiring = replace(wiring, leads=screen_faults(base, simulator, measurement, selection, watch))
         if (fault := wiring.beyond_doubt) is not None:
-            return Found(base, base, (), (), ()), fault
+            return SearchResult(base, base), fault
     found = search(simulator, context, most, base)
     with watch.giving_up():
         fault, share = wiring.beside(found)
@@ -140,7 +149,7 @@ class _Wiring:
             return self.late
         return self.outage if self.leads.sudden and self.outage is not None and self.outage.decisive else None
 
-    def beside(self, found: Found) -> tuple[Suspicion | None, float]:
+    def beside(self, found: SearchResult) -> tuple[Suspicion | None, float]:
         """The fault that may explain more than what was found, and what share of its error it must not exceed."""
         room = self.leads is not None and not found.interrupted
         structured = room and _structured(found.final, self.context.selection)
@@ -154,7 +163,7 @@ class _Wiring:
             fault = min(either, key=lambda one: one.after, default=None)
         return (fault, 1.0) if fault is not None else (log, share)
 
-    def _of_the_log(self, found: Found) -> tuple[Suspicion | None, float]:
+    def _of_the_log(self, found: SearchResult) -> tuple[Suspicion | None, float]:
         """What the log may have done where effects explain it, and what share of their error it must not exceed."""
         context = self.context
         log, share = _faults_of_the_log(found, self.simulator, context.measurement, context.selection)
@@ -164,11 +173,11 @@ class _Wiring:
 
     def _explained(self, leads: Sequence[tuple[Fault, Float[Tensor, " P"]]]) -> Suspicion | None:
         """What the best of these faults explains, each begun at its theta [SI]."""
-        return explained(leads, self.base, self.simulator, self.context.measurement, self.context.selection)
+        return fit_faults(leads, self.base, self.simulator, self.context.measurement, self.context.selection)
 
 
 def _faults_of_the_log(
-    found: Found, simulator: Simulator, measurement: Measurement, selection: Selection
+    found: SearchResult, simulator: Simulator, measurement: Measurement, selection: Selection
 ) -> tuple[list[Fault], float]:
     """What the accepted effects may be if the log is to blame, and what share of their error it must not exceed.
 
@@ -187,14 +196,14 @@ def _faults_of_the_log(
     return list(dict.fromkeys(fault for fault in tried if fault is not None)), share
 
 
-def _delays(found: Found, kind: type[SensorDelay] | type[ActuatorDelay]) -> dict[str, float]:
+def _delays(found: SearchResult, kind: type[SensorDelay] | type[ActuatorDelay]) -> dict[str, float]:
     """Target -> the delay [s] that was accepted for it; nothing where any effect of another kind was accepted too."""
     if not all(isinstance(judged.effect, kind) for _, judged in found.accepted):
         return {}
     return delays(found.final.fitted.simulator, found.final.fitted.theta, kind)
 
 
-def _zeros(found: Found) -> dict[str, float]:
+def _zeros(found: SearchResult) -> dict[str, float]:
     """Position of a hinge -> the offset [rad] by which one effect, the only one accepted or its rival, reads it."""
     if len(found.accepted) != 1:
         return {}

@@ -8,17 +8,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import partial
 
 from onlinebayes.criticism.assembly import Question, assemble
-from onlinebayes.criticism.inquiry import inquire, suspect
+from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.search import MOST_EFFECTS, Found, enough_motion, ground
+from onlinebayes.criticism.searching.search import MOST_EFFECTS, SearchResult, enough_motion, ground
 from onlinebayes.criticism.slow_effects import adds_to, dropped_by
-from onlinebayes.criticism.task import Task, prepared
+from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
-from onlinebayes.criticism.wiring.as_given import as_given
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.base import Simulator
@@ -59,17 +59,14 @@ def compare(
     watch = Watch(stopwatch, interrupt)
     fault = None
     with watch.heeded():
-        task = prepared(simulator, measurement, holdout, selection, scope)
-        if first := as_given(task.simulator, task.fit_runs, task.selection):
-            watch.say(first)
-        watch.say("fitting the base model")
-        base = ground(task.simulator, task.fit_runs, task.selection)
-        found = Found(base, base, (), (), (), enough=enough_motion(base, task.selection))
+        task = prepare(simulator, measurement, holdout, selection, scope)
+        base = first_fit(task.simulator, task.fit_runs, task.selection, watch)
+        found = SearchResult(base, base, enough=enough_motion(base, task.selection))
     with watch.giving_up():
         fault = suspect(base, task.simulator, task.fit_runs, task.selection, watch)
         if fault is None and (longer := task.slower(found, watch)) is not None:
             base = ground(task.simulator, task.fit_runs, longer)
-            task, found = task.over(longer), Found(base, base, (), (), ())
+            task, found = task.over(longer), SearchResult(base, base)
     return assemble("compare", task, replace(found, interrupted=watch.stopped), fault, stopwatch)
 
 
@@ -94,10 +91,8 @@ def diagnose(
     Raises:
         BadInput, Stopped: as :func:`compare`.
     """
-    stopwatch = Stopwatch(progress)
-    with Watch(stopwatch, interrupt).heeded():
-        task = prepared(simulator, measurement, holdout, selection, scope)
-    return _searched("diagnose", task, candidates, 1, stopwatch, interrupt)
+    ask = partial(prepare, simulator, measurement, holdout, selection, scope)
+    return _searched("diagnose", ask, candidates, 1, progress, interrupt)
 
 
 @one_torch_thread()
@@ -113,22 +108,23 @@ def refine(
     interrupt: Interrupt | None = None,
 ) -> Criticism:
     """Add the best missing effect, refit, and again until the verdict stands; arguments as :func:`diagnose`."""
-    stopwatch = Stopwatch(progress)
-    with Watch(stopwatch, interrupt).heeded():
-        task = prepared(simulator, measurement, holdout, selection, scope)
-    return _searched("refine", task, candidates, MOST_EFFECTS, stopwatch, interrupt)
+    ask = partial(prepare, simulator, measurement, holdout, selection, scope)
+    return _searched("refine", ask, candidates, MOST_EFFECTS, progress, interrupt)
 
 
 def _searched(
     question: Question,
-    task: Task,
+    ask: Callable[[], Task],
     candidates: str | Sequence[str | Effect],
     most: int,
-    stopwatch: Stopwatch,
+    progress: Say | None,
     interrupt: Interrupt | None,
 ) -> Criticism:
-    """The answer after a search for at most so many effects."""
+    """The answer to what is asked, after a search for at most so many effects."""
+    stopwatch = Stopwatch(progress)
     watch = Watch(stopwatch, interrupt)
+    with watch.heeded():
+        task = ask()
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
     found, fault = inquire(task.simulator, context, most)
     if fault is None and not watch.stopped:
@@ -138,10 +134,10 @@ def _searched(
     return replace(result, interrupted=result.interrupted or stopped)
 
 
-def _over_longer(task: Task, found: Found, context: SearchContext, most: int) -> tuple[Task, Found]:
+def _over_longer(task: Task, found: SearchResult, context: SearchContext, most: int) -> tuple[Task, SearchResult]:
     """The task and what was found, over longer windows where these show more; see :mod:`.slow_effects`."""
     longer: Selection | None = None
-    again: Found | None = None
+    again: SearchResult | None = None
     stands = False
     with context.watch.giving_up():
         longer = task.slower(found, context.watch)

@@ -23,7 +23,7 @@ from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.fitting.numerics import Grounds, check
 from onlinebayes.criticism.judging.verdict import halved, left_over
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import leaves_noise
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
@@ -35,7 +35,7 @@ WINDOWS = 8  # in the fit runs' whole time T: seven blocks, and something to spa
 
 
 def slower(
-    simulator: Simulator, measurement: Measurement, selection: Selection, found: Found, watch: Watch = UNWATCHED
+    simulator: Simulator, measurement: Measurement, selection: Selection, found: SearchResult, watch: Watch = UNWATCHED
 ) -> Selection | None:
     """The selection with the longer windows in which more than noise is left; None where none is, or none fit.
 
@@ -108,7 +108,7 @@ def _known_starts(windows: Windows, grounds: Grounds) -> Float[Tensor, "W J2"]:
     return starts
 
 
-def adds_to(again: Found, first: Found, measurement: Measurement, asked: Selection) -> bool:
+def adds_to(again: SearchResult, first: SearchResult, measurement: Measurement, asked: Selection) -> bool:
     """Whether what was found over longer windows explains their misfit, and says more than what was found before.
 
     It says more where it names more; and, however little it names, where it leaves noise over both.
@@ -127,7 +127,7 @@ def adds_to(again: Found, first: Found, measurement: Measurement, asked: Selecti
     return noise and _named(again) > 0 and _leaves_noise_over(asked, again.final, first.final, measurement)
 
 
-def _named(found: Found) -> int:
+def _named(found: SearchResult) -> int:
     """Number of effects and of changes between runs."""
     return len(found.accepted) + len(found.changes)
 
@@ -163,13 +163,13 @@ def lengthened(asked: Selection, used: Selection, dropped: Sequence[str] = ()) -
     )
 
 
-def dropped_by(again: Found, first: Found) -> list[str]:
+def dropped_by(again: SearchResult, first: SearchResult) -> list[str]:
     """The effects that were found first and are not found again."""
     kept = {judged.effect.key for _, judged in again.accepted}
     return [judged.effect.key for _, judged in first.accepted if judged.effect.key not in kept]
 
 
-def unexplained_when_slow(asked: Selection, longer: Selection, again: Found | None) -> str:
+def unexplained_when_slow(asked: Selection, longer: Selection, again: SearchResult | None) -> str:
     """What to tell a user whose model errs over longer windows, where what was found there does not stand.
 
     Args:

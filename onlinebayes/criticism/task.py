@@ -14,7 +14,7 @@ from onlinebayes.criticism.replaying.clock import in_step, restepped
 from onlinebayes.criticism.replaying.scoped import scoped
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.scope import Scope
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_when_slow
 from onlinebayes.criticism.split import split
 from onlinebayes.measurements import Measurement
@@ -39,7 +39,7 @@ class Task:
     selection: Selection
     notes: tuple[str, ...]
 
-    def slower(self, found: Found, watch: Watch) -> Selection | None:
+    def slower(self, found: SearchResult, watch: Watch) -> Selection | None:
         """Longer windows over which more is left than over these; None without any."""
         return slower(self.simulator, self.fit_runs, self.selection, found, watch)
 
@@ -47,13 +47,13 @@ class Task:
         """The task with longer windows, and a note that says so, and what was found before and is ``dropped``."""
         return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer, dropped)))
 
-    def unexplained_over(self, longer: Selection, again: Found | None) -> Task:
+    def unexplained_over(self, longer: Selection, again: SearchResult | None) -> Task:
         """The task as it is, with a note on what longer windows leave, and what was found ``again``, unless stopped."""
         said = unexplained_when_slow(self.selection, longer, again)
         return replace(self, notes=(*self.notes, said))
 
 
-def prepared(
+def prepare(
     simulator: Simulator,
     measurement: Measurement,
     holdout: Sequence[str] | None,

@@ -27,7 +27,7 @@ from onlinebayes.criticism.candidates.survey import Screened, screen
 from onlinebayes.criticism.fitting.blocks import flip_groups
 from onlinebayes.criticism.fitting.fit import residual_correlation_time
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.task import prepared
+from onlinebayes.criticism.task import prepare
 from onlinebayes.runs import ResultTable
 from recipes.studies.cost import SEED, lengthened, problem
 from recipes.studies.exits import status
@@ -59,7 +59,7 @@ def main(study: Study) -> None:
     torch.set_num_threads(1)
     with tempfile.TemporaryDirectory() as folder:
         asked = load_problem(problem(lengthened(RIGS[study.rig], study.runs, 4.0), study.effect, Path(folder)))
-    task = prepared(asked.simulator, asked.measurement, asked.holdout, asked.selection, asked.scope)
+    task = prepare(asked.simulator, asked.measurement, asked.holdout, asked.selection, asked.scope)
     grounds = ground(task.simulator, task.fit_runs, task.selection)
     fitted, windows = grounds.fitted, grounds.windows
     effects = propose(fitted.simulator, windows)

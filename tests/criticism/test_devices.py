@@ -52,7 +52,7 @@ def elsewhere(windows: Windows) -> Windows:
     """The same windows without their values, on a device of which nothing mixes with the CPU's."""
     tensors = {f.name: getattr(windows, f.name) for f in dataclasses.fields(windows)}
     moved = {name: value.to("meta") for name, value in tensors.items() if isinstance(value, Tensor)}
-    return dataclasses.replace(windows, **moved, pasts=())
+    return dataclasses.replace(windows, **moved, run_histories=())
 
 
 def test_what_is_made_of_windows_lies_where_they_lie() -> None:

@@ -11,7 +11,7 @@ import pytest
 from envs.rigs import RIGS, sized_case, write_case
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Criticism, Selection, compare, refine
-from onlinebayes.criticism.searching.search import Found, ground
+from onlinebayes.criticism.searching.search import SearchResult, ground
 from onlinebayes.criticism.searching.stage import run_stage
 from onlinebayes.criticism.slow_effects import adds_to, dropped_by, lengthened, unexplained_when_slow
 from onlinebayes.measurements import Measurement, Signal
@@ -142,17 +142,20 @@ USUAL, LONGER = Selection(), Selection(horizon_s=3.0)
 
 
 @pytest.fixture(scope="module")
-def one_for_two() -> tuple[Measurement, Found, Found]:
+def one_for_two() -> tuple[Measurement, SearchResult, SearchResult]:
     """A slide with drag: two effects named over 1 s, as if they left noise, and the one that is hidden over 3 s."""
     measured = rigs.measure({HIDDEN: (0.5,)}, runs=7, seconds=3.5)
     base = ground(rigs.model(), measured, USUAL)
     stage = run_stage(base.fitted, base.windows, [HIDDEN], base.numerics, USUAL)
     accepted = [(stage, replace(stage.judged[0], effect=effect)) for effect in (*FALSE, HIDDEN)]
     long, true = (ground(one, measured, LONGER) for one in (rigs.model(), rigs.model().with_effect(HIDDEN)))
-    return measured, Found(base, base, (), (), tuple(accepted[:2])), Found(long, true, (), (), tuple(accepted[2:]))
+    first, again = SearchResult(base, base, accepted=tuple(accepted[:2])), SearchResult(long, true)
+    return measured, first, replace(again, accepted=tuple(accepted[2:]))
 
 
-def test_fewer_effects_stand_where_they_leave_noise_over_both(one_for_two: tuple[Measurement, Found, Found]) -> None:
+def test_fewer_effects_stand_where_they_leave_noise_over_both(
+    one_for_two: tuple[Measurement, SearchResult, SearchResult],
+) -> None:
     measured, first, again = one_for_two
     assert adds_to(again, first, measured, USUAL)
     assert not adds_to(replace(again, final=again.base), first, measured, USUAL)  # more than noise
@@ -165,7 +168,7 @@ def test_fewer_effects_stand_where_they_leave_noise_over_both(one_for_two: tuple
 
 
 def test_what_leaves_more_over_a_second_is_named_and_does_not_stand(
-    one_for_two: tuple[Measurement, Found, Found], monkeypatch: pytest.MonkeyPatch
+    one_for_two: tuple[Measurement, SearchResult, SearchResult], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     measured, first, again = one_for_two
     monkeypatch.setattr("onlinebayes.criticism.slow_effects.leaves_noise", lambda *_: False)

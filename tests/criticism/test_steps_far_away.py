@@ -8,9 +8,9 @@ import torch
 from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.fitting.descent import backtracked
 from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.criticism.fitting.outlying_starts import replayed_misfits
 from onlinebayes.criticism.fitting.projection import project
 from onlinebayes.criticism.fitting.sensitivities import linearise
-from onlinebayes.criticism.fitting.strays import window_errors
 from onlinebayes.criticism.judging.verdict import rms_over_floor
 from onlinebayes.criticism.results import Numerics
 from tests.criticism.rigs import TRUTH, measure, model
@@ -23,11 +23,11 @@ def test_part_of_the_joint_step_descends_until_nothing_is_left_to_gain() -> None
     lin = linearise(simulator, windows, far, windows.start)
     projected = project(windows, lin)
     weight = projected.row_weight
-    before = window_errors(simulator, windows, weight, far[None], windows.start[None]).sum()
+    before = replayed_misfits(simulator, windows, weight, far[None], windows.start[None]).sum()
     found = backtracked(simulator, windows, lin, projected)
     assert found is not None
     moved, _ = found
-    after = window_errors(simulator, windows, weight, moved.theta[None], moved.starts[None]).sum()
+    after = replayed_misfits(simulator, windows, weight, moved.theta[None], moved.starts[None]).sum()
     assert float(after) < 0.5 * float(before)
     best = fit(simulator, windows, torch.tensor(TRUTH).double())
     assert backtracked(simulator, windows, best.lin, best.projected) is None

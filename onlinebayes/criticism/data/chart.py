@@ -1,6 +1,6 @@
 """Free and ball joints for criticism: an orientation as three turns about the body's axes, beside the measured one.
 
-    turn of an orientation p at the instant t = turn(t) + log(q(t)^-1 p),   q(t) the measured orientation (see .courses)
+    turn of an orientation p at the instant t = turn(t) + log(q(t)^-1 p),  q(t) the measured one (see .orientation_path)
 
 The measured turn is then turn(t), the residual is log(q_measured^-1 q_simulated), the tangent error of
 ``mj_differentiatePos``, and a window's start is nv positions and nv velocities. All else in criticism sees scalar

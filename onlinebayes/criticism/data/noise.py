@@ -1,10 +1,10 @@
 """How noisy the sensors are, how heavy the residual's tails are, and over how long it is correlated.
 
-| quantity                 | equation                                                          | code               |
-|--------------------------|-------------------------------------------------------------------|--------------------|
-| sensor sd                | clipped RMS of fourth differences of norm 1                       | :func:`sensor_sd`  |
-| Student-t                | log t(r; s, nu), s and nu by maximum likelihood (EM over s)       | :func:`student_t`  |
-| correlation time tau [s] | Delta (1 + 2 sum_k rho_k), summed until rho_k <= .02              | :func:`tau`        |
+| quantity                 | equation                                                    | code                      |
+|--------------------------|-------------------------------------------------------------|---------------------------|
+| sensor sd                | clipped RMS of fourth differences of norm 1                 | :func:`sensor_sd`         |
+| Student-t                | log t(r; s, nu), s and nu by maximum likelihood (EM over s) | :func:`student_t`         |
+| correlation time tau [s] | Delta (1 + 2 sum_k rho_k), summed until rho_k <= .02        | :func:`correlation_time`  |
 
 A fourth difference d = sum_i c_i y_i, c_i = prod_{j != i} 1 / (t_i - t_j) over five measured rows in a row, scaled to
 sum c_i^2 = 1, has the noise's variance; a cubic has none. On an even clock c is (1, -4, 6, -4, 1) / sqrt(70).
@@ -58,7 +58,7 @@ def _fourth(grid: RunGrid, signal: int) -> Float[Tensor, " n"]:
     return (c * y).sum(-1) / c.norm(dim=-1)
 
 
-def floors(signals: Sequence[Signal], grids: Sequence[RunGrid]) -> Float[Tensor, " S"]:
+def noise_floors(signals: Sequence[Signal], grids: Sequence[RunGrid]) -> Float[Tensor, " S"]:
     """Noise floor of each signal [its unit]: its sd, estimated when not given, at least resolution / sqrt(12)."""
     values = []
     for s, signal in enumerate(signals):
@@ -73,7 +73,7 @@ def floors(signals: Sequence[Signal], grids: Sequence[RunGrid]) -> Float[Tensor,
 def measured_floors(measurement: Measurement) -> Float[Tensor, " S"]:
     """Noise floor of each signal of a measurement [its unit], in the measurement's dtype and on its device."""
     grids = run_grids(measurement, row_step(measurement))
-    return floors(measurement.signals, grids).to(measurement.data["signal"])
+    return noise_floors(measurement.signals, grids).to(measurement.data["signal"])
 
 
 def student_t(
@@ -109,7 +109,7 @@ FEW_PAIRS = 0.1
 """Share of a signal's bins: a lag with fewer pairs of them than this, for its length, says nothing."""
 
 
-def tau(
+def correlation_time(
     residual: Float[Tensor, "W n S"], observed: Bool[Tensor, "W n S"], step: float, threshold: float = 0.02
 ) -> float:
     """Correlation time of the residual within windows [s], the longest of the signals'; at least ``step``.

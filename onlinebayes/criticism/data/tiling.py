@@ -19,7 +19,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.grid import RunGrid, row_step, run_grids
 from onlinebayes.criticism.data.motion import seen_by
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import noise_floors
 from onlinebayes.criticism.data.smoother import half_window
 from onlinebayes.criticism.data.starts import window_starts
 from onlinebayes.measurements import Measurement
@@ -75,7 +75,7 @@ def tile(
     sensor, step = run_grids(measurement, row_step(measurement)), grids[0].step
     names = [signal.name for signal in measurement.signals]
     if noise is None:
-        noise = floors(measurement.signals, sensor).to(measurement.data["signal"])
+        noise = noise_floors(measurement.signals, sensor).to(measurement.data["signal"])
     longest = max((last - first for grid in grids for first, last in grid.pieces), default=0)
     rows = min(max(4, round(horizon / step)), max(longest, 1))
     bin_rows = max(1, rows // BINS)

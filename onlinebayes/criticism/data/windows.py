@@ -18,7 +18,7 @@ from torch import Tensor
 from onlinebayes.criticism.data.coordinates import rotations, velocity
 from onlinebayes.criticism.data.grid import RunGrid, replay_step, run_grids
 from onlinebayes.criticism.data.motion import check_seen
-from onlinebayes.criticism.data.past import Past
+from onlinebayes.criticism.data.run_history import RunHistory
 from onlinebayes.criticism.data.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, nearest
@@ -46,7 +46,7 @@ class Windows:
         noise: floor of each signal [SI].
         columns: the S signals' places among the simulator's signals.
         runs, begin: names of the runs, and the instants of their first rows [s].
-        pasts: how each of the runs moved before its windows; none where that is not at hand.
+        run_histories: how each of the runs moved before its windows; none where that is not at hand.
         late: how many rows after its row each value was measured (-1/2 to 1/2); None where all were at rows.
     """
 
@@ -69,7 +69,7 @@ class Windows:
     columns: tuple[int, ...]
     runs: tuple[str, ...]
     begin: tuple[float, ...]
-    pasts: tuple[Past, ...] = ()
+    run_histories: tuple[RunHistory, ...] = ()
     late: Float[Tensor, "W K S"] | None = None
 
     @property
@@ -234,7 +234,7 @@ def _gather(
         columns=tuple(simulator.signals.index(name) for name in names),
         runs=measurement.runs,
         begin=tuple(grid.start for grid in grids),
-        pasts=tuple(Past(measurement, grid, joint_names(simulator)) for grid in grids),
+        run_histories=tuple(RunHistory(measurement, grid, joint_names(simulator)) for grid in grids),
         late=late if bool(late.any()) else None,
     )
 

@@ -23,7 +23,7 @@ from onlinebayes.criticism.data.grid import row_step
 from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.experiment.check import check_table
 from onlinebayes.criticism.experiment.deciding import PARTED, accepted_from, rescaled, strength
-from onlinebayes.criticism.experiment.inputs import Inputs, family
+from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload, find_limits
 from onlinebayes.criticism.experiment.plan import Plan, Remedy, Rivalry, Tried
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
@@ -105,7 +105,7 @@ def _proposed(
     model = rivals.hypotheses[0].simulator
     limits = find_limits(model, measurement, rivals.windows, allowed, _least_seconds(rivals))
     starts = postures(rivals.windows, limits, rivals.hypotheses[0])
-    every = family(rivals.windows, limits, model.commands, starts, _affordable(rivals, limits))
+    every = admissible_inputs(rivals.windows, limits, model.commands, starts, _affordable(rivals, limits))
     plays = max(REPEATS, math.ceil(_least_seconds(rivals) / limits.seconds))
     trials = []
     for payload in (None, *([allowed.payload] if allowed.payload else [])):

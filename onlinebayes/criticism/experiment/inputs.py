@@ -76,7 +76,7 @@ class Inputs:
         return replace(self, command=held + factor[:, None, None] * (self.command - held), scale=self.scale * factor)
 
 
-def family(
+def admissible_inputs(
     windows: Windows, limits: Limits, names: tuple[str, ...], postures: Sequence[Posture], most: int = 96
 ) -> Inputs:
     """All inputs, within the bounds of the commands and their rates.

@@ -32,7 +32,7 @@ from onlinebayes.criticism.judging.acceptance import contained
 from onlinebayes.criticism.replaying.clock import in_step
 from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Candidate, Criticism
-from onlinebayes.criticism.searching.standing import carried
+from onlinebayes.criticism.searching.working_model import carry_theta
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -150,7 +150,7 @@ def find_rivals(
     accepted = [effect for effect in result.final.simulator.effects if effect.key in result.accepted]
     model = grown(simulator, accepted)
     noise = torch.tensor([result.sensor_sd[signal] for signal in result.signals]).to(result.final.theta)
-    begin = carried(result.final.simulator, result.final.theta, model)
+    begin = carry_theta(result.final.simulator, result.final.theta, model)
     grounds = settle(model, measurement, result.selection.horizon_s, noise, begin)
     stepped = grounds.rung.of(simulator)
     found = {effect.key: effect for effect in propose(stepped, grounds.windows, candidates)}
@@ -217,7 +217,7 @@ def _fitted(
 ) -> Fit | None:
     """The best of the fits from each point where screening would try the effect; None where all diverge."""
     model = grounds.rung.of(grown(simulator, [*kept, effect]))
-    theta = carried(final.hypothesis.simulator, final.hypothesis.theta, model)
+    theta = carry_theta(final.hypothesis.simulator, final.hypothesis.theta, model)
     fits = []
     for trial in trials([effect]):
         begin = with_effect_values(model, theta, effect, trial.values)

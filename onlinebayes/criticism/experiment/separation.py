@@ -183,7 +183,7 @@ def _joined(present: Windows, new: Windows) -> Windows:
         free=both("free"),
         runs=(*present.runs, *(f"predicted {name}" for name in new.runs)),
         begin=(*present.begin, *new.begin),
-        pasts=(*present.pasts, *new.pasts),
+        run_histories=(*present.run_histories, *new.run_histories),
         late=None if present.late is None and new.late is None else torch.cat([_lateness(present), _lateness(new)]),
     )
 

@@ -8,13 +8,13 @@ from onlinebayes.criticism.findings.like_runs import globs, like_runs
 from onlinebayes.criticism.replaying.scoped import unscoped
 from onlinebayes.criticism.results import Estimate, ParameterChange, WidenedBounds, Wiring
 from onlinebayes.criticism.scope import address_of
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.wiring.wiring import Suspicion
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.mujoco.addresses import is_glob
 
 
-def parameter_changes(found: Found, fitted: Mapping[str, Estimate]) -> tuple[ParameterChange, ...]:
+def parameter_changes(found: SearchResult, fitted: Mapping[str, Estimate]) -> tuple[ParameterChange, ...]:
     """The parameters that differ between runs, with their values in the final model.
 
     Args:
@@ -62,7 +62,7 @@ def _declared(address: str, bounds: Parameter) -> str:
     return f"low = {bounds.low:g}, high = {bounds.high:g}{scale}{', tie = true' if is_glob(address) else ''}"
 
 
-def widened_bounds(found: Found, fitted: Mapping[str, Estimate]) -> dict[str, WidenedBounds]:
+def widened_bounds(found: SearchResult, fitted: Mapping[str, Estimate]) -> dict[str, WidenedBounds]:
     """The bound that excludes the truth, by parameter, as it was and as it would have to be.
 
     Args:

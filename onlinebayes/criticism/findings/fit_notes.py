@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from onlinebayes.criticism import quantities
 from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.results import Estimate, Selection
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
@@ -22,7 +22,7 @@ CUT = 0.9
 
 def fit_notes(
     simulator: Simulator,
-    found: Found,
+    found: SearchResult,
     selection: Selection,
     parameters: Mapping[str, Estimate],
     *,
@@ -51,7 +51,7 @@ def fit_notes(
     )
 
 
-def _of_the_step(simulator: Simulator, found: Found, refined: bool) -> Iterator[str]:
+def _of_the_step(simulator: Simulator, found: SearchResult, refined: bool) -> Iterator[str]:
     final = found.final
     if not final.numerics.sufficient:
         yield (
@@ -80,7 +80,7 @@ def _of_the_step(simulator: Simulator, found: Found, refined: bool) -> Iterator[
         yield "the last fit did not converge fully"
 
 
-def _another_method(simulator: Simulator, found: Found, refined: bool) -> str:
+def _another_method(simulator: Simulator, found: SearchResult, refined: bool) -> str:
     """By which method and step the model was integrated in place of its own, why, and what refined.xml has of it."""
     rung = found.final.rung
     smooth = rung.method == "runge_kutta"
@@ -96,7 +96,7 @@ def _another_method(simulator: Simulator, found: Found, refined: bool) -> str:
     return f"{note}; refined.xml has {'integrator RK4 and ' if smooth else ''}timestep {step:g}"
 
 
-def _of_the_windows(found: Found, selection: Selection) -> Iterator[str]:
+def _of_the_windows(found: SearchResult, selection: Selection) -> Iterator[str]:
     lasted = found.final.windows.horizon
     if lasted < CUT * selection.horizon_s:
         yield (

@@ -41,7 +41,7 @@ class Reach:
 def reaches(windows: Windows, commands: Sequence[str]) -> dict[str, Reach]:
     """Run -> how far it went, smoothed as measured; runs of which that is not known are left out."""
     found = {}
-    for run, past in zip(windows.runs, windows.pasts, strict=False):
+    for run, past in zip(windows.runs, windows.run_histories, strict=False):
         if past.motion is None:
             continue
         q, v, u = (past.motion[key] for key in ("q", "v", "command"))
@@ -73,7 +73,7 @@ def new_ground_notes(
     fit_runs = tuple(run for run in replays if not run.held_out)
     if not fit_runs or not fitted:
         return ()
-    usual, seen = replay_error(fit_runs, names), together(fitted.values())
+    usual, seen = replay_error(fit_runs, names), widest_reach(fitted.values())
     notes = []
     for run in replays:
         if not run.held_out or run.run not in held:
@@ -104,7 +104,7 @@ def moving(run: Reach, floors: Mapping[str, float]) -> Reach:
     return Reach(run.command, {joint: run.speed[joint] for joint in moves}, moves)
 
 
-def together(runs: Iterable[Reach]) -> Reach:
+def widest_reach(runs: Iterable[Reach]) -> Reach:
     """How far any of the runs went."""
     runs = tuple(runs)
     return Reach(

@@ -10,11 +10,13 @@ from onlinebayes.criticism.fitting.identifiability import covariance_of, estimat
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.results import HELPS, NOT_NEEDED, STOPPED, Candidate, Estimate, Step
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, REFIT_BELOW, Stage
 
 
-def rank(found: Found, equal: Mapping[str, tuple[str, ...]], final: Mapping[str, Estimate]) -> tuple[Candidate, ...]:
+def rank(
+    found: SearchResult, equal: Mapping[str, tuple[str, ...]], final: Mapping[str, Estimate]
+) -> tuple[Candidate, ...]:
     """Every candidate, the best first, the confounded ones last.
 
     Args:
@@ -89,7 +91,7 @@ def _not_all(judged: Judged) -> str:
     return f"{HELPS}: the error falls by {100 * judged.falls[0]:.0f} %, and what is left is not noise"
 
 
-def _partners(found: Found, judged: Judged) -> tuple[str, ...]:
+def _partners(found: SearchResult, judged: Judged) -> tuple[str, ...]:
     """What was accepted beside an effect that would not have been alone: see :mod:`.searching.pairs`."""
     key = judged.effect.key
     if judged.admissible:
@@ -98,7 +100,7 @@ def _partners(found: Found, judged: Judged) -> tuple[str, ...]:
     return tuple(other for stage, other in beside if key in {e.key for e in stage.current.simulator.effects})[:1]
 
 
-def steps(found: Found) -> tuple[Step, ...]:
+def steps(found: SearchResult) -> tuple[Step, ...]:
     """The acceptances in order, errors cross-validated inside the fit runs [the signals' units]."""
     taken = []
     for stage, judged in found.accepted:

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.descent import bounded_step
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
+from onlinebayes.criticism.fitting.outlying_starts import replayed_rows
 from onlinebayes.criticism.fitting.projection import misfit
-from onlinebayes.criticism.fitting.strays import replayed_rows
 from onlinebayes.criticism.replaying.ladder import Rung, first_order
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
@@ -42,7 +42,7 @@ class AsRun:
 
 
 @dataclass(frozen=True)
-class Trial:
+class RunSetup:
     """What is tried on.
 
     Args:
@@ -65,57 +65,57 @@ class Trial:
         return make_windows(model, self.measurement, self.horizon, MEMORY * self.horizon, known.windows.noise)
 
 
-def as_run(trial: Trial, judged: AsRun) -> AsRun | None:
+def as_run(setup: RunSetup, judged: AsRun) -> AsRun | None:
     """The model run more like its own, one change after the other; None where that is not far better in the end.
 
     Args:
-        trial: the model, and what it is held against.
+        setup: the model, and what it is held against.
         judged: the same model fitted on the rung that its numerics asked for.
     """
     best, tried = judged, set[tuple[Rung, Rung]]()
     for changed in (_denser, _soft, _own, _finer, _finer, _own):
         if misfit(best.fitted.projected) <= NOISE_FLOORS:
             break
-        for rung in changed(trial, best):
+        for rung in changed(setup, best):
             # Once more where theta has come nearer meanwhile: far off, a step on another rung promises next to nothing.
             if rung != best.rung and (rung, best.rung) not in tried:
                 tried.add((rung, best.rung))
-                best = _better(trial, best, rung, trial.thorough and changed is _own) or best
+                best = _better(setup, best, rung, setup.thorough and changed is _own) or best
     most = max(NOISE_FLOORS, FAR_BETTER * misfit(judged.fitted.projected))
     return best if best is not judged and misfit(best.fitted.projected) <= most else None
 
 
-def _denser(trial: Trial, best: AsRun) -> Iterator[Rung]:
-    if trial.simulator.with_scaled_moments() is not trial.simulator:
+def _denser(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
+    if setup.simulator.with_scaled_moments() is not setup.simulator:
         yield replace(best.rung, scaled_moments=True)
 
 
-def _soft(trial: Trial, best: AsRun) -> Iterator[Rung]:
-    if trial.simulator.with_soft_friction() is not trial.simulator:
+def _soft(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
+    if setup.simulator.with_soft_friction() is not setup.simulator:
         yield replace(best.rung, soft_friction=True)
 
 
-def _own(trial: Trial, best: AsRun) -> Iterator[Rung]:
-    if _refined(trial, best.rung):
-        own = Rung(trial.simulator.timestep).like(best.rung)
-        yield from (own.like(rung) for rung in _soft(trial, best))
+def _own(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
+    if _refined(setup, best.rung):
+        own = Rung(setup.simulator.timestep).like(best.rung)
+        yield from (own.like(rung) for rung in _soft(setup, best))
         yield own
 
 
-def _refined(trial: Trial, rung: Rung) -> bool:
-    return rung.method == "runge_kutta" or rung.timestep < trial.simulator.timestep
+def _refined(setup: RunSetup, rung: Rung) -> bool:
+    return rung.method == "runge_kutta" or rung.timestep < setup.simulator.timestep
 
 
-def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
+def _finer(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
     """The model's own method, where it is of first order, at the finer step that errs least as far as it is fitted."""
-    if not first_order(trial.simulator) or not _refined(trial, best.rung):
+    if not first_order(setup.simulator) or not _refined(setup, best.rung):
         return
     windows, lin, current = best.windows, best.fitted.lin, best.fitted.projected
     error = {}
     for steps in STEPS_A_ROW:
         rung = Rung(windows.step / steps).like(best.rung)
-        if rung.timestep < trial.simulator.timestep:
-            rows, valid = replayed_rows(rung.of(trial.simulator), windows, lin.theta[None], lin.starts[None])
+        if rung.timestep < setup.simulator.timestep:
+            rows, valid = replayed_rows(rung.of(setup.simulator), windows, lin.theta[None], lin.starts[None])
             left = float(current.project(rows[0][..., None]).square().sum())
             error[rung] = left if bool(valid.all()) else float("inf")
     rung = min(error, key=error.__getitem__, default=best.rung)
@@ -123,11 +123,11 @@ def _finer(trial: Trial, best: AsRun) -> Iterator[Rung]:
         yield rung
 
 
-def _better(trial: Trial, best: AsRun, rung: Rung, unpromising: bool) -> AsRun | None:
+def _better(setup: RunSetup, best: AsRun, rung: Rung, unpromising: bool) -> AsRun | None:
     """The model fitted on another rung, an ``unpromising`` one too where asked; None where that leaves more."""
-    model, left = rung.of(trial.simulator), misfit(best.fitted.projected)
+    model, left = rung.of(setup.simulator), misfit(best.fitted.projected)
     try:
-        windows = trial.windows(model, best)
+        windows = setup.windows(model, best)
         starts = best.fitted.lin.starts if windows.start.shape == best.windows.start.shape else None
         begun = unfitted(model, windows, best.fitted.theta, starts=starts)
     except Stopped:

@@ -23,9 +23,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.criticism.fitting.outlying_starts import (
+    best_starts,
+    replayed_misfits,
+    residual_rows,
+    worsened,
+    worsened_windows,
+)
 from onlinebayes.criticism.fitting.projection import Projected, project, start_shift
 from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise
-from onlinebayes.criticism.fitting.strays import best_starts, residual_rows, strayed, strays, window_errors
 from onlinebayes.criticism.replaying.bounded import bounded_least_squares
 from onlinebayes.criticism.replaying.replay import replay_binned
 from onlinebayes.simulators.base import Simulator
@@ -136,7 +142,7 @@ def best_damped(
     steps = torch.stack([bounded_step(simulator, projected, lin.theta, damping)[0] for damping in dampings])
     theta = simulator.parameters.clamp(lin.theta + steps)
     starts = torch.stack([lin.starts + start_shift(windows, lin, projected, step) for step in steps])
-    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
+    error = replayed_misfits(simulator, windows, projected.row_weight, theta, starts).sum(1)
     best = int(error.argmin())
     return steps[best], best > 0
 
@@ -154,7 +160,7 @@ def backtracked(
     part = lin.theta.new_tensor(STEP_PARTS)
     theta = simulator.parameters.clamp(lin.theta + part[:, None] * step)
     starts = lin.starts + part[:, None, None] * shift
-    error = window_errors(simulator, windows, projected.row_weight, theta, starts).sum(1)
+    error = replayed_misfits(simulator, windows, projected.row_weight, theta, starts).sum(1)
     best = int(error.argmin())
     if best == 0 or not bool(error[best] < (1 - LEAST_GAIN) * error[0]):
         return None
@@ -195,7 +201,7 @@ def step_to(
     trial = project(windows, moved, current.weight)
     if not moved.valid:
         return None
-    stray = torch.nonzero(strays(current, trial))[:, 0]
+    stray = torch.nonzero(worsened_windows(current, trial))[:, 0]
     if not len(stray):
         return moved, trial
     candidates = torch.stack([moved.starts, lin.starts, windows.start])[:, stray]
@@ -223,7 +229,7 @@ def descended(
     rows = residual_rows(windows, windows.bin(windows.value) - shown, starts)
     now = current.project(rows[..., None])[..., 0].square().sum(1)
     was = current.residual.square().sum(1)
-    errs = float(torch.where(strayed(was, now), was, now).sum())
+    errs = float(torch.where(worsened(was, now), was, now).sum())
     return shown if bool(valid.all()) and errs <= current.objective else None
 
 

@@ -3,7 +3,7 @@
     min over theta in bounds of |r~(theta)|^2
 
 by steps of theta and all windows' starts together (:mod:`.descent`); starts that no common step moves settle one by one
-in between (:mod:`.strays`).
+in between (:mod:`.outlying_starts`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.noise import tau
+from onlinebayes.criticism.data.noise import correlation_time
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.descent import MOST_STEPS, PATIENCE, descend, difference_steps
+from onlinebayes.criticism.fitting.outlying_starts import best_starts, misfits, refit_outlying_starts
 from onlinebayes.criticism.fitting.projection import Projected, project, row_weights
 from onlinebayes.criticism.fitting.sensitivities import Linearisation, linearise
-from onlinebayes.criticism.fitting.strays import best_starts, misfits, settled_starts
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
@@ -112,7 +112,7 @@ def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
     for _ in range(ROUNDS):
         if not found.converged:
             break
-        starts, before, after = settled_starts(found.simulator, windows, found.lin, found.projected)
+        starts, before, after = refit_outlying_starts(found.simulator, windows, found.lin, found.projected)
         if after > (1 - NOTICED) * before:
             break
         lin = linearise(found.simulator, windows, found.theta, starts, difference_steps(found.projected))
@@ -128,9 +128,9 @@ def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
 
 
 def residual_correlation_time(fitted: Fit, windows: Windows) -> float:
-    """Correlation time tau of this fit's start-projected residual [s]; see :func:`.data.noise.tau`."""
+    """Correlation time tau of this fit's start-projected residual [s]; see :func:`.data.noise.correlation_time`."""
     long = project(windows, fitted.lin)
-    return tau(long.measured_rows(long.residual), long.seen(), windows.bin_step)
+    return correlation_time(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 
 def _descended(begun: Fit, windows: Windows, hopeless: float, patience: int = PATIENCE) -> tuple[Fit, bool]:

@@ -21,7 +21,7 @@ from onlinebayes.criticism.data.chart import POSE
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.detail import HorizonError, WindowError
 from onlinebayes.criticism.fitting.per_run_values import held_out_model
-from onlinebayes.criticism.replaying.replay import replay, rollout, shown
+from onlinebayes.criticism.replaying.replay import replay, rollout, sensor_readings
 from onlinebayes.criticism.results import ReplayedRun
 from onlinebayes.simulators.base import Simulator
 
@@ -33,7 +33,7 @@ def replay_runs(
     model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
     trajectory = rollout(model, parts, values[None], parts.start[None])[0]
     valid = trajectory["valid"][..., None]
-    simulated = shown(model, parts, values[None], parts.start[None], trajectory[None])[0]
+    simulated = sensor_readings(model, parts, values[None], parts.start[None], trajectory[None])[0]
     simulated = torch.where(valid & torch.isfinite(simulated), simulated, torch.nan)
     qpos = torch.where(valid, trajectory.get(POSE, trajectory["qpos"]), torch.nan)
     measured = torch.where(windows.measured, windows.value, torch.nan)

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.grid import even_step, row_step
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
-from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
+from onlinebayes.criticism.fitting.as_run import AsRun, RunSetup, as_run
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
@@ -89,7 +89,7 @@ def settle(
         fitted: a fit of this model to those grounds' windows, if there is one.
         like: a rung whose friction and moments all rungs have.
     """
-    trial, afar = Trial(simulator, measurement, horizon, thorough=before is None), begin is None
+    setup, afar = RunSetup(simulator, measurement, horizon, thorough=before is None), begin is None
     rungs = _rungs(ladder(simulator, horizon, row_step(measurement)), before, like)
     grounds: Grounds | None = None
     starts: Float[Tensor, "W J2"] | None = None
@@ -112,16 +112,16 @@ def settle(
             if last and first:
                 raise
             continue
-        grounds = _checked(trial, rung, windows, here)
+        grounds = _checked(setup, rung, windows, here)
         # A fit only lowers the residual: numerics that matter before it matter after it, and the rung is passed by.
         first = first and before is None
         if known is None and (grounds.numerics.sufficient or first or last):
-            grounds = _improved(trial, grounds, begin if first and afar else None)
+            grounds = _improved(setup, grounds, begin if first and afar else None)
         begin, starts = grounds.fitted.theta, grounds.fitted.lin.starts
         if grounds.numerics.sufficient:
             break
     assert grounds is not None
-    return _as_run(trial, grounds)
+    return _as_run(setup, grounds)
 
 
 def _rungs(rungs: Sequence[Rung], before: Grounds | None, like: Rung | None) -> list[Rung]:
@@ -131,20 +131,20 @@ def _rungs(rungs: Sequence[Rung], before: Grounds | None, like: Rung | None) -> 
     return [rung.like(like) for rung in rungs] if like is not None else list(rungs)
 
 
-def _checked(trial: Trial, rung: Rung, windows: Windows, fitted: Fit) -> Grounds:
+def _checked(setup: RunSetup, rung: Rung, windows: Windows, fitted: Fit) -> Grounds:
     """A fit on one rung, with how fine that is."""
-    numerics, shift = check(trial.simulator, trial.measurement, windows, fitted)
+    numerics, shift = check(setup.simulator, setup.measurement, windows, fitted)
     return Grounds(windows, fitted, numerics, rung, shift)
 
 
-def _improved(trial: Trial, grounds: Grounds, begun: Float[Tensor, " P"] | None) -> Grounds:
+def _improved(setup: RunSetup, grounds: Grounds, begun: Float[Tensor, " P"] | None) -> Grounds:
     """The model fitted to convergence on the same rung; from elsewhere too where ``begun`` is a searched theta [SI]."""
     windows = grounds.windows
     fitted = improve(grounds.fitted, windows)
     if begun is not None:
         fitted = restart_inactive_effects(from_elsewhere(fitted, windows, begun), windows)
     # An effect that was nothing before the fit may err by much after it: a dead time does, and dry friction.
-    return _checked(trial, grounds.rung, windows, fitted)
+    return _checked(setup, grounds.rung, windows, fitted)
 
 
 def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
@@ -153,16 +153,16 @@ def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
     return rungs[rungs.index(first) :] if first in rungs else [first, *rungs]
 
 
-def _as_run(trial: Trial, grounds: Grounds) -> Grounds:
+def _as_run(setup: RunSetup, grounds: Grounds) -> Grounds:
     """These grounds, or those of the model run more like its own: see :mod:`.as_run`."""
-    found = as_run(trial, AsRun(grounds.rung, grounds.windows, grounds.fitted))
+    found = as_run(setup, AsRun(grounds.rung, grounds.windows, grounds.fitted))
     if found is None:
         return grounds
     if found.rung == grounds.rung.like(found.rung):
         # Less is left, and what is soft, or of other moments, may ask for another step.
         noise, begin = found.windows.noise, found.fitted.theta
-        return settle(trial.simulator, trial.measurement, trial.horizon, noise, begin, like=found.rung)
-    own = _checked(trial, found.rung, found.windows, found.fitted)
+        return settle(setup.simulator, setup.measurement, setup.horizon, noise, begin, like=found.rung)
+    own = _checked(setup, found.rung, found.windows, found.fitted)
     # The parameters are those of this step: what a finer one would make of them is no doubt about them.
     certain, numerics = torch.zeros_like(own.shift), replace(own.numerics, sufficient=True)
     return replace(own, numerics=numerics, shift=certain, as_run=True)

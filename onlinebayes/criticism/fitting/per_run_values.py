@@ -121,8 +121,8 @@ def held_out_model(
     half = run_halves(windows, torch.zeros_like(windows.run))
     names = tuple(run + suffix for run in windows.runs for suffix in HALVES)
     begin = tuple(instant for instant in windows.begin for _ in HALVES)
-    pasts = tuple(past for past in windows.pasts for _ in HALVES)
-    parts = replace(windows, run=2 * windows.run + half, runs=names, begin=begin, pasts=pasts)
+    histories = tuple(one for one in windows.run_histories for _ in HALVES)
+    parts = replace(windows, run=2 * windows.run + half, runs=names, begin=begin, run_histories=histories)
     model, start = _parts_model(simulator, parts, theta)
     try:
         found = fit(model, parts, start).theta

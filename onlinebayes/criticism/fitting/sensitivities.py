@@ -63,7 +63,7 @@ def linearise(
         shown: the binned replay at (theta, starts), all of it finite, where it is known already [SI].
     """
     steps = parameter_steps(simulator, theta, largest)
-    P, world = len(theta), together(simulator).to(theta.device)
+    P, world = len(theta), replay_numbers(simulator).to(theta.device)
     Q = int(world.max()) + 1 if P else 0
     moving = windows.free_starts.any(0).nonzero()[:, 0]
     F = len(moving)
@@ -116,7 +116,7 @@ def moved_one_by_one(starts: Float[Tensor, "W J2"], step: Float[Tensor, "W J2"])
     return torch.cat([starts[None], starts + torch.diag_embed(step).movedim(1, 0)])
 
 
-def together(simulator: Simulator) -> Int[Tensor, " P"]:
+def replay_numbers(simulator: Simulator) -> Int[Tensor, " P"]:
     """Number of the moved replay in which each parameter moves: its own one, shared by the own values of all runs."""
     if isinstance(simulator, ScopedSimulator):
         return torch.unique(simulator.place, return_inverse=True)[1]

@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism import quantities, region_words
 from onlinebayes.criticism.data.motion import seen_by
 from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.criticism.fitting.fit import Fit
@@ -70,7 +70,7 @@ def in_a_sentence(fitted: Fit, windows: Windows, units: dict[str, str], over: di
         return f"Fitted, the model errs by no more than the sensors, {times} their noise in {signal}."
     size = f"Fitted, the model errs by {times} the sensor noise in {signal}"
     worst = [failure for failure in failures(fitted, windows, units, most=1) if failure.signal == signal]
-    return f"{size}, most {places.plainly(worst[0].where)}." if worst else f"{size}."
+    return f"{size}, most {region_words.in_words(worst[0].where)}." if worst else f"{size}."
 
 
 def _regions(fitted: Fit, windows: Windows, units: dict[str, str]) -> list[Region]:

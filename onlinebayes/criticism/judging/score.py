@@ -17,7 +17,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.noise import log_t, student_t, tau
+from onlinebayes.criticism.data.noise import correlation_time, log_t, student_t
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import Blocks, held_out_rows, leave_one_out
 from onlinebayes.criticism.fitting.fit import Fit
@@ -133,7 +133,7 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
         test.sum((1, 2, 3)).to(square),
         density.sum(0),
         seen.any(-1),
-        tau(long.measured_rows(long.residual), seen, windows.bin_step),
+        correlation_time(long.measured_rows(long.residual), seen, windows.bin_step),
     )
 
 

@@ -21,8 +21,8 @@ from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.numerics import Grounds
+from onlinebayes.criticism.fitting.outlying_starts import best_starts
 from onlinebayes.criticism.fitting.projection import row_weights, start_shift
-from onlinebayes.criticism.fitting.strays import best_starts
 from onlinebayes.criticism.judging.score import CrossValidated, parted
 from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.results import Numerics, Verdict

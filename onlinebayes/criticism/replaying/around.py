@@ -14,7 +14,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect
 
 
-class Around(Simulator):
+class SimulatorWrapper(Simulator):
     """A simulator whose worlds are those of another one.
 
     Args:
@@ -140,6 +140,6 @@ class Around(Simulator):
 
 def innermost(simulator: Simulator) -> Simulator:
     """The simulator that others are around; itself where none is."""
-    while isinstance(simulator, Around):
+    while isinstance(simulator, SimulatorWrapper):
         simulator = simulator.physics
     return simulator

@@ -1,7 +1,7 @@
 """A simulator and its measurement with turns in place of quaternions, for everything that looks at scalar signals.
 
 What a turn is relative to stands in :mod:`.data.chart`, how the measured orientations are followed in
-:mod:`.data.courses`.
+:mod:`.data.orientation_path`.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from torch import Tensor
 
 from onlinebayes.criticism.data.chart import POSE, Chart, positions, turns
 from onlinebayes.criticism.data.coordinates import Rotation, renamed, rotations
-from onlinebayes.criticism.data.courses import Course, course, unrolled
+from onlinebayes.criticism.data.orientation_path import OrientationPath, read_path, unrolled
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.around import Around
+from onlinebayes.criticism.replaying.around import SimulatorWrapper
 from onlinebayes.criticism.split import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
@@ -26,19 +26,19 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import TargetKind
 
 
-class ChartedSimulator(Around):
+class ChartedSimulator(SimulatorWrapper):
     """The worlds of ``physics`` with turns in place of quaternions.
 
     By itself it counts turns from no rotation at all; a replay counts them from what was measured (:meth:`along`).
 
     Args:
         physics: a simulator with free or ball joints.
-        courses: run -> the measured course of each of them.
+        paths: run -> the measured path of each of them.
     """
 
-    def __init__(self, physics: Simulator, courses: Mapping[str, tuple[Course, ...]]) -> None:
+    def __init__(self, physics: Simulator, paths: Mapping[str, tuple[OrientationPath, ...]]) -> None:
         super().__init__(physics)
-        self.courses, self.turning = courses, rotations(physics.signals)
+        self.paths, self.turning = paths, rotations(physics.signals)
         self.parameters = physics.parameters
         self.signals = tuple(renamed(physics.signals, self.turning))
 
@@ -51,7 +51,7 @@ class ChartedSimulator(Around):
         quaternion, turn = windows.value.new_zeros(*shape, B, 4), windows.value.new_zeros(*shape, B, 3)
         for r, run in enumerate(windows.runs):
             mine = windows.run == r
-            for b, one in enumerate(self.courses[origin(run)]):
+            for b, one in enumerate(self.paths[origin(run)]):
                 q, turned = one.at(instants[mine].flatten())
                 quaternion[mine, :, b] = q.unflatten(0, (-1, shape[1]))
                 turn[mine, :, b] = turned.unflatten(0, (-1, shape[1]))
@@ -146,8 +146,8 @@ class ChartedSimulator(Around):
         return self.around(self.physics.with_bounds(name, parameter))
 
     def around(self, inner: Simulator) -> Self:
-        """The same courses around another simulator."""
-        return type(self)(inner, self.courses)
+        """The same paths around another simulator."""
+        return type(self)(inner, self.paths)
 
     def _still(self, like: Tensor) -> tuple[Float[Tensor, "B 4"], Float[Tensor, "B 3"]]:
         B = len(self.turning)
@@ -174,29 +174,29 @@ def charted(simulator: Simulator, measurement: Measurement) -> tuple[Simulator, 
     turning = rotations(simulator.signals)
     if not turning:
         return simulator, measurement
-    courses = {run: tuple(course(measurement, run, one) for one in turning) for run in measurement.runs}
+    paths = {run: tuple(read_path(measurement, run, one) for one in turning) for run in measurement.runs}
     for b, one in enumerate(turning):
-        measurement = unrolled(measurement, one, [courses[run][b] for run in measurement.runs])
-    return ChartedSimulator(simulator, courses), measurement
+        measurement = unrolled(measurement, one, [paths[run][b] for run in measurement.runs])
+    return ChartedSimulator(simulator, paths), measurement
 
 
-def courses_of(simulator: Simulator) -> tuple[tuple[Rotation, ...], Mapping[str, tuple[Course, ...]]]:
-    """The free and ball joints whose orientations became turns, and run -> the measured course of each."""
-    while isinstance(simulator, Around):
+def orientation_paths(simulator: Simulator) -> tuple[tuple[Rotation, ...], Mapping[str, tuple[OrientationPath, ...]]]:
+    """The free and ball joints whose orientations became turns, and run -> the measured path of each."""
+    while isinstance(simulator, SimulatorWrapper):
         if isinstance(simulator, ChartedSimulator):
-            return simulator.turning, simulator.courses
+            return simulator.turning, simulator.paths
         simulator = simulator.physics
     return (), {}
 
 
-def with_courses(simulator: Simulator, joint: str, courses: Mapping[str, Course]) -> Simulator:
-    """The simulator with other courses (run -> course) for one of its free and ball joints."""
+def with_orientation_paths(simulator: Simulator, joint: str, paths: Mapping[str, OrientationPath]) -> Simulator:
+    """The simulator with other paths (run -> path) for one of its free and ball joints."""
     if not isinstance(simulator, ChartedSimulator):
-        assert isinstance(simulator, Around)
-        return simulator.around(with_courses(simulator.physics, joint, courses))
+        assert isinstance(simulator, SimulatorWrapper)
+        return simulator.around(with_orientation_paths(simulator.physics, joint, paths))
     b = [one.joint for one in simulator.turning].index(joint)
-    own = simulator.courses.items()
-    return ChartedSimulator(simulator.physics, {run: (*c[:b], courses[run], *c[b + 1 :]) for run, c in own})
+    own = simulator.paths.items()
+    return ChartedSimulator(simulator.physics, {run: (*c[:b], paths[run], *c[b + 1 :]) for run, c in own})
 
 
 def chart_of(simulator: Simulator, windows: Windows) -> Chart:

@@ -21,7 +21,7 @@ def commanded(
     simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"], before: int = 0
 ) -> dict[str, Tensor]:
     """Key of the state -> its value ``before`` rows before each window's start (M * W, n)."""
-    command, mine, last = _by_run(windows) if windows.pasts else _by_window(windows)
+    command, mine, last = _by_run(windows) if windows.run_histories else _by_window(windows)
     row = (last - before).clamp_min(0)
     M, (R, K, U) = len(theta), command.shape
     # Windows of one line share their theta.
@@ -41,7 +41,7 @@ def _by_run(windows: Windows) -> Lines:
     """Commands of the runs up to their last windows, each window's line, and the row at which it starts."""
     runs, mine = torch.unique(windows.run, return_inverse=True)
     row = torch.arange(max(1, int(windows.first.max())), device=windows.run.device)
-    lines = [windows.pasts[r].command for r in runs.tolist()]
+    lines = [windows.run_histories[r].command for r in runs.tolist()]
     # Rows after a run's end are never picked.
     return torch.stack([line[row.clamp_max(len(line) - 1)] for line in lines]), mine, windows.first
 

@@ -21,7 +21,7 @@ from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.sensing import unsense
 
-SLICED = 2.0  # times the runs' rows: what the windows' own pasts may add up to
+SLICED = 2.0  # times the runs' rows: what the windows' own histories may add up to
 
 
 def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]) -> dict[str, TensorDict]:
@@ -29,7 +29,7 @@ def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]
 
     Empty where no force stage remembers anything, or a run's motion is not known.
     """
-    if not windows.pasts or not any(effect.has_force and effect.memory for effect in simulator.effects):
+    if not windows.run_histories or not any(effect.has_force and effect.memory for effect in simulator.effects):
         return {}
     runs, mine = torch.unique(windows.run, return_inverse=True)
     motion = _motion(simulator, windows, runs.tolist())
@@ -69,7 +69,7 @@ def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDi
     longest = max(1, int(windows.first.max()))
     lines = []
     for r in runs:
-        past = windows.pasts[r]
+        past = windows.run_histories[r]
         if past.motion is None:
             return None
         # Rows after a run's end are never picked.

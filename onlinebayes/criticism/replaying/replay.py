@@ -71,7 +71,7 @@ def _played(
     needed = windows.observed.any(-1)
     for k in range(0, theta.shape[0], size):
         trajectory = rollout(simulator, windows, theta[k : k + size], starts[k : k + size])
-        signals = shown(simulator, windows, theta[k : k + size], starts[k : k + size], trajectory)
+        signals = sensor_readings(simulator, windows, theta[k : k + size], starts[k : k + size], trajectory)
         yield signals, (trajectory["valid"] | ~needed).all(-1) & torch.isfinite(signals).all(-1).all(-1)
 
 
@@ -150,7 +150,7 @@ def distinct(theta: Float[Tensor, "M P"]) -> tuple[Int[Tensor, " m"], Int[Tensor
     return torch.tensor([world.index(k) for k in range(len(seen))]), torch.tensor(world)
 
 
-def shown(
+def sensor_readings(
     simulator: Simulator,
     windows: Windows,
     theta: Float[Tensor, "M P"],

@@ -17,7 +17,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.around import Around
+from onlinebayes.criticism.replaying.around import SimulatorWrapper
 from onlinebayes.criticism.replaying.timed import Rows, in_time
 from onlinebayes.criticism.scope import Scope, address_of, own_name
 from onlinebayes.criticism.split import origin
@@ -27,7 +27,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, TargetKind
 
 
-class ScopedSimulator(Around):
+class ScopedSimulator(SimulatorWrapper):
     """The worlds of ``physics``, some of whose parameters depend on the run.
 
     Args:

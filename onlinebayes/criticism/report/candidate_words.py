@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from onlinebayes.criticism.report.phrases import capitalised, listing, plain, together
+from onlinebayes.criticism.report.phrases import capitalised, effects_in_words, listing, plain
 from onlinebayes.criticism.results import MOVES_NOTHING, Candidate, Criticism
 
 
@@ -45,7 +45,7 @@ def briefly(result: Criticism, candidate: Candidate) -> str:
 def outcome(candidate: Candidate) -> str:
     """Why a candidate is in the model or not, in a few words."""
     if candidate.accepted_with:
-        return f"accepted together with {together(candidate.accepted_with)}"
+        return f"accepted together with {effects_in_words(candidate.accepted_with)}"
     if candidate.accepted:
         return "accepted"
     if MOVES_NOTHING in candidate.confounded_with:
@@ -111,4 +111,4 @@ def confounded(result: Criticism) -> list[str]:
 def motionless(result: Criticism) -> str:
     """One sentence on the candidates that move no measured signal; empty without any."""
     still = [candidate.effect for candidate in result.candidates if MOVES_NOTHING in candidate.confounded_with]
-    return f"{capitalised(together(still))} would move nothing that was measured." if still else ""
+    return f"{capitalised(effects_in_words(still))} would move nothing that was measured." if still else ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism import quantities, region_words
 from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.results import Candidate, Criticism
 
@@ -12,7 +12,7 @@ SHOWN = 15
 def report(result: Criticism) -> str:
     """Headline, errors, remainder, parameters."""
     lines = [f"# {words.headline(result)}", "", words.improvement(result), "", words.remainder(result), ""]
-    lines += [f"- {places.plainly(f.where)}: {quantities.percent(f.share_of_error)} of the error of {f.signal}, "
+    lines += [f"- {region_words.in_words(f.where)}: {quantities.percent(f.share_of_error)} of the error of {f.signal}, "
               f"{quantities.percent(f.share_of_time)} of the time" for f in result.failures[:3]]  # fmt: skip
     lines += ["", "| parameter | value |", "|---|---|"]
     lines += [f"| {name} | {phrases.estimate(value)} |" for name, value in result.parameters.items()]

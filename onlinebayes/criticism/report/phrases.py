@@ -20,7 +20,7 @@ def plain(effect: str) -> str:
     return f"{name.replace('_', ' ')} at {target}" if target else name.replace("_", " ")
 
 
-def together(effects: Sequence[str], last: str = "and") -> str:
+def effects_in_words(effects: Sequence[str], last: str = "and") -> str:
     """``dry friction and constant load at carriage, actuator delay at left and right``, grouped by target."""
     by_target: dict[str, list[str]] = {}
     for effect in effects:

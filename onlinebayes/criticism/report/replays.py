@@ -54,7 +54,7 @@ def traces(result: Criticism, signal: str) -> list[Trace]:
     return sorted(found, key=lambda trace: not trace.held_out)
 
 
-def shown(all_traces: Sequence[Trace]) -> list[Trace]:
+def traces_to_judge(all_traces: Sequence[Trace]) -> list[Trace]:
     """The traces to judge by: the held-out ones, or all where none were opened."""
     return [trace for trace in all_traces if trace.held_out] or list(all_traces)
 
@@ -67,7 +67,7 @@ def worst_window(all_traces: Sequence[Trace]) -> Trace | None:
 def worst_windows(all_traces: Sequence[Trace], count: int) -> list[Trace]:
     """The ``count`` windows in which the base model is furthest off in the root mean square, the worst first."""
     found: list[tuple[float, Trace]] = []
-    for trace in shown(all_traces):
+    for trace in traces_to_judge(all_traces):
         squared = (trace.before - trace.measured) ** 2
         for number in np.unique(trace.window):
             inside = (trace.window == number) & np.isfinite(squared)

@@ -9,10 +9,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism import quantities, region_words
 from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
-from onlinebayes.criticism.report.phrases import better, estimate, listing, times_floor, together
+from onlinebayes.criticism.report.phrases import better, effects_in_words, estimate, listing, times_floor
 from onlinebayes.criticism.results import STOPPED, Criticism, Estimate, ParameterChange
 from onlinebayes.criticism.scope import address_of
 
@@ -48,14 +48,14 @@ def over_floor(result: Criticism, signal: str) -> float:
 
 def headline(result: Criticism) -> str:
     """One sentence: what is wrong, or that nothing is."""
-    effects = together(result.accepted)
+    effects = effects_in_words(result.accepted)
     if result.only_compared or (result.command == "compare" and result.verdict == "insufficient_data"):
         return _compared(result)
     if result.verdict == "missing_effect":
         besides = f"; besides, {_differs(result)}" if result.changes else ""
         return f"The model misses {effects}{besides}{_not_all(result)}."
     if result.verdict == "tie":
-        return f"Something is missing, and the data cannot tell which: {together(tie_members(result), 'or')}."
+        return f"Something is missing, and the data cannot tell which: {effects_in_words(tie_members(result), 'or')}."
     if result.verdict == "adequate":
         return "Nothing is missing: the model agrees with the measurements."
     if result.verdict == "insufficient_data":
@@ -71,7 +71,7 @@ def headline(result: Criticism) -> str:
     helped = f"; {effects} helps, but not enough" if result.accepted else ""
     if result.interrupted:
         leading = [candidate.effect for candidate in result.candidates if STOPPED in candidate.refused_because][:1]
-        so_far = f"; so far {together(leading)} leads" if leading else ""
+        so_far = f"; so far {effects_in_words(leading)} leads" if leading else ""
         return f"The model is wrong, and the search was stopped before it could say why{helped}{so_far}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
 
@@ -207,7 +207,7 @@ def remainder(result: Criticism) -> str:
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
     if result.remainder.status == "noise":
         return f"What is left looks like noise ({quantities.times(ratio)} the sensor noise)."
-    where = f"; it concentrates {places.plainly(result.remainder.where)}" if result.remainder.where else ""
+    where = f"; it concentrates {region_words.in_words(result.remainder.where)}" if result.remainder.where else ""
     return f"What is left is not noise, {quantities.times(ratio)} the sensor noise{where}."
 
 

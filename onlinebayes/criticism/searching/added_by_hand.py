@@ -19,7 +19,7 @@ from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.stage import leaves_noise, refit
-from onlinebayes.criticism.searching.standing import carried
+from onlinebayes.criticism.searching.working_model import carry_theta
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
@@ -61,12 +61,12 @@ def _from_its_starts(fitted: Fit, windows: Windows, effect: Effect, selection: S
     model, weight = fitted.simulator, fitted.projected.weight
     try:
         leaner = model.without_effect(effect.key)
-        current = fit(leaner, windows, carried(model, fitted.theta, leaner), weight, fitted.lin.starts)
+        current = fit(leaner, windows, carry_theta(model, fitted.theta, leaner), weight, fitted.lin.starts)
         (screened,) = survey(current, windows, [effect], selection.folds).screened
         if screened.p_value is None:  # the other parameters do the same
             return fitted
         found = _refitted(current, windows, screened, selection.tolerance)
-        again = fit(model, windows, carried(found.simulator, found.theta, model), weight, found.lin.starts)
+        again = fit(model, windows, carry_theta(found.simulator, found.theta, model), weight, found.lin.starts)
     except BadInput:  # it diverges without the effect, or from there, or cannot do without
         return fitted
     return again if again.projected.objective < (1 - NOTICED) * fitted.projected.objective else fitted

@@ -13,8 +13,8 @@ from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.verdict import AT_FLOOR, halved, left_over
-from onlinebayes.criticism.searching.between_runs import Differing, beats, differing, with_own_values
 from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.per_run_parameters import Differing, beats, find_differing, with_own_values
 from onlinebayes.criticism.searching.stage import Stage
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
@@ -41,7 +41,7 @@ class Changed:
     halved: bool
 
 
-def changed(
+def find_change(
     simulator: Simulator,
     context: SearchContext,
     current: Grounds,
@@ -60,7 +60,7 @@ def changed(
         rival: the admissible effect that would be added instead; None without any.
     """
     measurement, selection = context.measurement, context.selection
-    found = differing(current.fitted, current.windows, stage, measurement.runs, selection)
+    found = find_differing(current.fitted, current.windows, stage, measurement.runs, selection)
     admissible = [one for one in found if not one.failed]
     if not admissible:
         return None

@@ -5,8 +5,8 @@
 Beside the several, the one moves the replay by nothing that they could not, so that screening gives it no p and no
 round tries it again. Its own round may have passed it by as well, where it did not lead. Where noise is left and a
 round adds nothing, it is fitted in their place: what has fewer parameters and predicts as well (the rules of
-:mod:`.needless`), and may be added to what is left without them, is the simpler account. Another round follows, against
-the model with it.
+:mod:`.backward_elimination`), and may be added to what is left without them, is the simpler account. Another round
+follows, against the model with it.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from onlinebayes.criticism.candidates.survey import survey
 from onlinebayes.criticism.fitting.fit import Fit, fit, unfitted
 from onlinebayes.criticism.judging.acceptance import Judged, choose
 from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.searching.backward_elimination import needed
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.needless import needed
-from onlinebayes.criticism.searching.replacement import Incumbent
+from onlinebayes.criticism.searching.rival_fits import Incumbent
 from onlinebayes.criticism.searching.stage import EVERY_P, Added, Stage, judged_in, leaves_noise, refit
-from onlinebayes.criticism.searching.standing import Standing, carried, with_effects
+from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta, with_effects
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
@@ -31,47 +31,47 @@ MOST_TRIED = 2  # in place of the same effects, by p
 HOPELESS = 2.0  # times the squared error of the model as it stands, which leaves noise
 
 
-def with_one_for_several(standing: Standing, last: Stage, context: SearchContext) -> Standing | None:
+def merge_confounded(working: WorkingModel, last: Stage, context: SearchContext) -> WorkingModel | None:
     """The model with one effect in place of all those it is confounded with; None where none predicts as well.
 
     Args:
-        standing: the model; where it leaves more than noise nothing is tried.
+        working: the model; where it leaves more than noise nothing is tried.
         last: the round in which the candidates were screened against it.
         context: of the search; its watch is looked at between the fits, and the model as it is then stands.
     """
-    if not standing.at_floor(context.selection.tolerance):
+    if not working.at_floor(context.selection.tolerance):
         return None
-    for kept, rivals in _accounts(standing, last):
+    for kept, rivals in _accounts(working, last):
         if context.watch.stopped:
             break
-        added = _in_place(standing, kept, rivals, context)
+        added = _in_place(working, kept, rivals, context)
         if added is not None:
             context.watch.say(f"{added[1].effect.key} takes their place")
-            return with_effects(replace(standing, accepted=tuple(kept)), [added], context)
+            return with_effects(replace(working, accepted=tuple(kept)), [added], context)
     return None
 
 
-def _accounts(standing: Standing, last: Stage) -> Iterator[tuple[Sequence[Added], Sequence[Effect]]]:
+def _accounts(working: WorkingModel, last: Stage) -> Iterator[tuple[Sequence[Added], Sequence[Effect]]]:
     """What would be left, and what is confounded with exactly the others, two or more of them."""
-    simulator = standing.grounds.fitted.simulator
-    owner = {name: effect.key for effect in standing.effects for name in effect_entries(simulator, effect)}
+    simulator = working.grounds.fitted.simulator
+    owner = {name: effect.key for effect in working.effects for name in effect_entries(simulator, effect)}
     rivals: dict[frozenset[str], list[Effect]] = {}
     for screened in last.screened:
         keys = frozenset(owner.get(name, "") for name in screened.confounded_with)
         if len(keys) > 1 and "" not in keys:
             rivals.setdefault(keys, []).append(screened.effect)
     for keys, effects in rivals.items():
-        yield [item for item in standing.accepted if item[1].effect.key not in keys], effects
+        yield [item for item in working.accepted if item[1].effect.key not in keys], effects
 
 
 def _in_place(
-    standing: Standing, kept: Sequence[Added], rivals: Sequence[Effect], context: SearchContext
+    working: WorkingModel, kept: Sequence[Added], rivals: Sequence[Effect], context: SearchContext
 ) -> Added | None:
     """The best of the rivals beside what is kept, with its judgement; None where none will do."""
-    current, selection = standing.grounds, context.selection
+    current, selection = working.grounds, context.selection
     windows = current.windows
-    model = current.rung.of(grown(standing.simulator, [judged.effect for _, judged in kept]))
-    theta = carried(current.fitted.simulator, current.fitted.theta, model)
+    model = current.rung.of(grown(working.simulator, [judged.effect for _, judged in kept]))
+    theta = carry_theta(current.fitted.simulator, current.fitted.theta, model)
     incumbent = Incumbent.on(current, selection.folds)
     try:
         # The other parameters begin where they are: there the one does what the several did.

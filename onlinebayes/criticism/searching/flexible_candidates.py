@@ -28,8 +28,8 @@ from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.judging.acceptance import Judged, choose, contained
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted, score_gain
 from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.searching.between_runs import HALF_LEVEL, may_change
 from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.per_run_parameters import HALF_LEVEL, may_change
 from onlinebayes.criticism.searching.stage import (
     EVERY_P,
     GROSS_FLOORS,
@@ -64,8 +64,8 @@ Group = tuple[str, tuple[Effect, ...]]
 
 
 @dataclass(frozen=True)
-class Last:
-    """What was found last.
+class FlexibleFind:
+    """What was found among the flexible candidates.
 
     Args:
         stage, judged: the round that found it, and its judgement.
@@ -84,7 +84,7 @@ class Last:
         return [*([] if self.lead is None else [self.lead]), (self.stage, self.judged)]
 
 
-def last_candidates(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Group, ...]:
+def flexible_groups(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Group, ...]:
     """What is left to try beyond all and ``found``, in groups, each with what is being looked for."""
     if found and misfit(current.fitted.projected) > MOST_FLOORS:
         return ()
@@ -117,7 +117,7 @@ def _in_time(current: Grounds) -> Iterator[Group]:
             yield f"for changes of {name} in time", propose(simulator, windows, [f"{k.name}@{name}" for k in kinds])
 
 
-def tried_last(
+def try_groups(
     current: Grounds,
     groups: Sequence[Group],
     context: SearchContext,
@@ -127,7 +127,7 @@ def tried_last(
 
     Args:
         current: the model as it stands.
-        groups: of :func:`last_candidates`.
+        groups: of :func:`flexible_groups`.
         context: of the search; its watch is looked at between the fits, and what was tried until then is returned.
         hopeless: an objective above which a fit that creeps is given up; of a gross misfit any that hardly falls.
     """
@@ -141,7 +141,7 @@ def tried_last(
     for what, effects in groups:
         if watch.stopped:
             break
-        found = last_found(current, tried, selection)
+        found = best_of_groups(current, tried, selection)
         if effects[0].target_kind == "parameter" and found is not None and found.believed:
             break  # an effect that explains all goes before a number for every instant
         watch.say(f"looking {what}")
@@ -158,40 +158,40 @@ def _least_promise(effect: Effect) -> float:
     return LEAST_PROMISE_OF_GROSS * (RUGGED if effect.rugged else 1.0)
 
 
-def last_found(current: Grounds, tried: Sequence[Stage], selection: Selection) -> Last | None:
+def best_of_groups(current: Grounds, tried: Sequence[Stage], selection: Selection) -> FlexibleFind | None:
     """The best of those that leave noise, or of those that take 30 % of a gross misfit; None without any.
 
     Args:
         current: the model as it stands.
-        tried: of :func:`tried_last`.
+        tried: of :func:`try_groups`.
         selection: how effects are judged.
     """
     gross = misfit(current.fitted.projected) > GROSS_FLOORS
-    found: list[Last] = []
+    found: list[FlexibleFind] = []
     for stage in tried:
         admissible = [judged for judged in stage.judged if judged.admissible]
         quiet = [judged for judged in admissible if leaves_noise(judged.fitted, current.windows, selection.tolerance)]
         lowering = [judged for judged in admissible if gross and judged.falls[0] >= LEAST_FALL_ON_TRIAL]
         if quiet or lowering:
-            found.append(Last(stage, choose(quiet or lowering, current.windows.bin_step), bool(quiet)))
-    return max(found, key=lambda last: (last.believed, last.judged.gain.gain), default=None)
+            found.append(FlexibleFind(stage, choose(quiet or lowering, current.windows.bin_step), bool(quiet)))
+    return max(found, key=lambda find: (find.believed, find.judged.gain.gain), default=None)
 
 
-def found_beside(
+def find_beside(
     tried: Sequence[Stage],
     current: Grounds,
     groups: Sequence[Group],
     context: SearchContext,
-) -> Last | None:
+) -> FlexibleFind | None:
     """What leaves noise beside one of the significant candidates that fail fewest rules, where none was admissible.
 
     A late motor and cogging hide each other: neither lowers a gross misfit by much, and what gains most may be neither
     (of a dead zone and cogging it was a Stribeck curve). Whether the candidate is needed beside what was found is asked
-    at the end, as of every effect (see :mod:`.needless`).
+    at the end, as of every effect (see :mod:`.backward_elimination`).
 
     Args:
         tried: the rounds.
-        current, groups, context: as of :func:`tried_last`.
+        current, groups, context: as of :func:`try_groups`.
     """
     leads = [(stage, judged) for stage in tried for judged in stage.judged if judged.p_value < context.selection.alpha]
     if not (groups and leads) or misfit(current.fitted.projected) <= GROSS_FLOORS:
@@ -200,8 +200,8 @@ def found_beside(
         context.watch.say(f"looking beside {lead[1].effect.key}")
         beside = replace(current, fitted=lead[1].fitted)
         others = _without(groups, {lead[1].effect.key})
-        tried_beside = tried_last(beside, others, context, _noise(lead[1].fitted, context.selection))
-        found = last_found(beside, tried_beside, context.selection)
+        tried_beside = try_groups(beside, others, context, _noise(lead[1].fitted, context.selection))
+        found = best_of_groups(beside, tried_beside, context.selection)
         if found is not None and found.believed:
             return replace(found, lead=lead)
         if context.watch.stopped:
@@ -223,7 +223,7 @@ def _nearest(leads: Sequence[Added]) -> list[Added]:
     return list(best.values())[:MOST_LEADS]
 
 
-def instead(
+def find_one_for_several(
     base: Grounds, current: Grounds, accepted: Sequence[Added], context: SearchContext, tried: set[str]
 ) -> Added | None:
     """The one effect that explains alone what several do; None without any.

@@ -24,7 +24,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
 
-def pair(
+def find_pair(
     stage: Stage,
     effects: Sequence[Effect],
     numerics: Numerics,

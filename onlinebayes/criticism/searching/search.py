@@ -6,7 +6,7 @@ This module owns the order only; every rule stands in the module that is called.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.data.noise import measured_floors
@@ -15,38 +15,38 @@ from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import choose
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.added_by_hand import begun_as_candidates
+from onlinebayes.criticism.searching.backward_elimination import eliminate
 from onlinebayes.criticism.searching.bounds import Widened, excluded
-from onlinebayes.criticism.searching.changes import Changed, changed
-from onlinebayes.criticism.searching.confounded import with_one_for_several
+from onlinebayes.criticism.searching.changes import Changed, find_change
+from onlinebayes.criticism.searching.confounded import merge_confounded
+from onlinebayes.criticism.searching.contained_effects import drop_contained
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.family import family
-from onlinebayes.criticism.searching.fewer import with_fewer
 from onlinebayes.criticism.searching.flexible_candidates import (
+    FlexibleFind,
     Group,
-    Last,
-    found_beside,
-    instead,
-    last_candidates,
-    last_found,
-    tried_last,
+    best_of_groups,
+    find_beside,
+    find_one_for_several,
+    flexible_groups,
+    try_groups,
 )
-from onlinebayes.criticism.searching.needless import without_needless
-from onlinebayes.criticism.searching.pairs import pair
-from onlinebayes.criticism.searching.replaced import replaced
+from onlinebayes.criticism.searching.pairs import find_pair
+from onlinebayes.criticism.searching.parsimony import simplify
+from onlinebayes.criticism.searching.rival_swap import swap_in_better_rival
+from onlinebayes.criticism.searching.sensor_zeros import judge_zero_errors
+from onlinebayes.criticism.searching.shared_law import find_shared_law
 from onlinebayes.criticism.searching.stage import Added, Stage, run_stage
-from onlinebayes.criticism.searching.standing import Standing, with_change, with_effects, without_idle
-from onlinebayes.criticism.searching.swapped import swapped
-from onlinebayes.criticism.searching.zeros import beside_zeros
+from onlinebayes.criticism.searching.working_model import WorkingModel, drop_idle, with_change, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 
 MOST_EFFECTS = 6
-MOST_LAST = 2  # of what is tried last: two laws may hide each other
+MOST_FLEXIBLE_TRIES = 2  # of what is tried last: two laws may hide each other
 
 
 @dataclass(frozen=True)
-class Found:
+class SearchResult:
     """What the search found.
 
     Args:
@@ -63,9 +63,9 @@ class Found:
 
     base: Grounds
     final: Grounds
-    effects: tuple[Effect, ...]
-    stages: tuple[Stage, ...]
-    accepted: tuple[Added, ...]
+    effects: tuple[Effect, ...] = ()
+    stages: tuple[Stage, ...] = ()
+    accepted: tuple[Added, ...] = ()
     interrupted: bool = False
     enough: bool = True
     widened: Widened | None = None
@@ -94,7 +94,7 @@ def enough_motion(base: Grounds, selection: Selection) -> bool:
     return moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST_BLOCKS
 
 
-def search(simulator: Simulator, context: SearchContext, most: int, base: Grounds | None = None) -> Found:
+def search(simulator: Simulator, context: SearchContext, most: int, base: Grounds | None = None) -> SearchResult:
     """Look for missing effects.
 
     Args:
@@ -103,131 +103,213 @@ def search(simulator: Simulator, context: SearchContext, most: int, base: Ground
         most: number of effects after which no round begins, one or more; the last round may add several at once.
         base: the base model on its grounds, where it was fitted already.
     """
-    selection, watch = context.selection, context.watch
+    watch = context.watch
     if base is None:
         watch.say("fitting the base model")
-        base = ground(simulator, context.measurement, selection)
+        base = ground(simulator, context.measurement, context.selection)
     effects = propose(base.fitted.simulator, base.windows, context.candidates)
-    if not enough_motion(base, selection):
-        return Found(base, base, effects, (), (), watch.stopped, enough=False)
-    standing = Standing(simulator, base)
-    stages: list[Stage] = []
-    seen: set[frozenset[str]] = set()
-    last: list[tuple[Group, ...]] = []  # of what is tried last, each time
-    alone: set[str] = set()  # of these, what was tried with nothing else
-    before_trial: Standing | None = None  # comes back unless noise is all that is left
-    on_trial: tuple[Added, ...] = ()
+    if not enough_motion(base, context.selection):
+        return SearchResult(base, base, effects, interrupted=watch.stopped, enough=False)
+    running = _Search(context, simulator, base, effects, WorkingModel(simulator, base))
+    widened: Widened | None = None
     with watch.giving_up():
-        while standing.grounds.numerics.sufficient and not watch.stopped:
-            thorough = not stages and not standing.at_floor(selection.tolerance)
-            stages.append(_round(context, standing, effects, thorough, len(stages) + 1))
-            if watch.stopped:
-                break  # a round that was cut short accepts nothing
-            if thorough and (wide := excluded(simulator, context, base, stages[0])) is not None:
-                return Found(base, wide.grounds, effects, tuple(stages), (), widened=wide)
-            added = _chosen(context, standing, stages[-1], effects)
-            if isinstance(added, Changed):
-                watch.say(f"giving every run its own {added.judged.address}")
-                standing = with_change(standing, added)
-                standing = without_idle(standing, standing.accepted, context) or standing
-                continue
-            if not (added or watch.stopped or standing.at_floor(selection.tolerance)) and context.everything:
-                last.append(last_candidates(standing.grounds, standing.effects) if len(last) < MOST_LAST else ())
-                if not (standing.effects or standing.changes):
-                    alone = {effect.key for _, group in last[-1] for effect in group}
-                if (latest := _latest(context, standing, stages[-1], last[-1])) is not None:
-                    added = latest.added
-                    if before_trial is None and not latest.believed:
-                        before_trial, on_trial = standing, tuple(added)
-            if added:
-                standing = _extended(context, standing, added)
-            elif (leaner := with_one_for_several(standing, stages[-1], context)) is not None:
-                standing = leaner
-            else:
-                break
-            names = frozenset(effect.key for effect in standing.effects)
-            # What takes an earlier one's place may make room for others; the same ones again would go round in circles.
-            if names in seen or len(standing.accepted) >= most:
-                break
-            seen.add(names)
-    if before_trial is not None and not standing.at_floor(selection.tolerance):
-        standing = before_trial
-    else:
-        on_trial = ()
+        widened = running.go_round(most)
+    if widened is not None:
+        return SearchResult(base, widened.grounds, effects, tuple(running.stages), widened=widened)
+    running.end_trial()
     if not watch.stopped:
         with watch.giving_up():
-            standing = without_needless(standing, context)
-            standing = _simplest(context, base, standing, alone)
-    late = {effect.key: effect for groups in last for _, group in groups for effect in group}
-    tried = (*effects, *late.values())
-    accepted, changes = standing.accepted, standing.changes
-    stopped = watch.stopped
-    return Found(base, standing.grounds, tried, tuple(stages), accepted, stopped, changes=changes, taken_back=on_trial)
+            running.simplify()
+    return running.result()
 
 
-def _round(context: SearchContext, standing: Standing, effects: Sequence[Effect], thorough: bool, number: int) -> Stage:
+@dataclass
+class _Search:
+    """A search under way. Its steps change it one by one, so that a stop in the middle of one leaves what was known.
+
+    Args:
+        context: of the search.
+        simulator, base: the base model at its own step, and fitted.
+        effects: the candidates.
+        working: the model as it stands.
+        stages: the rounds so far.
+        seen: the effects that stood after each of them.
+        flexible: what was tried last, each time.
+        alone: of these, what was tried with nothing else in the model.
+        before_trial: the model that comes back unless noise is all that is left.
+        on_trial: what goes then.
+    """
+
+    context: SearchContext
+    simulator: Simulator
+    base: Grounds
+    effects: tuple[Effect, ...]
+    working: WorkingModel
+    stages: list[Stage] = field(default_factory=list)
+    seen: set[frozenset[str]] = field(default_factory=set)
+    flexible: list[tuple[Group, ...]] = field(default_factory=list)
+    alone: set[str] = field(default_factory=set)
+    before_trial: WorkingModel | None = None
+    on_trial: tuple[Added, ...] = ()
+
+    @property
+    def at_floor(self) -> bool:
+        """Whether the model as it stands leaves noise."""
+        return self.working.at_floor(self.context.selection.tolerance)
+
+    def go_round(self, most: int) -> Widened | None:
+        """Round after round, until one adds nothing; a bound that excludes the truth, which is the answer then."""
+        context, watch = self.context, self.context.watch
+        while self.working.grounds.numerics.sufficient and not watch.stopped:
+            thorough = not self.stages and not self.at_floor
+            self.stages.append(_round(context, self.working, self.effects, thorough, len(self.stages) + 1))
+            if watch.stopped:
+                break  # a round that was cut short accepts nothing
+            if thorough and (wide := excluded(self.simulator, context, self.base, self.stages[0])) is not None:
+                return wide
+            added = _chosen(context, self.working, self.stages[-1], self.effects)
+            if isinstance(added, Changed):
+                self.give_own_values(added)
+            elif not self.take_in(added or self.try_flexible()) or self.is_full(most):
+                break
+        return None
+
+    def give_own_values(self, change: Changed) -> None:
+        """A parameter differs between runs from here on; what that makes needless goes."""
+        self.context.watch.say(f"giving every run its own {change.judged.address}")
+        self.working = with_change(self.working, change)
+        self.working = drop_idle(self.working, self.working.accepted, self.context) or self.working
+
+    def try_flexible(self) -> list[Added]:
+        """What is found among the candidates of much freedom; on trial where it leaves more than noise."""
+        if self.context.watch.stopped or self.at_floor or not self.context.everything:
+            return []
+        working, again = self.working, len(self.flexible) < MOST_FLEXIBLE_TRIES
+        self.flexible.append(flexible_groups(working.grounds, working.effects) if again else ())
+        if not (working.effects or working.changes):
+            self.alone = {effect.key for _, group in self.flexible[-1] for effect in group}
+        latest = _latest(self.context, working, self.stages[-1], self.flexible[-1])
+        if latest is None:
+            return []
+        if self.before_trial is None and not latest.believed:
+            self.before_trial, self.on_trial = working, tuple(latest.added)
+        return latest.added
+
+    def take_in(self, added: Sequence[Added]) -> bool:
+        """Whether the model changes: by what was added or, where nothing was, by one effect in place of several."""
+        if added:
+            self.working = _extended(self.context, self.working, added)
+            return True
+        leaner = merge_confounded(self.working, self.stages[-1], self.context)
+        self.working = leaner or self.working
+        return leaner is not None
+
+    def is_full(self, most: int) -> bool:
+        """Whether no round follows: there are ``most`` effects, or those that stood before.
+
+        What takes an earlier one's place may make room for others; the same ones again would go round in circles.
+        """
+        names = frozenset(effect.key for effect in self.working.effects)
+        if names in self.seen or len(self.working.accepted) >= most:
+            return True
+        self.seen.add(names)
+        return False
+
+    def end_trial(self) -> None:
+        """What stood on trial goes where more than noise is left, and is none of it otherwise."""
+        if self.before_trial is not None and not self.at_floor:
+            self.working = self.before_trial
+        else:
+            self.on_trial = ()
+
+    def simplify(self) -> None:
+        """The model without what it does not need, and with fewer effects where they explain as much."""
+        self.working = eliminate(self.working, self.context)
+        self.working = _simplest(self.context, self.base, self.working, self.alone)
+
+    def result(self) -> SearchResult:
+        """What was found."""
+        working = self.working
+        late = {effect.key: effect for groups in self.flexible for _, group in groups for effect in group}
+        return SearchResult(
+            self.base,
+            working.grounds,
+            (*self.effects, *late.values()),
+            tuple(self.stages),
+            working.accepted,
+            interrupted=self.context.watch.stopped,
+            changes=working.changes,
+            taken_back=self.on_trial,
+        )
+
+
+def _round(
+    context: SearchContext, working: WorkingModel, effects: Sequence[Effect], thorough: bool, number: int
+) -> Stage:
     """Everything that is not in the model screened, and the leading ones judged."""
-    grounds, left = standing.grounds, standing.untried(effects)
+    grounds, left = working.grounds, working.untried(effects)
     context.watch.say(f"screening {len(left)} effects, round {number}")
     fitted, windows, numerics = grounds.fitted, grounds.windows, grounds.numerics
     return run_stage(fitted, windows, left, numerics, context.selection, context.watch, thorough)
 
 
 def _chosen(
-    context: SearchContext, standing: Standing, stage: Stage, effects: Sequence[Effect]
+    context: SearchContext, working: WorkingModel, stage: Stage, effects: Sequence[Effect]
 ) -> Changed | list[Added]:
     """What a round adds: a parameter that differs between runs, or effects; nothing where nothing is admissible.
 
     One effect, or one law at several places, or two effects. A change that leaves noise goes before several effects,
     one that leaves more after them.
     """
-    grounds = standing.grounds
+    grounds = working.grounds
     admissible = [judged for judged in stage.judged if judged.admissible]
     best = choose(admissible, grounds.windows.bin_step) if admissible else None
     if best is not None:
-        stage = beside_zeros(stage, best, grounds.numerics, context)
+        stage = judge_zero_errors(stage, best, grounds.numerics, context)
         admissible = [judged for judged in stage.judged if judged.admissible]
         best = choose(admissible, grounds.windows.bin_step)
-    if best is None and standing.at_floor(context.selection.tolerance):
+    if best is None and working.at_floor(context.selection.tolerance):
         return []
-    change = changed(standing.simulator, context, grounds, stage, standing.effects, best)
+    change = find_change(working.simulator, context, grounds, stage, working.effects, best)
     if change is not None and change.noise:
         return change
     if best is not None:
         return [(stage, best)]
-    left = standing.untried(effects)
-    added = family(stage, left, grounds.numerics, context)
-    added = added or list(pair(stage, left, grounds.numerics, context) or ())
+    left = working.untried(effects)
+    added = find_shared_law(stage, left, grounds.numerics, context)
+    added = added or list(find_pair(stage, left, grounds.numerics, context) or ())
     return change if not added and change is not None and change.halved else added
 
 
-def _latest(context: SearchContext, standing: Standing, stage: Stage, groups: Sequence[Group]) -> Last | None:
+def _latest(
+    context: SearchContext, working: WorkingModel, stage: Stage, groups: Sequence[Group]
+) -> FlexibleFind | None:
     """What is found among those that are tried last; nothing on trial where there is no time to go on from it."""
-    grounds, selection, watch = standing.grounds, context.selection, context.watch
-    tried = tried_last(grounds, groups, context)
-    latest = last_found(grounds, tried, selection)
+    grounds, selection, watch = working.grounds, context.selection, context.watch
+    tried = try_groups(grounds, groups, context)
+    latest = best_of_groups(grounds, tried, selection)
     if latest is None and not watch.stopped:
-        latest = found_beside([stage, *tried], grounds, groups, context)
+        latest = find_beside([stage, *tried], grounds, groups, context)
     return None if latest is None or (watch.stopped and not latest.believed) else latest
 
 
-def _extended(context: SearchContext, standing: Standing, added: Sequence[Added]) -> Standing:
+def _extended(context: SearchContext, working: WorkingModel, added: Sequence[Added]) -> WorkingModel:
     """The model with what a round added, what that tells from its rivals, without what it makes needless."""
     context.watch.say(f"adding {' and '.join(judged.effect.key for _, judged in added)}")
-    standing = with_effects(standing, added, context)
-    if (richer := replaced(standing, context)) is not None:
+    working = with_effects(working, added, context)
+    if (richer := drop_contained(working, context)) is not None:
         context.watch.say(f"{added[-1][1].effect.key} takes the place of what it contains")
-        standing = richer
-    standing = swapped(standing, context) or standing
-    return without_idle(standing, standing.accepted[:-1], context) or standing
+        working = richer
+    working = swap_in_better_rival(working, context) or working
+    return drop_idle(working, working.accepted[:-1], context) or working
 
 
-def _simplest(context: SearchContext, base: Grounds, standing: Standing, alone: set[str]) -> Standing:
+def _simplest(context: SearchContext, base: Grounds, working: WorkingModel, alone: set[str]) -> WorkingModel:
     """The model with fewer effects, or one in place of several, not one tried ``alone``, where they explain as much."""
-    if context.watch.stopped or not standing.at_floor(context.selection.tolerance):
-        return standing
-    standing = with_fewer(standing, context)
-    if standing.changes or not context.everything:
-        return standing
-    one = instead(base, standing.grounds, standing.accepted, context, alone)
-    return standing if one is None else with_effects(standing, [one], context, alone=True)
+    if context.watch.stopped or not working.at_floor(context.selection.tolerance):
+        return working
+    working = simplify(working, context)
+    if working.changes or not context.everything:
+        return working
+    one = find_one_for_several(base, working.grounds, working.accepted, context, alone)
+    return working if one is None else with_effects(working, [one], context, alone=True)

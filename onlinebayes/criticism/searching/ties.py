@@ -12,8 +12,8 @@ from onlinebayes.criticism.candidates.lookalikes import lookalikes
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.verdict import tied
 from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.searching.replacement import Incumbent, Rival, as_judged, can_replace, refitted_with
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.rival_fits import Incumbent, Rival, can_replace, fit_with_rival, rival_as_judged
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import HOPELESS_RATIO
 from onlinebayes.simulators.base import Simulator
 
@@ -24,7 +24,7 @@ LOOKALIKE_Z_SHARE = 0.5
 """What looks like the accepted effect had this share of its z in the same round at least."""
 
 
-def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, tuple[str, ...]]:
+def alternatives(base: Simulator, found: SearchResult, folds: int | None) -> dict[str, tuple[str, ...]]:
     """Accepted effect -> the effects it cannot be told from.
 
     Args:
@@ -43,15 +43,15 @@ def alternatives(base: Simulator, found: Found, folds: int | None) -> dict[str, 
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
         elif len(found.accepted) == 1:
             near = [r for r in rivals if r.scores.rms_long < NEAR_ERROR_RATIO * judged.scores.rms_long]
-            equal[judged.effect.key] = _swapped(base, found, [as_judged(r) for r in near], folds)
+            equal[judged.effect.key] = _swapped(base, found, [rival_as_judged(r) for r in near], folds)
         else:
-            equal[judged.effect.key] = _swapped(base, found, [as_judged(r) for r in rivals], folds)
+            equal[judged.effect.key] = _swapped(base, found, [rival_as_judged(r) for r in rivals], folds)
         if k == 0:
             equal[judged.effect.key] += _swapped(base, found, _overlooked(found, judged, accepted), folds)
     return equal
 
 
-def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]:
+def _overlooked(found: SearchResult, first: Judged, accepted: list[str]) -> list[Rival]:
     """What its round saw much of and did not judge, or gave up, and looks like the first effect at the final model."""
     stage, final = found.accepted[0][0], found.final.fitted
     seen = {judged.effect.key for judged in stage.judged if judged.fitted.converged}
@@ -70,7 +70,7 @@ def _overlooked(found: Found, first: Judged, accepted: list[str]) -> list[Rival]
     ]
 
 
-def _swapped(base: Simulator, found: Found, rivals: list[Rival], folds: int | None) -> tuple[str, ...]:
+def _swapped(base: Simulator, found: SearchResult, rivals: list[Rival], folds: int | None) -> tuple[str, ...]:
     """The rivals that do as well in the first effect's place, everything refitted."""
     if not rivals:
         return ()
@@ -78,7 +78,7 @@ def _swapped(base: Simulator, found: Found, rivals: list[Rival], folds: int | No
     beyond, equal = HOPELESS_RATIO * found.final.fitted.projected.objective, []
     for rival in rivals:
         effects = [rival.effect, *(judged.effect for _, judged in found.accepted[1:])]
-        fitted = refitted_with(rival, base, effects, incumbent, beyond)
+        fitted = fit_with_rival(rival, base, effects, incumbent, beyond)
         if fitted is not None and tied(incumbent.scores, incumbent.validated(fitted), windows.bin_step):
             equal.append(rival.effect.key)
     return tuple(equal)

@@ -7,7 +7,7 @@
 |                      | world's                                                |                                  |
 
 A table's own turns are those of its quaternions as they stand, so that a quaternion that is read otherwise comes with
-courses of its own (see :mod:`.data.courses`).
+paths of its own (see :mod:`.data.orientation_path`).
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.coordinates import Rotation
-from onlinebayes.criticism.data.courses import Course, followed
+from onlinebayes.criticism.data.orientation_path import OrientationPath, followed
 from onlinebayes.criticism.data.rotations import inverse, rotated
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.charted import courses_of, with_courses
+from onlinebayes.criticism.replaying.charted import orientation_paths, with_orientation_paths
 from onlinebayes.criticism.split import origin
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.measurements import Measurement
@@ -35,7 +35,7 @@ READINGS = {
     "x, y, z, w for w, x, y, z": ((3, 0, 1, 2), (1.0, 1.0, 1.0, 1.0)),
     "the world as the body sees it for the body as the world does": ((0, 1, 2, 3), (1.0, -1.0, -1.0, -1.0)),
 }
-NEARBY = 10  # rows to either side from which a re-read course gives its turn and velocity
+NEARBY = 10  # rows to either side from which a re-read path gives its turn and velocity
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Reread(Fault):
     Args:
         rotation: the joint.
         instead: which of :data:`READINGS` it is.
-        courses: run -> the course of the quaternion read so.
+        paths: run -> the path of the quaternion read so.
     """
 
     rotation: Rotation
     instead: str
-    courses: Mapping[str, Course] = field(compare=False, repr=False)
+    paths: Mapping[str, OrientationPath] = field(compare=False, repr=False)
 
     @property
     def says(self) -> str:
@@ -66,23 +66,23 @@ class Reread(Fault):
         return "\n".join(f'[signals."{name}"]\n{line}' for name, line in (*columns, *turned))
 
     def mended(self, measurement: Measurement) -> Measurement:
-        """The joint's turns along the other course."""
+        """The joint's turns along the other path."""
         return _with_columns(
-            measurement, self.rotation.turns, lambda run, time, old: self.courses[origin(run)].at(time)[1]
+            measurement, self.rotation.turns, lambda run, time, old: self.paths[origin(run)].at(time)[1]
         )
 
     def model(self, simulator: Simulator) -> Simulator:
-        """The simulator whose turns are relative to the other course."""
-        return with_courses(simulator, self.rotation.joint, self.courses)
+        """The simulator whose turns are relative to the other path."""
+        return with_orientation_paths(simulator, self.rotation.joint, self.paths)
 
     def started(self, windows: Windows, shown: Sequence[str]) -> Windows:
-        """The joint's turns and their velocities along the other course."""
+        """The joint's turns and their velocities along the other path."""
         start, J = windows.start.clone(), len(shown)
         places = torch.tensor([shown.index(name) for name in self.rotation.turns], device=start.device)
         at = start.new_tensor(windows.begin)[windows.run] + windows.first * windows.step
         for r, run in enumerate(windows.runs):
             mine = (windows.run == r).nonzero()
-            turn, rate = _smoothed(self.courses[origin(run)], at[mine[:, 0]])
+            turn, rate = _smoothed(self.paths[origin(run)], at[mine[:, 0]])
             start[mine, places], start[mine, J + places] = turn, rate
         return replace(windows, start=start)
 
@@ -95,13 +95,13 @@ class OtherAxes(Fault):
         names: the signals.
         instead: what it holds.
         backward: whether they must be turned into the body's axes; else into the world's.
-        courses: run -> the measured orientation.
+        paths: run -> the measured orientation.
     """
 
     names: tuple[str, ...]
     instead: str
     backward: bool
-    courses: Mapping[str, Course] = field(compare=False, repr=False)
+    paths: Mapping[str, OrientationPath] = field(compare=False, repr=False)
 
     @property
     def says(self) -> str:
@@ -117,7 +117,7 @@ class OtherAxes(Fault):
         """The columns in the right axes."""
 
         def turned(run: str, time: Float[Tensor, " T"], old: Float[Tensor, "T 3"]) -> Float[Tensor, "T 3"]:
-            q, _ = self.courses[origin(run)].at(time)
+            q, _ = self.paths[origin(run)].at(time)
             return rotated(inverse(q) if self.backward else q, old)
 
         return _with_columns(measurement, self.names, turned)
@@ -130,9 +130,9 @@ def conventions(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
         simulator: with turns in place of quaternions; others have none.
         measured: names of the signals that were measured.
     """
-    turning, courses = courses_of(simulator)
+    turning, paths = orientation_paths(simulator)
     for b, rotation in enumerate(turning):
-        mine = {run: own[b] for run, own in courses.items()}
+        mine = {run: own[b] for run, own in paths.items()}
         for instead, (order, signs) in READINGS.items():
             read = {
                 run: followed(c.rows, c.time, c.quaternion[:, order] * c.quaternion.new_tensor(signs))
@@ -146,16 +146,16 @@ def conventions(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
             yield OtherAxes(rotation.rates, "the world's axes for the body's", True, mine)
 
 
-def _smoothed(course: Course, at: Float[Tensor, " V"]) -> tuple[Float[Tensor, "V 3"], Float[Tensor, "V 3"]]:
+def _smoothed(path: OrientationPath, at: Float[Tensor, " V"]) -> tuple[Float[Tensor, "V 3"], Float[Tensor, "V 3"]]:
     """Turn [rad] and its velocity [rad/s] at these instants, from a cubic through the rows around each."""
-    last = len(course.time) - 1
+    last = len(path.time) - 1
     m = min(NEARBY, last // 2)
-    centre = torch.searchsorted(course.time, at).clamp(m, last - m)
+    centre = torch.searchsorted(path.time, at).clamp(m, last - m)
     rows = centre[:, None] + torch.arange(-m, m + 1, device=at.device)
-    away = course.time[rows] - at[:, None]
+    away = path.time[rows] - at[:, None]
     width = away.abs().amax(1, keepdim=True).clamp_min(1e-9)
     powers = (away / width)[..., None] ** torch.arange(min(3, 2 * m) + 1, device=at.device)
-    fitted = torch.linalg.lstsq(powers, course.turn[rows]).solution
+    fitted = torch.linalg.lstsq(powers, path.turn[rows]).solution
     return fitted[:, 0], fitted[:, 1] / width
 
 

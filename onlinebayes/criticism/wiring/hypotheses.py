@@ -15,7 +15,7 @@ from itertools import combinations, groupby
 
 from onlinebayes.criticism.data.coordinates import velocity
 from onlinebayes.criticism.data.windows import joint_names
-from onlinebayes.criticism.replaying.charted import courses_of
+from onlinebayes.criticism.replaying.charted import orientation_paths
 from onlinebayes.criticism.wiring.conventions import conventions
 from onlinebayes.criticism.wiring.faults import (
     COMMAND,
@@ -48,7 +48,7 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
         *conventions(simulator, measured),
         *_of_sensors([signal.name for signal in measurement.signals]),
         *_of_commands(simulator),
-        *(shifts(measurement) if simulator.commands and not courses_of(simulator)[0] else ()),
+        *(shifts(measurement) if simulator.commands and not orientation_paths(simulator)[0] else ()),
         *([Compensated(tuple(simulator.commands))] if simulator.with_gravity_compensation() is not None else []),
     )
 

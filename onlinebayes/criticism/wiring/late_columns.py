@@ -22,7 +22,7 @@ from onlinebayes.criticism.candidates.candidates import can_have
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.fitting.projection import signal_rms
-from onlinebayes.criticism.replaying.charted import courses_of
+from onlinebayes.criticism.replaying.charted import orientation_paths
 from onlinebayes.criticism.wiring.bench import Bench, replay_rms, total
 from onlinebayes.criticism.wiring.faults import AsItStands
 from onlinebayes.criticism.wiring.shifts import FEWEST_ROWS, WHOLE, Shifted, late_joints
@@ -69,7 +69,7 @@ def is_the_logs(bench: Bench, fault: Shifted, theta: Float[Tensor, " P"]) -> boo
 
 def _screened(bench: Bench) -> Lead | None:
     """The joint and about the rows."""
-    if courses_of(bench.simulator)[0]:  # an orientation's columns cannot be put back one by one
+    if orientation_paths(bench.simulator)[0]:  # an orientation's columns cannot be put back one by one
         return None
     thetas = bench.thetas()
     own = bench.screened(AsItStands(), thetas).amin(1, keepdim=True)

@@ -16,13 +16,11 @@ are late alike, or a motor's delay explains as much, nothing says whose it is: s
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import torch
-
+from onlinebayes.criticism.data.latency import without_latency
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.measurements import Measurement
-from onlinebayes.measurements.latency import advanced
 
 ROWS = (1, 2, 3, 5, 8)
 FEWEST_ROWS = 2
@@ -64,28 +62,6 @@ class Shifted(Fault):
     def mended(self, measurement: Measurement) -> Measurement:
         """The columns put back to when they happened; the rows at a run's end without a value are not measured."""
         return without_latency(measurement, dict.fromkeys(self.signals, self.seconds))
-
-
-def without_latency(measurement: Measurement, latency: Mapping[str, float]) -> Measurement:
-    """The measurement with these signals as they would read without a latency.
-
-    Args:
-        measurement: the runs.
-        latency: signal -> by how much it is late, negative where it runs ahead [s].
-    """
-    known = [signal.name for signal in measurement.signals]
-    data = measurement.data.clone(recurse=False)
-    data["signal"], data["measured"] = data["signal"].clone(), data["measured"].clone()
-    for r, rows in enumerate(measurement.lengths.tolist()):
-        time = data["time"][r, :rows].cpu().numpy()
-        for name, seconds in latency.items():
-            s = known.index(name)
-            values = torch.where(data["measured"][r, :rows, s], data["signal"][r, :rows, s], torch.nan)
-            put_back = torch.as_tensor(advanced(time, values.cpu().numpy(), seconds)).to(values)
-            seen = torch.isfinite(put_back)
-            data["measured"][r, :rows, s] = seen
-            data["signal"][r, :rows, s] = torch.where(seen, put_back, torch.zeros_like(put_back))
-    return replace(measurement, data=data)
 
 
 def shifts(measurement: Measurement) -> Iterator[Shifted]:

@@ -139,7 +139,7 @@ class Leads:
         return _judged([fault for error, fault in found if error <= EQUAL_ERROR_RATIO * best], self.bench, selection)
 
 
-def look(
+def screen_faults(
     base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
 ) -> Leads | None:
     """Screen every hypothesis by replay alone; None where the base model errs by too little for such a fault.
@@ -158,18 +158,18 @@ def look(
     return _promising(Bench(simulator, measurement, selection.horizon_s, base))
 
 
-def explained(
+def fit_faults(
     faults: Sequence[tuple[Fault, Float[Tensor, " P"]]],
     base: Grounds,
     simulator: Simulator,
     measurement: Measurement,
     selection: Selection,
 ) -> Suspicion | None:
-    """What the best of these faults explains, something else having spoken for them; the rest as in :func:`look`.
+    """What the best of these faults explains once fitted, something else than the screening having spoken for them.
 
     Args:
         faults: each with the theta at which its fit begins [SI].
-        base, simulator, measurement, selection: as in :func:`look`.
+        base, simulator, measurement, selection: as in :func:`screen_faults`.
     """
     bench = Bench(simulator, measurement, selection.horizon_s, base)
     return Leads(bench, tuple(faults), 1.0).explain(selection)
@@ -178,7 +178,7 @@ def explained(
 def outages(
     base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
 ) -> Suspicion | None:
-    """Actuators that were off for parts of runs, if that explains the misfit; arguments as :func:`look`."""
+    """Actuators that were off for parts of runs, if that explains the misfit; arguments as :func:`screen_faults`."""
     if not simulator.commands:
         return None
     watch.say("looking for actuators that were off for a while")

@@ -25,9 +25,9 @@ from onlinebayes.criticism.fitting.fit import Fit, fit
 from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.replaying.clock import in_step
+from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.split import split
-from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, ThermalDerating

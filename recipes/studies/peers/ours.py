@@ -11,7 +11,7 @@ from torch import Tensor
 
 from onlinebayes.criticism import Criticism, refine
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.replay import rollout, shown
+from onlinebayes.criticism.replaying.replay import rollout, sensor_readings
 from onlinebayes.simulators.base import Simulator
 from recipes.studies.peers.task import Claim, Fitted, Task
 
@@ -49,6 +49,6 @@ def fit(task: Task) -> Refined:
 def replayed(model: Simulator, theta: Float[Tensor, " P"], windows: Windows) -> Float[Tensor, "W K S"]:
     """Signals of a model over windows; nan from the row on in which it diverged."""
     trajectory = rollout(model, windows, theta[None], windows.start[None])
-    signals = shown(model, windows, theta[None], windows.start[None], trajectory)[0]
+    signals = sensor_readings(model, windows, theta[None], windows.start[None], trajectory)[0]
     valid = trajectory["valid"][0, ..., None] & torch.isfinite(signals)
     return torch.where(valid, signals, torch.nan)

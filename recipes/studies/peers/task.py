@@ -20,7 +20,7 @@ from torch import Tensor
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.data.grid import row_step, run_grids
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import noise_floors
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.searching.search import ground
@@ -68,7 +68,7 @@ class Task:
     def noise(self) -> Float[Tensor, " S"]:
         """Floor of each signal, from the fit runs [SI]."""
         grids = run_grids(self.fit_runs, row_step(self.fit_runs))
-        return floors(self.fit_runs.signals, grids).to(self.fit_runs.data["signal"])
+        return noise_floors(self.fit_runs.signals, grids).to(self.fit_runs.data["signal"])
 
     @cached_property
     def steadied(self) -> Selection:

@@ -10,7 +10,7 @@ from onlinebayes.criticism import compare, diagnose, refine
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.data.windows import START_LOOSENESS, make_windows
 from onlinebayes.criticism.report import write_report
-from onlinebayes.criticism.task import prepared
+from onlinebayes.criticism.task import prepare
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -120,16 +120,16 @@ def test_a_position_that_no_run_holds_is_no_position() -> None:
         data[key] = torch.cat([torch.zeros_like(data[key]), data[key]], -1)
     both = replace(seen, data=data, signals=(Signal("qpos.rail", "m"), *seen.signals))
     assert [signal.name for signal in both.seen().signals] == ["qvel.rail"]
-    assert prepared(model(), both, None, None, None).fit_runs.signals == seen.signals
+    assert prepare(model(), both, None, None, None).fit_runs.signals == seen.signals
     data["measured"][0, :, 0] = True
     with pytest.raises(BadInput, match=r"run 'run1': .*; qvel\.rail does alone where nothing depends on the position"):
-        prepared(model(), replace(both, data=data), None, None, None)
+        prepare(model(), replace(both, data=data), None, None, None)
 
 
 def test_a_runs_past_is_known_from_its_speeds() -> None:
     """What heat before a window follows from: the velocity as measured, the position as its integral."""
     shown = measure(noise=1e-12).data["signal"][0, :, 0]
-    motion = make_windows(model(), tachometer(), 1.0).pasts[0].motion
+    motion = make_windows(model(), tachometer(), 1.0).run_histories[0].motion
     assert motion is not None
     middle = (shown[1:] + shown[:-1]) / 2 - shown[0]
     rows = min(len(middle), len(motion["q"]))

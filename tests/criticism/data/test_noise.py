@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism.data.grid import RunGrid
-from onlinebayes.criticism.data.noise import floors, log_t, sensor_sd, student_t, tau
+from onlinebayes.criticism.data.noise import correlation_time, log_t, noise_floors, sensor_sd, student_t
 from onlinebayes.measurements import Signal
 
 
@@ -38,9 +38,9 @@ def test_a_signal_slower_than_the_clock_has_its_own_neighbours() -> None:
 
 def test_the_floor_is_the_largest_of_what_is_known() -> None:
     y = grid(1e-3 * torch.randn(2000, dtype=torch.float64))
-    given = floors([Signal("q", sd=5e-3)], [y])
-    coarse = floors([Signal("q", sd=1e-4, resolution=0.1)], [y])
-    nothing = floors([Signal("q")], [grid(torch.zeros(100, dtype=torch.float64))])
+    given = noise_floors([Signal("q", sd=5e-3)], [y])
+    coarse = noise_floors([Signal("q", sd=1e-4, resolution=0.1)], [y])
+    nothing = noise_floors([Signal("q")], [grid(torch.zeros(100, dtype=torch.float64))])
     assert float(given) == 5e-3
     assert float(coarse) == pytest.approx(0.1 / math.sqrt(12))
     assert float(nothing) > 0
@@ -79,7 +79,7 @@ def test_tau_of_an_autoregression(phi: float) -> None:
     r = torch.zeros_like(noise)
     for k in range(1, 500):
         r[:, k] = phi * r[:, k - 1] + noise[:, k]
-    found = tau(r[:, 100:, None], torch.ones(200, 400, 1, dtype=torch.bool), 0.01)
+    found = correlation_time(r[:, 100:, None], torch.ones(200, 400, 1, dtype=torch.bool), 0.01)
     assert found == pytest.approx(0.01 * (1 + phi) / (1 - phi), rel=0.12)
 
 
@@ -91,5 +91,5 @@ def test_tau_of_a_sensor_slower_than_the_bins(every: int) -> None:
     for k in range(1, 500):
         r[:, k] = phi * r[:, k - 1] + noise[:, k]
     seen = (torch.arange(400) % every == 0).expand(200, 400)[..., None]
-    found = tau(r[:, 100:, None], seen, 0.01)
+    found = correlation_time(r[:, 100:, None], seen, 0.01)
     assert found == pytest.approx(0.01 * (1 + phi) / (1 - phi), rel=0.2)

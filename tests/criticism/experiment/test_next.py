@@ -14,7 +14,7 @@ from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.experiment import Allowed, Payload, next_experiment
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.deciding import strength
-from onlinebayes.criticism.experiment.inputs import Posture, family
+from onlinebayes.criticism.experiment.inputs import Posture, admissible_inputs
 from onlinebayes.criticism.experiment.limits import find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.experiment.rivals import Pair, Size, explanation, find_rivals
@@ -66,7 +66,7 @@ def load_pair() -> tuple[Pair, Measurement, tuple]:
     limits = find_limits(model, measured, windows, replace(WIDE, seconds=4.0), 0.0)
     start = Posture("", windows.start[0, :1], 60 * windows.start[0, :1])
     inputs = (
-        family(windows, limits, ("motor",), [start])
+        admissible_inputs(windows, limits, ("motor",), [start])
         .select(torch.tensor([0, 5, 9]))
         .scaled(torch.full((3,), 0.05, dtype=torch.float64))
     )

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism.data.windows import Windows, make_windows
-from onlinebayes.criticism.experiment.inputs import Inputs, Posture, family
+from onlinebayes.criticism.experiment.inputs import Inputs, Posture, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
 from onlinebayes.runs import BadInput
@@ -34,7 +34,7 @@ def hanging(held: float) -> list[Posture]:
 
 @pytest.fixture(scope="module")
 def inputs(windows: Windows, limits: Limits) -> Inputs:
-    return family(windows, limits, ("motor",), hanging(60 * sprung.REST))
+    return admissible_inputs(windows, limits, ("motor",), hanging(60 * sprung.REST))
 
 
 def test_commands_and_their_rates_keep_to_the_limits(inputs: Inputs, limits: Limits) -> None:
@@ -60,7 +60,7 @@ def test_a_slow_rate_does_not_take_commands_out_of_their_bounds(windows: Windows
     """Brought nearer to what is held, which lies within the bounds, they stay there."""
     one = torch.ones(1, dtype=torch.float64)
     narrow = Limits(-0.5 * one, 0.5 * one, one, -one, one, one, 6.0)
-    command = family(windows, narrow, ("motor",), hanging(-0.49)).command
+    command = admissible_inputs(windows, narrow, ("motor",), hanging(-0.49)).command
     assert float(command.abs().max()) <= 0.5 + 1e-9
     assert float((command[:, 1:] - command[:, :-1]).abs().max()) <= windows.step * (1 + 1e-9)
 
@@ -69,7 +69,7 @@ def test_balanced_inputs_bring_a_free_mass_back_to_rest(windows: Windows) -> Non
     """No integral and no double integral is left, so that neither speed nor place of a free mass is."""
     one = torch.ones(1, dtype=torch.float64)
     wide = Limits(-20 * one, 20 * one, 1e6 * one, -one, one, one, 6.0)
-    inputs = family(windows, wide, ("motor",), hanging(0.0))
+    inputs = admissible_inputs(windows, wide, ("motor",), hanging(0.0))
     balanced = [n for n, name in enumerate(inputs.names) if "balanced" in name]
     pushed = (inputs.command - inputs.held[:, None])[balanced][..., 0]
     speed = pushed.cumsum(1) * inputs.step

@@ -9,7 +9,7 @@ import torch
 
 from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.experiment.check import check_table
-from onlinebayes.criticism.experiment.inputs import Inputs, family
+from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Limits
 from onlinebayes.criticism.experiment.play import Hypothesis, play
 from onlinebayes.criticism.experiment.postures import postures
@@ -77,7 +77,7 @@ def test_tables_begin_and_end_there_within_the_limits() -> None:
     model, narrow = hypothesis(MOTOR), limits(0.2, 1.0)
     windows = windows_from(model, (0.0,), -0.32)
     starts = postures(windows, narrow, model)
-    inputs = family(windows, narrow, ("m1",), starts)
+    inputs = admissible_inputs(windows, narrow, ("m1",), starts)
     time = torch.arange(inputs.command.shape[1], dtype=torch.float64) * inputs.step
     assert float(inputs.command.abs().max()) <= 0.2
     for command in inputs.command:

@@ -12,7 +12,7 @@ from onlinebayes.criticism.candidates.survey import Screened
 from onlinebayes.criticism.findings import ranking
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.results import HELPS
-from onlinebayes.criticism.searching.search import Found
+from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import Stage
 
 
@@ -51,7 +51,7 @@ def test_what_was_taken_back_from_trial_stands_before_what_was_only_screened(mon
     )
     trial = (Mock(spec=Stage, blocks=last.blocks), judged(keys[3], 80.0, ()))
     found: Any = Mock(
-        spec=Found,
+        spec=SearchResult,
         stages=(last,),
         accepted=(),
         effects=[_effect(key) for key in keys],

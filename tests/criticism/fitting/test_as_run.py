@@ -11,7 +11,7 @@ import torch
 
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.as_run import AsRun, Trial, as_run
+from onlinebayes.criticism.fitting.as_run import AsRun, RunSetup, as_run
 from onlinebayes.criticism.fitting.fit import unfitted
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.replaying.ladder import Rung
@@ -127,7 +127,7 @@ def test_a_step_at_which_theta_is_worse_at_first_is_fitted_before_it_is_judged()
     judged = AsRun(rung, windows, unfitted(rung.of(rubbing), windows, theta))
     own = Rung(0.002, soft_friction=True)
     assert misfit(unfitted(own.of(rubbing), windows, theta).projected) > misfit(judged.fitted.projected)
-    found = as_run(Trial(rubbing, recorded(SOFT), 1.0), judged)
+    found = as_run(RunSetup(rubbing, recorded(SOFT), 1.0), judged)
     assert found is not None
     assert found.rung == own
     assert misfit(found.fitted.projected) < 1.1

@@ -12,7 +12,7 @@ from onlinebayes.criticism.fitting.closed_loops import completed
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import refit
-from onlinebayes.criticism.task import prepared
+from onlinebayes.criticism.task import prepare
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -78,7 +78,7 @@ def test_friction_at_the_slider_is_recovered_though_screening_begins_astray(
 ) -> None:
     """Screening's size with the damping that stood in for it errs more than the model without: it starts at half."""
     log = Measurement.from_runs(driven_slider_crank(0.8, runs=4, seconds=4.0))
-    task = prepared(simulator, log, ["r3"], Selection(), None)
+    task = prepare(simulator, log, ["r3"], Selection(), None)
     base = ground(task.simulator, task.fit_runs, task.selection)
     (effect,) = propose(base.fitted.simulator, base.windows, ["dry_friction@slider"])
     (screened,) = survey(base.fitted, base.windows, [effect], None).screened

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import noise_floors
 from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.fitting.numerics import settle
@@ -18,7 +18,7 @@ SATURATION = ActuatorSaturation("motor", Parameter(0.1, 30.0, "N"))  # the comma
 
 def test_a_limit_added_by_hand_is_found_from_out_of_reach() -> None:
     measurement = measure({SATURATION: (4.0,)}, runs=3)
-    fitted = settle(model().with_effect(SATURATION), measurement, 1.0, floors(measurement.signals, ())).fitted
+    fitted = settle(model().with_effect(SATURATION), measurement, 1.0, noise_floors(measurement.signals, ())).fitted
     assert float(fitted.theta[2]) == pytest.approx(4.0, rel=0.01)
 
 

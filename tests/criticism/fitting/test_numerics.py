@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism import refine
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import noise_floors
 from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.fitting.blocks import make_blocks
 from onlinebayes.criticism.fitting.fit import fit
@@ -58,7 +58,7 @@ def test_a_rung_changes_step_and_method_and_nothing_else() -> None:
 
 def test_the_shift_is_what_a_step_moves_theta() -> None:
     measurement = measure(runs=3, noise=2e-3)
-    noise = floors(measurement.signals, ())
+    noise = noise_floors(measurement.signals, ())
     euler = OneIntegrator(EULER, FREE, threads=1)
     coarse = settle(euler, measurement, 1.0, noise)
     at = euler.with_timestep(coarse.rung.timestep / 32)
@@ -75,7 +75,7 @@ def test_how_fine_a_step_is_is_asked_of_the_fitted_model() -> None:
     measurement = measure({late: (0.025,)}, runs=4, noise=1e-5)
     simulator = model().with_effect(late)
     grounds = settle(
-        simulator, measurement, 1.0, floors(measurement.signals, ()), torch.tensor([5.0, 1.0, 0.0]).double()
+        simulator, measurement, 1.0, noise_floors(measurement.signals, ()), torch.tensor([5.0, 1.0, 0.0]).double()
     )
     now, _ = check(simulator, measurement, grounds.windows, grounds.fitted)
     assert grounds.numerics == now
@@ -83,7 +83,7 @@ def test_how_fine_a_step_is_is_asked_of_the_fitted_model() -> None:
 
 def test_a_first_order_integrator_is_given_finer_steps() -> None:
     measurement = measure(runs=8, noise=2e-3)
-    noise = floors(measurement.signals, ())
+    noise = noise_floors(measurement.signals, ())
     exact = settle(model(), measurement, 1.0, noise)
     euler = settle(OneIntegrator(EULER, FREE, threads=1), measurement, 1.0, noise)
     assert exact.numerics.timestep == pytest.approx(0.01)

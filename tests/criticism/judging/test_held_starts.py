@@ -11,11 +11,11 @@ import torch
 from onlinebayes.criticism import Criticism, compare
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.judging.held_starts import fitted_starts, left_with_fitted_starts, starts_note
+from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.report.json import to_dict
-from onlinebayes.criticism.report.phrases import together
+from onlinebayes.criticism.report.phrases import effects_in_words
 from onlinebayes.criticism.report.words import improvement
 from onlinebayes.criticism.results import HeldOutError
-from onlinebayes.criticism.wiring.late_starts import windows_to_replay
 from tests.criticism.rigs import measure, model
 
 HELD = ["run3"]
@@ -90,9 +90,9 @@ def test_signals_without_rows_or_floor_and_replays_that_diverged_have_no_note(
 
 def test_effects_that_several_targets_share_are_said_once() -> None:
     lags = ["actuator_lag@rotor2", "actuator_lag@rotor1", "actuator_lag@rotor3"]
-    assert together(lags) == "actuator lag at rotor1, rotor2 and rotor3"
-    assert together(["dry_friction@a", "constant_load@a", "actuator_delay@m"]) == (
+    assert effects_in_words(lags) == "actuator lag at rotor1, rotor2 and rotor3"
+    assert effects_in_words(["dry_friction@a", "constant_load@a", "actuator_delay@m"]) == (
         "dry friction and constant load at a, and actuator delay at m"
     )
-    assert together(["back_emf@m", "viscous_friction@a"], "or") == "back emf at m, or viscous friction at a"
-    assert together(["own"]) == "own"
+    assert effects_in_words(["back_emf@m", "viscous_friction@a"], "or") == "back emf at m, or viscous friction at a"
+    assert effects_in_words(["own"]) == "own"

@@ -63,7 +63,7 @@ def test_a_window_begins_with_the_activation_that_the_whole_run_had(kind: str, w
     simulator = rig(kind)
     measurement, act = whole_runs(simulator, 0.0 if kind == "integrator" else None)
     windows = windows_of(simulator, measurement)
-    windows = windows if whole else replace(windows, pasts=())
+    windows = windows if whole else replace(windows, run_histories=())
     found = at_starts(simulator, windows)
     np.testing.assert_allclose(found, act[windows.run, windows.first], rtol=0, atol=1e-9)
     path = rollout(simulator, windows, THETA, windows.start[None])["act"][0, :, 0, 0]

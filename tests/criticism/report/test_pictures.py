@@ -8,7 +8,7 @@ import re
 import pytest
 
 from onlinebayes.criticism.detail import Profile
-from onlinebayes.criticism.places import plainly
+from onlinebayes.criticism.region_words import in_words
 from onlinebayes.criticism.report import multiples, spread
 from onlinebayes.criticism.report.markup import prose
 from tests.criticism.report.many import many
@@ -66,7 +66,7 @@ def test_the_worst_signal_stands_first() -> None:
     ],
 )
 def test_regions_have_plain_words(where: str, words: str) -> None:
-    assert plainly(where) == words
+    assert in_words(where) == words
 
 
 def test_numbers_stay_with_their_units_and_names_do_not() -> None:

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import pytest
 
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.searching.confounded import with_one_for_several
+from onlinebayes.criticism.searching.confounded import merge_confounded
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import ground, search
 from onlinebayes.criticism.searching.stage import Stage, run_stage
-from onlinebayes.criticism.searching.standing import Standing, with_effects
+from onlinebayes.criticism.searching.working_model import WorkingModel, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Interrupt, Watch
@@ -26,32 +26,29 @@ DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
 WIND = WindOfOneSize("rail")
 
 
-def both(measurement: Measurement) -> tuple[Standing, Stage]:
+def both(measurement: Measurement) -> tuple[WorkingModel, Stage]:
     """The slide with a load and drag accepted one by one, and the round in which wind was screened against it."""
     asked = SearchContext(measurement, Selection())
-    standing = Standing(model(), ground(model(), measurement, asked.selection))
+    working = WorkingModel(model(), ground(model(), measurement, asked.selection))
     for effect in (LOAD, DRAG):
-        now = standing.grounds
+        now = working.grounds
         stage = run_stage(now.fitted, now.windows, [effect], now.numerics, asked.selection)
-        standing = with_effects(standing, [(stage, stage.judged[0])], asked)
-    now = standing.grounds
+        working = with_effects(working, [(stage, stage.judged[0])], asked)
+    now = working.grounds
     last = run_stage(now.fitted, now.windows, [WIND], now.numerics, asked.selection)
     assert set(last.screened[0].confounded_with) == {"constant_load@rail.load", "quadratic_drag@rail.drag"}
     assert not last.judged
-    return standing, last
+    return working, last
 
 
 def test_one_law_takes_the_place_of_all_it_is_confounded_with() -> None:
     measurement = measure({LOAD: (0.2,), DRAG: (1.6,)}, runs=6, seconds=2.0)
-    standing, last = both(measurement)
+    working, last = both(measurement)
     stopped = Interrupt()
     stopped.requested = True
-    assert (
-        with_one_for_several(standing, last, SearchContext(measurement, Selection(), watch=Watch(print, stopped)))
-        is None
-    )
+    assert merge_confounded(working, last, SearchContext(measurement, Selection(), watch=Watch(print, stopped))) is None
     said: list[str] = []
-    leaner = with_one_for_several(standing, last, SearchContext(measurement, Selection(), watch=Watch(said.append)))
+    leaner = merge_confounded(working, last, SearchContext(measurement, Selection(), watch=Watch(said.append)))
     assert leaner is not None
     assert [effect.key for effect in leaner.effects] == [WIND.key]
     assert f"looking whether {WIND.key} explains what several effects do" in said
@@ -64,8 +61,8 @@ def test_one_law_takes_the_place_of_all_it_is_confounded_with() -> None:
 
 def test_what_is_confounded_but_leaves_more_changes_nothing() -> None:
     measurement = measure({LOAD: (0.2,), DRAG: (0.6,)}, runs=6, seconds=2.0)
-    standing, last = both(measurement)
-    assert with_one_for_several(standing, last, SearchContext(measurement, Selection())) is None
+    working, last = both(measurement)
+    assert merge_confounded(working, last, SearchContext(measurement, Selection())) is None
 
 
 @pytest.mark.slow

@@ -11,11 +11,11 @@ from onlinebayes.criticism.searching import flexible_candidates
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.flexible_candidates import (
     MOST_LEADS,
-    Last,
-    found_beside,
-    last_candidates,
-    last_found,
-    tried_last,
+    FlexibleFind,
+    best_of_groups,
+    find_beside,
+    flexible_groups,
+    try_groups,
 )
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import refit, run_stage
@@ -29,14 +29,14 @@ FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
 COGGING = Cogging("rail", Parameter(0.0, 5.0, "N"), Parameter(1.0, 100.0, "rad/m"), Parameter(-3.2, 6.3, "rad"))
 
 
-def found(data) -> Last | None:
+def found(data) -> FlexibleFind | None:
     base = ground(model(), data, Selection())
-    groups = last_candidates(base)
+    groups = flexible_groups(base)
     assert [what for what, _ in groups] == [
         *("for cogging", "for wind"),
         *(f"for changes of {name} in time" for name in ("body.cart.mass", DAMPING)),
     ]
-    return last_found(base, tried_last(base, groups, SearchContext(data, Selection())), Selection())
+    return best_of_groups(base, try_groups(base, groups, SearchContext(data, Selection())), Selection())
 
 
 def test_a_drift_is_found() -> None:
@@ -69,10 +69,10 @@ def test_beside_which_candidates_the_last_ones_are_looked_for(monkeypatch: pytes
         for name, (failed, gain) in rank.items()
     ]
     lines, tried = list[str](), list[object]()
-    monkeypatch.setattr(flexible_candidates, "tried_last", lambda current, *_: tried.append(current) or [])
+    monkeypatch.setattr(flexible_candidates, "try_groups", lambda current, *_: tried.append(current) or [])
     context = SearchContext(data, Selection(), watch=Watch(say=lines.append))
-    groups = last_candidates(base)
-    assert found_beside([replace(stage, judged=tuple(leads))], base, groups, context) is None
+    groups = flexible_groups(base)
+    assert find_beside([replace(stage, judged=tuple(leads))], base, groups, context) is None
     assert lines == [f"looking beside dry_friction@{name}" for name in ("nearest", "next", "most")]
     assert len(tried) == MOST_LEADS
 

@@ -9,7 +9,7 @@ import pytest
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.pairs import pair
+from onlinebayes.criticism.searching.pairs import find_pair
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import run_stage
 from onlinebayes.parameters import Parameter
@@ -38,12 +38,12 @@ def test_a_force_and_a_delay_hide_each_other(effect: Effect, values: tuple[float
     stage = run_stage(base.fitted, base.windows, effects, base.numerics, selection)
     assert not any(judged.admissible for judged in stage.judged)
     context = SearchContext(hidden, selection)
-    found = pair(stage, effects, base.numerics, context)
+    found = find_pair(stage, effects, base.numerics, context)
     assert found is not None
     assert {judged.effect.key for _, judged in found} == {effect.key, DELAY.key}
     stopped = Interrupt()
     stopped.requested = True
-    assert pair(stage, effects, base.numerics, replace(context, watch=Watch(interrupt=stopped))) is None
+    assert find_pair(stage, effects, base.numerics, replace(context, watch=Watch(interrupt=stopped))) is None
     result = refine(model(), hidden, holdout=["run9", "run8"], candidates=FEW)
     assert result.verdict == "missing_effect"
     assert set(result.accepted) == {effect.key, DELAY.key}

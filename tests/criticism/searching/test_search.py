@@ -21,10 +21,10 @@ def test_it_goes_on_after_one_effect_took_anothers_place_and_not_in_circles(monk
     left: Iterator[list[str]] = iter([["a"], ["b"], ["b", "c"], ["b"], ["d"]])
     taken: list[list[str]] = []
 
-    def extended(asked, standing, added):
+    def extended(asked, working, added):
         taken.append(next(left))
         accepted = tuple((None, SimpleNamespace(effect=SimpleNamespace(key=key))) for key in taken[-1])
-        return replace(standing, accepted=accepted)
+        return replace(working, accepted=accepted)
 
     monkeypatch.setattr(search_module, "_round", lambda *_: None)
     monkeypatch.setattr(search_module, "excluded", lambda *_: None)
@@ -48,13 +48,13 @@ def test_what_stood_on_trial_and_left_more_than_noise_is_kept_as_taken_back(
     monkeypatch.setattr(search_module, "_round", lambda *_: None)
     monkeypatch.setattr(search_module, "excluded", lambda *_: None)
     monkeypatch.setattr(search_module, "_chosen", lambda *_: [])
-    monkeypatch.setattr(search_module, "last_candidates", lambda *_: ())
+    monkeypatch.setattr(search_module, "flexible_groups", lambda *_: ())
     monkeypatch.setattr(search_module, "_latest", lambda *_: next(found_last))
-    monkeypatch.setattr(search_module, "_extended", lambda _, standing, added: replace(standing, accepted=tuple(added)))
-    monkeypatch.setattr(search_module, "with_one_for_several", lambda *_: None)
-    monkeypatch.setattr(search_module, "without_needless", lambda standing, _: standing)
-    monkeypatch.setattr(search_module, "_simplest", lambda context, base, standing, alone: standing)
-    monkeypatch.setattr(search_module.Standing, "at_floor", lambda *_: next(floors))
+    monkeypatch.setattr(search_module, "_extended", lambda _, working, added: replace(working, accepted=tuple(added)))
+    monkeypatch.setattr(search_module, "merge_confounded", lambda *_: None)
+    monkeypatch.setattr(search_module, "eliminate", lambda working, _: working)
+    monkeypatch.setattr(search_module, "_simplest", lambda context, base, working, alone: working)
+    monkeypatch.setattr(search_module.WorkingModel, "at_floor", lambda *_: next(floors))
     data = measure(runs=8)
     base = ground(model(), data, Selection())
     found = search(model(), SearchContext(data, Selection()), 6, base)

@@ -16,7 +16,7 @@ from onlinebayes.criticism.report.json import to_dict
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.wiring.faults import Compensated, Fault, Offset, Rescaled, Swapped, SwitchedOff, misplaced
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
-from onlinebayes.criticism.wiring.wiring import Suspicion, explained
+from onlinebayes.criticism.wiring.wiring import Suspicion, fit_faults
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Watch
@@ -86,9 +86,9 @@ def test_a_fault_does_not_explain_what_it_stills() -> None:
     measurement = tenfold.mended(PENDULUM.measure())
     base = ground(simulator, measurement, selection)
     stills = Rescaled("signal", (POSITION,), 1e-3, "millimetres for metres")
-    assert explained([(stills, base.fitted.theta)], base, simulator, measurement, selection) is None
+    assert fit_faults([(stills, base.fitted.theta)], base, simulator, measurement, selection) is None
     mends = (PENDULUM_FAULTS["tenfold"][1], base.fitted.theta)
-    assert explained([mends], base, simulator, measurement, selection) is not None
+    assert fit_faults([mends], base, simulator, measurement, selection) is not None
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism import quantities, region_words
 from onlinebayes.criticism.report import phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
@@ -17,7 +17,7 @@ def failures(result: Criticism) -> Html:
         return Html("")
     rows = [
         (
-            join(places.plainly(failure.where), tag("small", tag("code", failure.where))),
+            join(region_words.in_words(failure.where), tag("small", tag("code", failure.where))),
             tag("code", failure.signal),
             bar(failure.share_of_error, "before", quantities.percent(failure.share_of_error)),
             bar(failure.share_of_time, "floor", quantities.percent(failure.share_of_time)),

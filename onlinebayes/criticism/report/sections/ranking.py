@@ -100,7 +100,10 @@ def _steps(result: Criticism) -> Html:
         error = step.error_after[signal]
         what = phrases.listing([meaning for effect in added if (meaning := phrases.meaning(effect))])
         rows.append(
-            (join(f"+ {phrases.together(added)}", tag("small", what)), bar(error / first, "after", scale.text(error)))
+            (
+                join(f"+ {phrases.effects_in_words(added)}", tag("small", what)),
+                bar(error / first, "after", scale.text(error)),
+            )
         )
         added = []
     note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."

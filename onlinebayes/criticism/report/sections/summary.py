@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from onlinebayes.criticism import places, quantities
+from onlinebayes.criticism import quantities, region_words
 from onlinebayes.criticism.report import candidate_words, phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
 from onlinebayes.criticism.results import Candidate, Criticism
@@ -107,7 +107,7 @@ def _where(result: Criticism) -> Html:
     share, time = quantities.percent(worst.share_of_error), quantities.percent(worst.share_of_time)
     return _tile(
         "Where?",
-        places.plainly(worst.where),
+        region_words.in_words(worst.where),
         f"{share} of the squared error of {worst.signal} in {time} of the time (before, runs of the fit)",
     )
 
@@ -117,7 +117,7 @@ def _missing(result: Criticism) -> Html:
     if result.command == "compare":
         return _tile(question, "not asked", "onlinebayes diagnose ranks what could be missing, refine adds it")
     if result.verdict == "tie":
-        members = phrases.together(candidate_words.tie_members(result), "or")
+        members = phrases.effects_in_words(candidate_words.tie_members(result), "or")
         return _tile(question, members, "the data cannot tell these apart")
     if result.verdict == "insufficient_data":
         return _tile(question, "not decided", result.what_to_record or "the measurements are too few")
@@ -132,7 +132,7 @@ def _missing(result: Criticism) -> Html:
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)
     by_effect = {c.effect: c for c in result.candidates if c.accepted}
     found = [by_effect[effect] for effect in result.accepted if effect in by_effect]
-    return _tile(question, phrases.together(result.accepted), sizes(found))
+    return _tile(question, phrases.effects_in_words(result.accepted), sizes(found))
 
 
 def sizes(candidates: Sequence[Candidate], intervals: bool = False) -> Html:

@@ -97,7 +97,7 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, s
     parts = []
     if "refined.xml" in files:
         held = [effect for effect in result.final.effects if effect not in left_out]
-        inside = f"  # {phrases.together(held)} included" if held else ""
+        inside = f"  # {phrases.effects_in_words(held)} included" if held else ""
         code = f'import mujoco\n\nmodel = mujoco.MjModel.from_xml_path("refined.xml"){inside}\n'
         parts += [tag("p", "In plain MuJoCo, from the folder of this report:"), tag("pre", tag("code", code))]
     for sentence in (words.left_out(left_out, files), words.put_right(result) if files else ""):

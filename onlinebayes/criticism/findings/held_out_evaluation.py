@@ -9,7 +9,7 @@ from onlinebayes.criticism.fitting.heldout import horizon_errors, replay_error, 
 from onlinebayes.criticism.results import FittedModel, HeldOutError, ReplayedRun
 
 
-def opened(
+def evaluate_held_out(
     base: FittedModel, final: FittedModel, held: Windows, signals: tuple[str, ...], units: dict[str, str]
 ) -> tuple[HeldOutError, Detail]:
     """Error over the held-out windows with its floor; windows and profiles of all runs, horizons of the held-out ones.

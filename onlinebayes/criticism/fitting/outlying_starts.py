@@ -40,12 +40,12 @@ LEAST_PROMISE = 0.1  # of what would be noticed, were it promised to every consp
 START_STEP_PARTS = (0.0, 1.0, 0.3, 0.1, 0.03)  # none first: where all diverge a start stays
 
 
-def strays(before: Projected, after: Projected) -> Bool[Tensor, " W"]:
+def worsened_windows(before: Projected, after: Projected) -> Bool[Tensor, " W"]:
     """Windows whose misfit a step has at least doubled, to more than a hundredth of the whole."""
-    return strayed(*(projected.residual.square().sum(1) for projected in (before, after)))
+    return worsened(*(projected.residual.square().sum(1) for projected in (before, after)))
 
 
-def strayed(was: Float[Tensor, " W"], now: Float[Tensor, " W"]) -> Bool[Tensor, " W"]:
+def worsened(was: Float[Tensor, " W"], now: Float[Tensor, " W"]) -> Bool[Tensor, " W"]:
     """The same of the windows' misfits before and after."""
     return (now > WORSE * was) & (now > NOTICED * now.sum())
 
@@ -58,12 +58,12 @@ def best_starts(
     candidates: Float[Tensor, "K W J2"],
 ) -> tuple[Float[Tensor, "W J2"], Float[Tensor, " W"]]:
     """For each window the candidate from which the replay at ``theta`` is nearest to what was measured, its misfit."""
-    error = window_errors(simulator, windows, row_weight, theta.expand(len(candidates), -1), candidates)
+    error = replayed_misfits(simulator, windows, row_weight, theta.expand(len(candidates), -1), candidates)
     best = error.min(0)
     return candidates[best.indices, torch.arange(windows.count, device=error.device)], best.values
 
 
-def settled_starts(
+def refit_outlying_starts(
     simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
 ) -> tuple[Float[Tensor, "W J2"], float, float]:
     """The starts, those of conspicuous windows moved to the better of the places where steps of their own end.
@@ -132,7 +132,7 @@ class _Settling:
         return torch.cat([torch.zeros_like(same), same])
 
 
-def window_errors(
+def replayed_misfits(
     simulator: Simulator,
     windows: Windows,
     row_weight: Float[Tensor, "W m"],
@@ -145,7 +145,7 @@ def window_errors(
 
 
 def misfits(windows: Windows, lin: Linearisation, row_weight: Float[Tensor, "W m"]) -> Float[Tensor, " W"]:
-    """As :func:`window_errors`, at a linearisation's own point."""
+    """As :func:`replayed_misfits`, at a linearisation's own point."""
     return (residual_rows(windows, lin.residual, lin.starts) * row_weight).square().sum(1)
 
 

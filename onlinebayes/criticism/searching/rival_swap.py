@@ -20,37 +20,37 @@ from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import parted, score_gain
 from onlinebayes.criticism.judging.verdict import tied
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.replacement import Incumbent, as_judged, can_replace, refitted_with
+from onlinebayes.criticism.searching.rival_fits import Incumbent, can_replace, fit_with_rival, rival_as_judged
 from onlinebayes.criticism.searching.stage import Added, Stage
-from onlinebayes.criticism.searching.standing import Standing
+from onlinebayes.criticism.searching.working_model import WorkingModel
 from onlinebayes.simulators.effects import Effect
 
 
-def swapped(standing: Standing, context: SearchContext) -> Standing | None:
+def swap_in_better_rival(working: WorkingModel, context: SearchContext) -> WorkingModel | None:
     """The model with a rival in the place of an earlier effect; None where none predicts better.
 
     Args:
-        standing: the model, all its effects in it.
+        working: the model, all its effects in it.
         context: of the search.
     """
-    if len(standing.accepted) < 2:
+    if len(working.accepted) < 2:
         return None
-    incumbent = Incumbent.on(standing.grounds, context.selection.folds)
-    most, bin_step = standing.grounds.fitted.projected.objective, standing.grounds.windows.bin_step
-    for k, (stage, accepted) in enumerate(standing.accepted[:-1]):
-        for rival in _rivals(stage, accepted, standing.effects):
+    incumbent = Incumbent.on(working.grounds, context.selection.folds)
+    most, bin_step = working.grounds.fitted.projected.objective, working.grounds.windows.bin_step
+    for k, (stage, accepted) in enumerate(working.accepted[:-1]):
+        for rival in _rivals(stage, accepted, working.effects):
             if context.watch.stopped:
                 return None
             context.watch.say(f"trying {rival.effect.key} in the place of {accepted.effect.key}")
-            taken = (*standing.accepted[:k], (stage, rival), *standing.accepted[k + 1 :])
+            taken = (*working.accepted[:k], (stage, rival), *working.accepted[k + 1 :])
             effects = [judged.effect for _, judged in taken]
-            fitted = refitted_with(as_judged(rival), standing.simulator, effects, incumbent, most)
+            fitted = fit_with_rival(rival_as_judged(rival), working.simulator, effects, incumbent, most)
             if fitted is None or fitted.projected.objective >= most:
                 continue
             scores, other = incumbent.scores, incumbent.validated(fitted)
             better = score_gain(other, scores, bin_step).gain > 0 and other.rms_long < scores.rms_long
             if better and not tied(scores, other, bin_step):
-                return _taken(standing, taken, fitted, context)
+                return _taken(working, taken, fitted, context)
     return None
 
 
@@ -64,10 +64,10 @@ def _rivals(stage: Stage, accepted: Judged, present: list[Effect]) -> Iterator[J
             yield other
 
 
-def _taken(standing: Standing, taken: tuple[Added, ...], fitted: Fit, context: SearchContext) -> Standing:
-    """The standing with the rival's model, at a step that is fine enough for it."""
-    model = grown(standing.simulator, [judged.effect for _, judged in taken])
-    before = standing.grounds
+def _taken(working: WorkingModel, taken: tuple[Added, ...], fitted: Fit, context: SearchContext) -> WorkingModel:
+    """The working model with the rival's model, at a step that is fine enough for it."""
+    model = grown(working.simulator, [judged.effect for _, judged in taken])
+    before = working.grounds
     horizon, noise = context.selection.horizon_s, before.windows.noise
     grounds = settle(model, context.measurement, horizon, noise, fitted.theta, before, fitted)
-    return replace(standing, grounds=grounds, accepted=taken)
+    return replace(working, grounds=grounds, accepted=taken)

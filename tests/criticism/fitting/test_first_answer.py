@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import Selection, compare
-from onlinebayes.criticism.wiring.as_given import as_given
+from onlinebayes.criticism.fitting.first_answer import first_answer
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import DryFriction
@@ -25,7 +25,7 @@ RIGHT = PENDULUM.xml.replace('damping="0.03"', 'damping="0.05"').replace('mass="
 
 
 def said(xml: str) -> str:
-    return as_given(MujocoSimulator(xml, PENDULUM.free, threads=1), PENDULUM.measure(runs=3), Selection())
+    return first_answer(MujocoSimulator(xml, PENDULUM.free, threads=1), PENDULUM.measure(runs=3), Selection())
 
 
 def factor(sentence: str, joint: str = "hinge") -> float:
@@ -52,17 +52,19 @@ def test_it_runs_at_its_own_step(monkeypatch: pytest.MonkeyPatch) -> None:
     z = z + 1e-4 * torch.randn(199, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     table = {f"run{k}": {"time": times.numpy(), "qpos.z": z.numpy()} for k in range(2)}
     fall = Measurement.from_runs(table, signals=[Signal("qpos.z", "m", sd=1e-4)], commands=[])
-    own = as_given(model, fall, Selection())
+    own = first_answer(model, fall, Selection())
     assert own.startswith("As it was given, the model errs by ")
-    monkeypatch.setattr(sys.modules[as_given.__module__], "MOST_STEPS", 500)
-    longer = as_given(model, fall, Selection())
+    monkeypatch.setattr(sys.modules[first_answer.__module__], "MOST_STEPS", 500)
+    longer = first_answer(model, fall, Selection())
     assert longer.startswith("As it was given, integrated in steps of 10 ms, the model errs by ")
     assert factor(longer, "z") > 2 * factor(own, "z")
 
 
 def test_effects_that_were_added_are_said_to_do_nothing_yet() -> None:
     model = PENDULUM.model().with_effect(DryFriction("hinge", Parameter(0.0, 1.0, "N m")))
-    assert as_given(model, PENDULUM.measure(runs=3), Selection()).startswith("With nothing fitted and added effects at")
+    assert first_answer(model, PENDULUM.measure(runs=3), Selection()).startswith(
+        "With nothing fitted and added effects at"
+    )
 
 
 def test_a_model_that_diverges_is_said_to() -> None:
@@ -74,7 +76,7 @@ def test_of_a_machine_that_rests_nothing_is_said() -> None:
     measurement = PENDULUM.measure(runs=2)
     data = measurement.data.clone()
     data["signal"] = torch.zeros_like(data["signal"])
-    assert as_given(PENDULUM.model(), replace(measurement, data=data), Selection()) == ""
+    assert first_answer(PENDULUM.model(), replace(measurement, data=data), Selection()) == ""
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.judging.contrasts import contrast_p_values, owners, parts_of_runs
 from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
-from onlinebayes.criticism.searching.between_runs import differing, split
+from onlinebayes.criticism.searching.per_run_parameters import find_differing, split_by_run
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import run_stage
 from onlinebayes.measurements import Measurement, Signal
@@ -32,7 +32,7 @@ def judged(data: Measurement, effects: tuple = ()) -> tuple:
     """What is said of the slide's parameters, beside these effects."""
     base = ground(model(), data, SELECTION)
     stage = run_stage(base.fitted, base.windows, effects, base.numerics, SELECTION)
-    return differing(base.fitted, base.windows, stage, data.runs, SELECTION)
+    return find_differing(base.fitted, base.windows, stage, data.runs, SELECTION)
 
 
 def swung(masses: tuple[float, ...], seconds: float = 4.0) -> Measurement:
@@ -101,7 +101,7 @@ def test_one_run_says_nothing_of_others() -> None:
 def test_what_is_cut_into_runs_is_the_same_fit() -> None:
     data = weighed(MASSES[:3], seconds=4.0)
     base = ground(model(), data, SELECTION)
-    apart = split(base.fitted, base.windows, data.runs, MASS)
+    apart = split_by_run(base.fitted, base.windows, data.runs, MASS)
     assert isinstance(apart.simulator, ScopedSimulator)
     assert apart.theta.tolist() == base.fitted.theta[[0, 0, 0, 1]].tolist()
     torch.testing.assert_close(apart.projected.columns[..., :3].sum(-1), base.fitted.projected.columns[..., 0])

@@ -19,23 +19,23 @@ from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, score_gain
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import blocks_for
-from onlinebayes.criticism.searching.standing import Standing, carried
+from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta
 from onlinebayes.runs import BadInput
 
 
-def without_needless(standing: Standing, context: SearchContext) -> Standing:
+def eliminate(working: WorkingModel, context: SearchContext) -> WorkingModel:
     """The model without any effect that it does not need; itself where all are needed.
 
     Args:
-        standing: the model with all of them.
+        working: the model with all of them.
         context: of the search.
     """
-    while len(standing.accepted) > 1:
-        leaner = _without_one(standing, context)
+    while len(working.accepted) > 1:
+        leaner = _without_one(working, context)
         if leaner is None:
             break
-        standing = leaner
-    return standing
+        working = leaner
+    return working
 
 
 def needed(present: CrossValidated, absent: CrossValidated, bin_step: float) -> bool:
@@ -43,16 +43,16 @@ def needed(present: CrossValidated, absent: CrossValidated, bin_step: float) -> 
     return score_gain(present, absent, bin_step).clear or present.rms_long < (1 - LEAST_FALL) * absent.rms_long
 
 
-def _without_one(standing: Standing, context: SearchContext) -> Standing | None:
+def _without_one(working: WorkingModel, context: SearchContext) -> WorkingModel | None:
     """The model without the effect that it needs least; None where it needs them all."""
-    current, windows = standing.grounds, standing.grounds.windows
+    current, windows = working.grounds, working.grounds.windows
     blocks = blocks_for(current.fitted, windows, context.selection.folds)
     present = cross_validate(current.fitted, windows, blocks)
     least, leaner = math.inf, None
-    for idle in standing.accepted[:-1]:
-        kept = tuple(item for item in standing.accepted if item is not idle)
-        model = grown(standing.simulator, [judged.effect for _, judged in kept])
-        theta = carried(current.fitted.simulator, current.fitted.theta, model)
+    for idle in working.accepted[:-1]:
+        kept = tuple(item for item in working.accepted if item is not idle)
+        model = grown(working.simulator, [judged.effect for _, judged in kept])
+        theta = carry_theta(current.fitted.simulator, current.fitted.theta, model)
         try:
             fitted = fit(current.rung.of(model), windows, theta, starts=current.fitted.lin.starts)
         except BadInput:  # without it the model diverges
@@ -66,4 +66,4 @@ def _without_one(standing: Standing, context: SearchContext) -> Standing | None:
     model, fitted, kept = leaner
     horizon, noise = context.selection.horizon_s, windows.noise
     grounds = settle(model, context.measurement, horizon, noise, fitted.theta, current, fitted)
-    return replace(standing, grounds=grounds, accepted=kept)
+    return replace(working, grounds=grounds, accepted=kept)

@@ -6,12 +6,12 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.data.noise import floors
+from onlinebayes.criticism.data.noise import noise_floors
 from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.outlying_starts import best_starts, misfits, refit_outlying_starts, worsened_windows
 from onlinebayes.criticism.fitting.projection import project, row_weights, start_shift
 from onlinebayes.criticism.fitting.sensitivities import linearise
-from onlinebayes.criticism.fitting.strays import best_starts, misfits, settled_starts, strays
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Cogging, DryFriction
@@ -39,8 +39,8 @@ def test_a_window_that_got_much_worse_is_a_stray_and_no_other() -> None:
     before = project(windows, linearise(simulator, windows, theta, windows.start))
     after = project(windows, linearise(simulator, windows, theta, windows.start))
     after.residual[4] += 100.0
-    assert strays(before, after).nonzero().flatten().tolist() == [4]
-    assert not bool(strays(before, before).any())
+    assert worsened_windows(before, after).nonzero().flatten().tolist() == [4]
+    assert not bool(worsened_windows(before, before).any())
 
 
 def test_each_window_takes_the_start_that_replays_it_best() -> None:
@@ -61,13 +61,13 @@ def test_windows_that_stand_out_settle_and_the_others_stay() -> None:
     stuck = best.clone()
     stuck[2] += 30 * windows.start_sd[2]
     lin = linearise(simulator, windows, theta, stuck)
-    settled, before, after = settled_starts(simulator, windows, lin, project(windows, lin))
+    settled, before, after = refit_outlying_starts(simulator, windows, lin, project(windows, lin))
     moved = (settled != stuck).any(1).nonzero().flatten().tolist()
     assert moved == [2]
     assert torch.allclose(settled[2], best[2], rtol=1e-3)
     assert after < 0.5 * before
     lin = linearise(simulator, windows, theta, settled)
-    again, before, after = settled_starts(simulator, windows, lin, project(windows, lin))
+    again, before, after = refit_outlying_starts(simulator, windows, lin, project(windows, lin))
     assert torch.equal(again, settled)
     assert after == before
 
@@ -81,7 +81,7 @@ def test_a_start_on_top_of_a_cog_is_found() -> None:
     starts = windows.start
     for _ in range(3):
         lin = linearise(simulator, windows, theta, starts)
-        starts, _, _ = settled_starts(simulator, windows, lin, project(windows, lin))
+        starts, _, _ = refit_outlying_starts(simulator, windows, lin, project(windows, lin))
     left = misfits(windows, linearise(simulator, windows, theta, starts), row_weights(windows, torch.ones(1).double()))
     assert float(left.max()) < 3 * float(left.median())
 
@@ -114,7 +114,7 @@ def swings(runs: int = 8, seconds: float = 6.0) -> Measurement:
 def with_friction(measurement: Measurement) -> Fit:
     """The model without friction fitted, then with it, from there."""
     simulator = MujocoSimulator(ARM, DAMPING, threads=1)
-    windows = make_windows(simulator, measurement, 1.0, 0.1, floors(measurement.signals, ()))
+    windows = make_windows(simulator, measurement, 1.0, 0.1, noise_floors(measurement.signals, ()))
     base = fit(simulator, windows, simulator.nominal)
     theta = torch.cat([base.theta, torch.tensor([0.15], dtype=torch.float64)])
     return fit(simulator.with_effect(FRICTION), windows, theta, base.projected.weight, base.lin.starts)

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.grid import row_step, run_grids
+from onlinebayes.criticism.data.latency import without_latency
 from onlinebayes.criticism.data.starts import window_starts
 from onlinebayes.criticism.data.windows import MEMORY, Windows, joint_names, make_windows
-from onlinebayes.criticism.wiring.shifts import without_latency
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay, SensorDelay

@@ -22,7 +22,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.noise import tau
+from onlinebayes.criticism.data.noise import correlation_time
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, t_quantile
 from onlinebayes.criticism.fitting.descent import bounded_step
@@ -77,7 +77,7 @@ class Differing:
     failed: tuple[str, ...]
 
 
-def differing(
+def find_differing(
     current: Fit, windows: Windows, stage: Stage, runs: Sequence[str], selection: Selection
 ) -> tuple[Differing, ...]:
     """The parameters whose values may differ between runs, each tried alone, the best first.
@@ -92,11 +92,11 @@ def differing(
     if len(runs) < 2 or not free:
         return ()
     # A change makes whole runs err alike: how long noise is correlated shows in what own values leave.
-    correlation = min(_left_correlation(split(current, windows, runs, address), windows) for address in free)
+    correlation = min(_left_correlation(split_by_run(current, windows, runs, address), windows) for address in free)
     level, tried = HALF_LEVEL * selection.alpha, []
     for address, p in contrast_p_values(current, windows, free, correlation).items():
         if p < level:
-            apart = split(current, windows, runs, address)
+            apart = split_by_run(current, windows, runs, address)
             gain, falls = _gains(cross_validate(apart, windows, stage.blocks), stage.scores, windows)
             if falls[0] > 0.5 * LEAST_FALL:
                 tried.append((gain.gain, p, apart, address))
@@ -117,7 +117,7 @@ def with_own_values(simulator: Simulator, runs: Sequence[str], address: str) -> 
     return ScopedSimulator(unscoped(simulator), replace(scope, per_run=(*scope.per_run, address)), runs)
 
 
-def split(current: Fit, windows: Windows, runs: Sequence[str], address: str) -> Fit:
+def split_by_run(current: Fit, windows: Windows, runs: Sequence[str], address: str) -> Fit:
     """The same fit with the parameter's column cut into one a run: nothing is simulated, the values are the shared one.
 
     Its cross-validation says to first order what own values would give.
@@ -140,7 +140,7 @@ def _left_correlation(apart: Fit, windows: Windows) -> float:
     """Correlation time of what a split fit leaves after one step of its own [s]."""
     step, _ = bounded_step(apart.simulator, apart.projected, apart.theta, 0.0)
     long = project(windows, apart.lin)
-    return tau(long.measured_rows(long.residual - long.columns @ step), long.seen(), windows.bin_step)
+    return correlation_time(long.measured_rows(long.residual - long.columns @ step), long.seen(), windows.bin_step)
 
 
 def may_change(name: str) -> bool:

@@ -23,14 +23,14 @@ from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, Added, Stage, judged_in
-from onlinebayes.criticism.searching.standing import carried
+from onlinebayes.criticism.searching.working_model import carry_theta
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 
 MOST_LAWS = 2  # that are tried in a round
 
 
-def family(
+def find_shared_law(
     stage: Stage,
     effects: Sequence[Effect],
     numerics: Numerics,
@@ -102,7 +102,7 @@ def _fitted(stage: Stage, members: Sequence[Screened]) -> Fit:
     """The round's model with all members, fitted from where screening would start each."""
     current = stage.current
     model = grown(current.simulator, [one.effect for one in members])
-    theta = carried(current.simulator, current.theta, model)
+    theta = carry_theta(current.simulator, current.theta, model)
     for one in members:
         theta = with_effect_values(model, theta, one.effect, one.start)
     fitted = fit(model, stage.windows, theta, current.projected.weight, current.lin.starts)
@@ -112,5 +112,5 @@ def _fitted(stage: Stage, members: Sequence[Screened]) -> Fit:
 def _without(stage: Stage, members: Sequence[Screened], left_out: Screened, together: Fit) -> Fit:
     """The model with all members but one, fitted from where they are together."""
     model = grown(stage.current.simulator, [one.effect for one in members if one is not left_out])
-    theta = carried(together.simulator, together.theta, model)
+    theta = carry_theta(together.simulator, together.theta, model)
     return fit(model, stage.windows, theta, together.projected.weight, together.lin.starts)

@@ -20,7 +20,7 @@ _PATTERNS: Final = (
 )
 
 
-def plainly(where: str) -> str:
+def in_words(where: str) -> str:
     """The region in words; as it is where it has another form."""
     for pattern, words in _PATTERNS:
         if found := re.fullmatch(pattern, where):

@@ -5,7 +5,8 @@
 A law is chosen from those that the data do not part by its number of parameters, one at a time. A load and a lower
 centre of mass are a parameter each; the spring that does the same has two, and is found only where all are looked at
 together. In the end each accepted law is therefore exchanged for its equals of that round, without one of the others:
-what leaves noise, has no more parameters and predicts as well (the rules of :mod:`.needless`) is the simpler account.
+what leaves noise, has no more parameters and predicts as well (the rules of :mod:`.backward_elimination`) is the
+simpler account.
 """
 
 from __future__ import annotations
@@ -19,65 +20,65 @@ from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.judging.score import cross_validate, parted
 from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.criticism.searching.backward_elimination import needed
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.needless import needed
 from onlinebayes.criticism.searching.stage import Added, Stage, blocks_for, leaves_noise
-from onlinebayes.criticism.searching.standing import Standing, carried
+from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta
 from onlinebayes.runs import BadInput
 
 MOST_EQUALS = 2  # of an effect, by gain
 HOPELESS = 2.0  # times the squared error of the model as it stands, which leaves noise
 
 
-def with_fewer(standing: Standing, context: SearchContext) -> Standing:
+def simplify(working: WorkingModel, context: SearchContext) -> WorkingModel:
     """The model with fewer effects that explains as much; itself where there is none.
 
     Args:
-        standing: a model that leaves noise.
+        working: a model that leaves noise.
         context: of the search; its watch is looked at between the fits, and the model as it is then stands.
     """
-    while len(standing.accepted) > 1:
-        leaner = _with_one_less(standing, context)
+    while len(working.accepted) > 1:
+        leaner = _with_one_less(working, context)
         if leaner is None:
             break
-        standing = leaner
-    return standing
+        working = leaner
+    return working
 
 
-def _with_one_less(standing: Standing, context: SearchContext) -> Standing | None:
+def _with_one_less(working: WorkingModel, context: SearchContext) -> WorkingModel | None:
     selection = context.selection
-    current, windows = standing.grounds, standing.grounds.windows
+    current, windows = working.grounds, working.grounds.windows
     blocks = blocks_for(current.fitted, windows, selection.folds)
     present = cross_validate(current.fitted, windows, blocks)
-    for kept, (stage, rival) in _accounts(standing):
+    for kept, (stage, rival) in _accounts(working):
         if context.watch.stopped:
             break
         context.watch.say(f"looking whether {rival.effect.key} explains more than one of the effects")
-        fitted = _fitted(standing, kept, rival)
+        fitted = _fitted(working, kept, rival)
         if fitted is None or not leaves_noise(fitted, windows, selection.tolerance):
             continue
         if needed(present, cross_validate(fitted, windows, blocks), windows.bin_step):
             continue
-        model = grown(standing.simulator, [*(judged.effect for _, judged in kept), rival.effect])
+        model = grown(working.simulator, [*(judged.effect for _, judged in kept), rival.effect])
         grounds = settle(model, context.measurement, selection.horizon_s, windows.noise, fitted.theta, current, fitted)
-        return replace(standing, grounds=grounds, accepted=(*kept, (stage, rival)))
+        return replace(working, grounds=grounds, accepted=(*kept, (stage, rival)))
     return None
 
 
-def _accounts(standing: Standing) -> Iterator[tuple[Sequence[Added], Added]]:
+def _accounts(working: WorkingModel) -> Iterator[tuple[Sequence[Added], Added]]:
     """What would be left, and what would take the place of two."""
-    accepted = standing.accepted
+    accepted = working.accepted
     for k, (stage, judged) in enumerate(accepted):
         others = [*accepted[:k], *accepted[k + 1 :]]
-        for rival in _equals(standing, stage, judged):
+        for rival in _equals(working, stage, judged):
             for j in range(len(others)):
                 yield [*others[:j], *others[j + 1 :]], (stage, rival)
 
 
-def _equals(standing: Standing, stage: Stage, judged: Judged) -> list[Judged]:
+def _equals(working: WorkingModel, stage: Stage, judged: Judged) -> list[Judged]:
     """The best of its round that might have been accepted in an effect's place."""
     step = stage.windows.bin_step
-    present = {effect.key for effect in standing.effects}
+    present = {effect.key for effect in working.effects}
     found = [
         rival
         for rival in stage.judged
@@ -87,13 +88,13 @@ def _equals(standing: Standing, stage: Stage, judged: Judged) -> list[Judged]:
     return sorted(found, key=lambda rival: -rival.gain.gain)[:MOST_EQUALS]
 
 
-def _fitted(standing: Standing, kept: Sequence[Added], rival: Judged) -> Fit | None:
+def _fitted(working: WorkingModel, kept: Sequence[Added], rival: Judged) -> Fit | None:
     """The model with what is kept and the rival; None where it has more parameters, or diverges."""
-    current = standing.grounds
-    model = current.rung.of(grown(standing.simulator, [*(judged.effect for _, judged in kept), rival.effect]))
+    current = working.grounds
+    model = current.rung.of(grown(working.simulator, [*(judged.effect for _, judged in kept), rival.effect]))
     if len(model.parameters) > len(current.fitted.theta):
         return None
-    theta = carried(current.fitted.simulator, current.fitted.theta, model)
+    theta = carry_theta(current.fitted.simulator, current.fitted.theta, model)
     own = dict(zip(rival.fitted.simulator.parameters, rival.fitted.theta.unbind(), strict=True))
     for name in effect_entries(model, rival.effect).keys() & own.keys():
         theta[model.parameters.index(name)] = own[name]

@@ -10,9 +10,9 @@ from onlinebayes.criticism import Selection
 from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.fitting.fit import unfitted
 from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.searching.replacement import Incumbent, Rival, refitted_with
+from onlinebayes.criticism.searching.rival_fits import Incumbent, Rival, fit_with_rival
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.searching.standing import carried
+from onlinebayes.criticism.searching.working_model import carry_theta
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import Effect, JointStiffness, QuadraticDrag
 from tests.criticism.rigs import measure, model
@@ -42,13 +42,13 @@ def test_a_drag_is_no_rival_of_a_spring(incumbent: Incumbent, monkeypatch: pytes
     def fitted(*_: object) -> None:
         raise AssertionError("it was fitted")
 
-    monkeypatch.setattr("onlinebayes.criticism.searching.replacement.improve", fitted)
-    assert refitted_with(rival(DRAG), model(), [DRAG], incumbent, float("inf")) is None
+    monkeypatch.setattr("onlinebayes.criticism.searching.rival_fits.improve", fitted)
+    assert fit_with_rival(rival(DRAG), model(), [DRAG], incumbent, float("inf")) is None
 
 
 def test_what_the_blocks_do_not_part_is_fitted(incumbent: Incumbent, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("onlinebayes.criticism.searching.replacement.parted", lambda *_: False)
-    found = refitted_with(rival(DRAG), model(), [DRAG], incumbent, float("inf"))
+    monkeypatch.setattr("onlinebayes.criticism.searching.rival_fits.parted", lambda *_: False)
+    found = fit_with_rival(rival(DRAG), model(), [DRAG], incumbent, float("inf"))
     assert found is not None
     assert found.projected.objective > incumbent.grounds.fitted.projected.objective
 
@@ -56,7 +56,7 @@ def test_what_the_blocks_do_not_part_is_fitted(incumbent: Incumbent, monkeypatch
 def test_a_start_beside_the_truth_is_in_reach(incumbent: Incumbent) -> None:
     simulator, fitted = grown(model(), [SPRING]), incumbent.grounds.fitted
     stepped = incumbent.grounds.rung.of(simulator)
-    theta = carried(fitted.simulator, fitted.theta, stepped)
+    theta = carry_theta(fitted.simulator, fitted.theta, stepped)
     for address, value in rival(SPRING).start.items():
         theta[stepped.parameters.index(address)] = value
     begun = unfitted(stepped, incumbent.grounds.windows, theta)

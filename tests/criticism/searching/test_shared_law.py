@@ -14,8 +14,8 @@ from onlinebayes.criticism.fitting.projection import signal_rms
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.criticism.searching import search as searching
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.family import family
 from onlinebayes.criticism.searching.search import search
+from onlinebayes.criticism.searching.shared_law import find_shared_law
 from onlinebayes.runs import Interrupt, Watch
 from tests.criticism.hovering import measure, model
 
@@ -37,14 +37,17 @@ def test_four_rotors_that_lag_are_found_together() -> None:
     stopped = Interrupt()
     stopped.requested = True
     context = SearchContext(flights, Selection(), LAWS)
-    assert family(stage, found.effects, found.base.numerics, replace(context, watch=Watch(interrupt=stopped))) == []
+    assert (
+        find_shared_law(stage, found.effects, found.base.numerics, replace(context, watch=Watch(interrupt=stopped)))
+        == []
+    )
     alone = replace(stage, screened=stage.screened[:1])
-    assert family(alone, found.effects, found.base.numerics, context) == []
+    assert find_shared_law(alone, found.effects, found.base.numerics, context) == []
 
 
 @pytest.mark.long
 def test_pairs_of_lags_come_to_the_same_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(searching, "family", lambda *_: [])
+    monkeypatch.setattr(searching, "find_shared_law", lambda *_: [])
     simulator, flights = charted(model(), measure(LAG))
     found = searching.search(simulator, SearchContext(flights, Selection(), LAWS), 6)
     assert {judged.effect.key for _, judged in found.accepted} == LAGS

@@ -26,7 +26,7 @@ from onlinebayes.simulators.effects import Effect
 
 
 @dataclass(frozen=True)
-class Standing:
+class WorkingModel:
     """A model that may be improved.
 
     Args:
@@ -57,49 +57,49 @@ class Standing:
 
 
 def with_effects(
-    standing: Standing, added: Sequence[Added], context: SearchContext, *, alone: bool = False
-) -> Standing:
+    working: WorkingModel, added: Sequence[Added], context: SearchContext, *, alone: bool = False
+) -> WorkingModel:
     """The model with these effects, the last of which was fitted with all the others.
 
     Args:
-        standing: the model.
+        working: the model.
         added: what enters.
         context: of the search.
         alone: whether they take the place of what was accepted before.
     """
-    accepted = (*(() if alone else standing.accepted), *added)
-    model, best = grown(standing.simulator, [judged.effect for _, judged in accepted]), added[-1][1].fitted
-    before, horizon = standing.grounds, context.selection.horizon_s
+    accepted = (*(() if alone else working.accepted), *added)
+    model, best = grown(working.simulator, [judged.effect for _, judged in accepted]), added[-1][1].fitted
+    before, horizon = working.grounds, context.selection.horizon_s
     noise = before.windows.noise
     grounds = settle(model, context.measurement, horizon, noise, best.theta, before=before, fitted=best)
-    return replace(standing, grounds=grounds, accepted=accepted)
+    return replace(working, grounds=grounds, accepted=accepted)
 
 
-def with_change(standing: Standing, change: Changed) -> Standing:
+def with_change(working: WorkingModel, change: Changed) -> WorkingModel:
     """The model with a parameter that differs between runs."""
-    changes = (*standing.changes, change)
-    return replace(standing, simulator=change.simulator, grounds=change.grounds, changes=changes)
+    changes = (*working.changes, change)
+    return replace(working, simulator=change.simulator, grounds=change.grounds, changes=changes)
 
 
-def without_idle(standing: Standing, earlier: Sequence[Added], context: SearchContext) -> Standing | None:
+def drop_idle(working: WorkingModel, earlier: Sequence[Added], context: SearchContext) -> WorkingModel | None:
     """The model without an ``earlier`` effect that may now be nothing; None where all are needed."""
-    fitted, windows = standing.grounds.fitted, standing.grounds.windows
+    fitted, windows = working.grounds.fitted, working.grounds.windows
     selection = context.selection
     blocks = blocks_for(fitted, windows, selection.folds)
     for idle in earlier:
         effect = idle[1].effect
         low, high = interval(fitted, blocks, effect)
         if low <= effect.neutral[effect.magnitude] <= high:
-            kept = tuple(item for item in standing.accepted if item is not idle)
-            model = grown(standing.simulator, [judged.effect for _, judged in kept])
-            theta = carried(fitted.simulator, fitted.theta, model)
-            noise, before = windows.noise, standing.grounds
+            kept = tuple(item for item in working.accepted if item is not idle)
+            model = grown(working.simulator, [judged.effect for _, judged in kept])
+            theta = carry_theta(fitted.simulator, fitted.theta, model)
+            noise, before = windows.noise, working.grounds
             grounds = settle(model, context.measurement, selection.horizon_s, noise, theta, before)
-            return replace(standing, grounds=grounds, accepted=kept)
+            return replace(working, grounds=grounds, accepted=kept)
     return None
 
 
-def carried(source: Simulator, theta: Float[Tensor, " P"], target: Simulator) -> Float[Tensor, " Q"]:
+def carry_theta(source: Simulator, theta: Float[Tensor, " P"], target: Simulator) -> Float[Tensor, " Q"]:
     """Theta of ``target``: the values of ``source`` where it has the same parameter, else nominal ones."""
     values = dict(zip(source.parameters, theta.unbind(), strict=True))
     nominal = target.nominal.to(theta)

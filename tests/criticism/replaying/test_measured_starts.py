@@ -8,7 +8,7 @@ import torch
 
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs
-from onlinebayes.criticism.wiring.late_starts import windows_to_replay
+from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import SensorDelay
 from tests.criticism.wired import ARM, NOISE, STEP

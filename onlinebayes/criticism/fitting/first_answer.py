@@ -26,7 +26,7 @@ MOST_STEPS = 500_000
 """The first answer takes no more steps of integration: some seconds of them."""
 
 
-def as_given(simulator: Simulator, measurement: Measurement, selection: Selection) -> str:
+def first_answer(simulator: Simulator, measurement: Measurement, selection: Selection) -> str:
     """One sentence; nothing where nothing moves.
 
     Args:

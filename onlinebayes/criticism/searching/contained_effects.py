@@ -18,24 +18,24 @@ from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import blocks_for
-from onlinebayes.criticism.searching.standing import Standing
+from onlinebayes.criticism.searching.working_model import WorkingModel
 
 WORSE = 1.01  # times the cross-validated error with both
 
 
-def replaced(standing: Standing, context: SearchContext) -> Standing | None:
+def drop_contained(working: WorkingModel, context: SearchContext) -> WorkingModel | None:
     """The model without the effects that its newest one contains; None where there is none, or it is worse.
 
     Args:
-        standing: the model with all of them.
+        working: the model with all of them.
         context: of the search.
     """
-    current, accepted = standing.grounds, standing.accepted
+    current, accepted = working.grounds, working.accepted
     newest, fitted = accepted[-1][1].effect, current.fitted
     kept = tuple(item for item in accepted if item[1].effect.key not in contained(newest))
     if len(kept) == len(accepted):
         return None
-    model = grown(standing.simulator, [judged.effect for _, judged in kept])
+    model = grown(working.simulator, [judged.effect for _, judged in kept])
     values = dict(zip(fitted.simulator.parameters, fitted.theta.unbind(), strict=True))
     for _, judged in accepted:
         simpler = list(effect_entries(fitted.simulator, judged.effect))
@@ -48,7 +48,7 @@ def replaced(standing: Standing, context: SearchContext) -> Standing | None:
     alone = settle(model, context.measurement, selection.horizon_s, current.windows.noise, theta, current)
     if _error(alone, selection) > WORSE * _error(current, selection):
         return None
-    return replace(standing, grounds=alone, accepted=kept)
+    return replace(working, grounds=alone, accepted=kept)
 
 
 def _error(grounds: Grounds, selection: Selection) -> float:

@@ -14,7 +14,7 @@ from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted
 from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.stage import HOPELESS_RATIO, blocks_for
-from onlinebayes.criticism.searching.standing import carried
+from onlinebayes.criticism.searching.working_model import carry_theta
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
@@ -69,14 +69,14 @@ def can_replace(accepted: Effect, other: Effect, present: Collection[str]) -> bo
     return other.key not in present and not nested
 
 
-def as_judged(judged: Judged) -> Rival:
+def rival_as_judged(judged: Judged) -> Rival:
     """A rival at what its own round fitted."""
     simulator, theta = judged.fitted.simulator, judged.fitted.theta
     own = effect_entries(simulator, judged.effect)
     return Rival(judged.effect, {address: float(theta[simulator.parameters.index(address)]) for address in own})
 
 
-def refitted_with(
+def fit_with_rival(
     rival: Rival, simulator: Simulator, effects: Sequence[Effect], incumbent: Incumbent, hopeless: float
 ) -> Fit | None:
     """The model with the rival in it, everything refitted from the model as it stands.
@@ -94,7 +94,7 @@ def refitted_with(
     grounds = incumbent.grounds
     current, windows = grounds.fitted, grounds.windows
     model = grounds.rung.of(grown(simulator, effects))
-    theta = carried(current.simulator, current.theta, model)
+    theta = carry_theta(current.simulator, current.theta, model)
     for address, value in rival.start.items():
         theta[model.parameters.index(address)] = value
     try:

@@ -25,7 +25,7 @@ from onlinebayes.measurements import Measurement
 
 
 @dataclass(frozen=True)
-class Past:
+class RunHistory:
     """One run of G rows and J joints, smoothed when it is asked for.
 
     Args:

@@ -7,11 +7,11 @@ import pytest
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.judging.acceptance import judge
 from onlinebayes.criticism.judging.score import cross_validate
+from onlinebayes.criticism.searching.backward_elimination import eliminate
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.needless import without_needless
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import Stage, blocks_for, refit
-from onlinebayes.criticism.searching.standing import Standing, with_effects
+from onlinebayes.criticism.searching.working_model import WorkingModel, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import DryFriction, Effect, QuadraticDrag
@@ -23,25 +23,25 @@ DRAG = QuadraticDrag("hinge", Parameter(0.0, 1.0))
 SIZES = {DRY: 0.1, DRAG: 0.1}
 
 
-def added(standing: Standing, effect: Effect, measurement: Measurement) -> Standing:
+def added(working: WorkingModel, effect: Effect, measurement: Measurement) -> WorkingModel:
     """The model with the effect, whatever speaks for it."""
-    now, windows = standing.grounds, standing.grounds.windows
+    now, windows = working.grounds, working.grounds.windows
     blocks = blocks_for(now.fitted, windows, None)
     scores = cross_validate(now.fitted, windows, blocks)
     fitted, _ = refit(now.fitted, windows, effect, {effect.magnitude: 0.05})
     judged = judge(effect, 0.0, fitted, scores, windows, blocks, now.numerics, 0.03)
     stage = Stage(now.fitted, windows, blocks, scores, (), (judged,))
-    return with_effects(standing, [(stage, judged)], SearchContext(measurement, Selection()))
+    return with_effects(working, [(stage, judged)], SearchContext(measurement, Selection()))
 
 
 @pytest.mark.parametrize("hidden", [(DRAG,), pytest.param((DRY, DRAG), marks=pytest.mark.slow)], ids=["one", "both"])
 def test_what_is_there_stays_and_nothing_else(hidden) -> None:
     measurement = PENDULUM.measure({effect: (SIZES[effect],) for effect in hidden}, runs=6)
-    standing = Standing(PENDULUM.model(), ground(PENDULUM.model(), measurement, Selection()))
+    working = WorkingModel(PENDULUM.model(), ground(PENDULUM.model(), measurement, Selection()))
     for effect in (DRY, DRAG):
-        standing = added(standing, effect, measurement)
-    assert standing.effects == [DRY, DRAG]
-    leaner = without_needless(standing, SearchContext(measurement, Selection()))
+        working = added(working, effect, measurement)
+    assert working.effects == [DRY, DRAG]
+    leaner = eliminate(working, SearchContext(measurement, Selection()))
     assert leaner.effects == list(hidden)
     assert leaner.at_floor(1.2)
 

@@ -8,7 +8,7 @@ from envs.driven_pendulum.sets import Encoder, Protocol, record
 from onlinebayes.criticism import Criticism, Scope, refine
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.searching.zeros import LARGEST_ZERO_FLOORS, zero_errors
+from onlinebayes.criticism.searching.sensor_zeros import LARGEST_ZERO_FLOORS, zero_errors
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator

@@ -34,7 +34,7 @@ AT_BOUND = 1e-3
 """A value within this share of the bound lies on it."""
 
 
-def beside_zeros(stage: Stage, best: Judged, numerics: Numerics, context: SearchContext) -> Stage:
+def judge_zero_errors(stage: Stage, best: Judged, numerics: Numerics, context: SearchContext) -> Stage:
     """The round with the zero errors judged that could stand in the place of its best effect.
 
     Args:

@@ -1,10 +1,10 @@
-"""The course of a measured orientation: its quaternions, and how far it has turned about its own axes since it began.
+"""The path of a measured orientation: its quaternions, and how far it has turned about its own axes since it began.
 
     turn_0 = 0,   turn_i = turn_{i-1} + log(q_{i-1}^-1 q_i),   between rows at the fraction s:  q_{i-1} exp(s log(...))
 
 For small steps the turn's slope is the angular velocity in the body's axes, so that what smooths a hinge's angle
 smooths it too; sensor noise e_i enters it once, and again times a step's angle. It grows without bound while a body
-tumbles and is no coordinate of orientations; beside the course,
+tumbles and is no coordinate of orientations; beside the path,
 
     turn(t) + log(q(t)^-1 p)
 
@@ -30,7 +30,7 @@ from onlinebayes.runs import BadInput
 
 
 @dataclass(frozen=True)
-class Course:
+class OrientationPath:
     """One joint's measured orientation in one run.
 
     Args:
@@ -54,8 +54,8 @@ class Course:
         return product(self.quaternion[before], exponential(step)), self.turn[before] + step
 
 
-def course(measurement: Measurement, run: str, rotation: Rotation) -> Course:
-    """The course of one joint in one run.
+def read_path(measurement: Measurement, run: str, rotation: Rotation) -> OrientationPath:
+    """The path of one joint in one run.
 
     Raises:
         BadInput: a run without two measured orientations, only some parts of one, or a norm that is not near 1.
@@ -83,13 +83,13 @@ def course(measurement: Measurement, run: str, rotation: Rotation) -> Course:
     return followed(rows, data["time"][rows], quaternion[rows])
 
 
-def followed(rows: Int[Tensor, " N"], time: Float[Tensor, " N"], quaternion: Float[Tensor, "N 4"]) -> Course:
-    """The course of unit quaternions, whatever their signs; arguments as :class:`Course`."""
+def followed(rows: Int[Tensor, " N"], time: Float[Tensor, " N"], quaternion: Float[Tensor, "N 4"]) -> OrientationPath:
+    """The path of unit quaternions, whatever their signs; arguments as :class:`OrientationPath`."""
     steps = logarithm(product(inverse(quaternion[:-1]), quaternion[1:]))
-    return Course(rows, time, quaternion, torch.cat([torch.zeros_like(steps[:1]), steps.cumsum(0)]))
+    return OrientationPath(rows, time, quaternion, torch.cat([torch.zeros_like(steps[:1]), steps.cumsum(0)]))
 
 
-def unrolled(measurement: Measurement, rotation: Rotation, courses: Sequence[Course]) -> Measurement:
+def unrolled(measurement: Measurement, rotation: Rotation, paths: Sequence[OrientationPath]) -> Measurement:
     """The measurement with one joint's turns where its quaternion stood first."""
     given = {signal.name: signal for signal in measurement.signals}
     names = renamed(tuple(given), (rotation,))
@@ -98,7 +98,7 @@ def unrolled(measurement: Measurement, rotation: Rotation, courses: Sequence[Cou
     columns = {name: (value[..., s], measured[..., s]) for s, name in enumerate(given)}
     for axis, name in enumerate(rotation.turns):
         turn, known = torch.zeros_like(value[..., 0]), torch.zeros_like(measured[..., 0])
-        for r, one in enumerate(courses):
+        for r, one in enumerate(paths):
             turn[r, one.rows], known[r, one.rows] = one.turn[:, axis], True
         columns[name] = turn, known
     data = measurement.data.clone(recurse=False)

@@ -8,10 +8,10 @@ from onlinebayes.criticism import Selection
 from onlinebayes.criticism.judging.acceptance import Judged, judge
 from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.fewer import with_fewer
+from onlinebayes.criticism.searching.parsimony import simplify
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import Stage, blocks_for, refit
-from onlinebayes.criticism.searching.standing import Standing, with_effects
+from onlinebayes.criticism.searching.working_model import WorkingModel, with_effects
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Interrupt, Watch
@@ -25,22 +25,22 @@ DRAG = QuadraticDrag("rail", Parameter(0.0, 5.0))
 SPRING = JointStiffness("rail", Parameter(0.0, 20.0, "N/m"), Parameter(-1.0, 1.0, "m"))
 
 
-def judged(standing: Standing, effect: Effect) -> Judged:
-    now, windows = standing.grounds, standing.grounds.windows
+def judged(working: WorkingModel, effect: Effect) -> Judged:
+    now, windows = working.grounds, working.grounds.windows
     blocks = blocks_for(now.fitted, windows, None)
     begin = dict.fromkeys(effect.parameters, 0.3)
     fitted, _ = refit(now.fitted, windows, effect, begin)
     return judge(effect, 0.0, fitted, cross_validate(now.fitted, windows, blocks), windows, blocks, now.numerics, 0.03)
 
 
-def added(standing: Standing, effect: Effect, rival: Effect, measurement: Measurement) -> Standing:
+def added(working: WorkingModel, effect: Effect, rival: Effect, measurement: Measurement) -> WorkingModel:
     """The model with the effect, whatever speaks for it, of a round in which a rival was looked at too."""
-    now, windows = standing.grounds, standing.grounds.windows
+    now, windows = working.grounds, working.grounds.windows
     blocks = blocks_for(now.fitted, windows, None)
     scores = cross_validate(now.fitted, windows, blocks)
-    one = judged(standing, effect)
-    stage = Stage(now.fitted, windows, blocks, scores, (), (one, judged(standing, rival)))
-    return with_effects(standing, [(stage, one)], SearchContext(measurement, Selection()))
+    one = judged(working, effect)
+    stage = Stage(now.fitted, windows, blocks, scores, (), (one, judged(working, rival)))
+    return with_effects(working, [(stage, one)], SearchContext(measurement, Selection()))
 
 
 @pytest.mark.parametrize(
@@ -48,15 +48,15 @@ def added(standing: Standing, effect: Effect, rival: Effect, measurement: Measur
 )
 def test_one_law_that_is_two_takes_their_place(rival: Effect, left: list[str]) -> None:
     measurement = measure({LOAD: (0.5,), DRAG: (0.5,)}, runs=6, seconds=2.0)
-    standing = Standing(model(), ground(model(), measurement, Selection()))
+    working = WorkingModel(model(), ground(model(), measurement, Selection()))
     for effect in (LOAD, DRAG):
-        standing = added(standing, effect, rival, measurement)
-    assert [effect.key for effect in standing.effects] == [LOAD.key, DRAG.key]
+        working = added(working, effect, rival, measurement)
+    assert [effect.key for effect in working.effects] == [LOAD.key, DRAG.key]
     stopped = Interrupt()
     stopped.requested = True
-    assert with_fewer(standing, SearchContext(measurement, Selection(), watch=Watch(print, stopped))) is standing
+    assert simplify(working, SearchContext(measurement, Selection(), watch=Watch(print, stopped))) is working
     said: list[str] = []
-    leaner = with_fewer(standing, SearchContext(measurement, Selection(), watch=Watch(said.append)))
+    leaner = simplify(working, SearchContext(measurement, Selection(), watch=Watch(said.append)))
     assert [effect.key for effect in leaner.effects] == left
     assert leaner.at_floor(1.2)
     if rival.key in left:
