@@ -11,6 +11,7 @@ from dataclasses import replace
 from functools import partial
 
 from onlinebayes.criticism.assembly import Question, assemble
+from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
@@ -128,10 +129,29 @@ def _searched(
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
     found, fault = inquire(task.simulator, context, most)
     if fault is None and not watch.stopped:
+        task, found = _read_otherwise(task, found, context, most)
+        context = replace(context, measurement=task.fit_runs)
         task, found = _over_longer(task, found, context, most)
     stopped = watch.stopped
     result = assemble(question, task, found, fault, stopwatch)
     return replace(result, interrupted=result.interrupted or stopped)
+
+
+def _read_otherwise(task: Task, found: SearchResult, context: SearchContext, most: int) -> tuple[Task, SearchResult]:
+    """The task and what was found, with the log's gaps read the other way where that explains far more."""
+    other: Task | None = None
+    again: SearchResult | None = None
+    with context.watch.giving_up():
+        other = task.read_otherwise(found)
+        if other is not None:
+            context.watch.say("reading the gaps of the log otherwise")
+            again, fault = inquire(task.simulator, replace(context, measurement=other.fit_runs), most)
+            again = (
+                again
+                if fault is None and misfit(again.final.fitted.projected) < misfit(found.final.fitted.projected)
+                else None
+            )
+    return (task, found) if other is None or again is None else (other, again)
 
 
 def _over_longer(task: Task, found: SearchResult, context: SearchContext, most: int) -> tuple[Task, SearchResult]:

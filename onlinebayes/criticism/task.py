@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from onlinebayes.criticism.data.motion import check_runs
 from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
-from onlinebayes.criticism.fitting.horizon import shortened, steady
+from onlinebayes.criticism.fitting.gaps import held_over_gaps, read_otherwise
+from onlinebayes.criticism.fitting.horizon import cut_to_runs, shortened, steady, within_runs
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.criticism.replaying.clock import in_step, restepped
 from onlinebayes.criticism.replaying.scoped import scoped
@@ -52,6 +53,14 @@ class Task:
         said = unexplained_when_slow(self.selection, longer, again)
         return replace(self, notes=(*self.notes, said))
 
+    def read_otherwise(self, found: SearchResult) -> Task | None:
+        """The task with the log's gaps read the other way where what was found follows it far better so, else None."""
+        if not read_otherwise(found.final, self.fit_runs):
+            return None
+        other = not self.fit_runs.held_over_gaps
+        fit_runs, held_runs = (replace(part, held_over_gaps=other) for part in (self.fit_runs, self.held_runs))
+        return replace(self, fit_runs=fit_runs, held_runs=held_runs)
+
 
 def prepare(
     simulator: Simulator,
@@ -68,7 +77,16 @@ def prepare(
     for part in (fit_runs, held_runs):
         check_runs(joint_names(given), part)
     stepped = in_step(given, fit_runs)
-    used = steady(stepped, fit_runs, asked)
+    within = within_runs(asked, fit_runs)
+    used = steady(stepped, fit_runs, within)
     stepped, softness = tied_as_logged(stepped, fit_runs, used.horizon_s)
-    notes = (*tied, *softness, *restepped(given, stepped, fit_runs), *shortened(asked, used))
+    if held_over_gaps(stepped, fit_runs, used.horizon_s):
+        fit_runs, held_runs = (replace(part, held_over_gaps=True) for part in (fit_runs, held_runs))
+    notes = (
+        *tied,
+        *softness,
+        *restepped(given, stepped, fit_runs),
+        *cut_to_runs(asked, within),
+        *shortened(within, used),
+    )
     return Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)

@@ -66,12 +66,15 @@ class Measurement:
         signals: the S signals, in the order of the last axis of ``"signal"``.
         commands: names of the U actuators, in the order of the last axis of ``"command"``.
         runs: names of the R runs, each once.
+        held_over_gaps: whether commands are held through rows that seem to be missing, too, and not lost there with
+            what was commanded in them.
     """
 
     data: TensorDict
     signals: tuple[Signal, ...]
     commands: tuple[str, ...]
     runs: tuple[str, ...]
+    held_over_gaps: bool = False
 
     def __post_init__(self) -> None:
         if len(self.data.batch_size) != 2 or self.data.batch_size[0] != len(self.runs):

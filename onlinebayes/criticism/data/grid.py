@@ -190,7 +190,7 @@ def _run_grid(measurement: Measurement, r: int, step: float, longest: float) -> 
     at_rows = bool((late.abs() <= AT_ROWS).all())
     midpoint = torch.searchsorted(time, grid + 0.5 * step).clamp(1, rows) - 1
     pause = time.diff() > max(longest, 2 * step)
-    missing = torch.where(pause, 0, lost(time, data["measured"].any(-1)))
+    missing = torch.where(pause | measurement.held_over_gaps, 0, lost(time, data["measured"].any(-1)))
     return RunGrid(
         measurement.runs[r],
         float(data["time"][0]),

@@ -4,8 +4,9 @@
     jump:   abs(u_{i+1} - u_i) > 5 (m + 1) median_j abs(u_{j+1} - u_j),  and more than a fifth of the command's range
 
 Held over the gap, as between rows of an even clock, a smooth command comes late by half of the gap, which hides what is
-missing. Of a jump nobody knows in which of the lost rows it was; there
-the run is parted, as at a pause.
+missing. Of a jump nobody knows in which of the lost rows it was; there the run is parted, as at a pause. But a log that
+was written when something changed has lost nothing where it has no row, and its command was held: which of the two a
+log is, is asked of the log (:mod:`.fitting.gaps`).
 """
 
 from __future__ import annotations

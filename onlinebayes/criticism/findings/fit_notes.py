@@ -54,9 +54,11 @@ def fit_notes(
 def _of_the_step(simulator: Simulator, found: SearchResult, refined: bool) -> Iterator[str]:
     final = found.final
     if not final.numerics.sufficient:
+        found_before = "; sizes of what is named carry that error" if found.accepted else ""
         yield (
-            f"numerics: at the step of {final.rung.timestep:g} s the integration error is not small against the "
-            "misfit, so nothing is named; give the model a finer timestep or a better integrator"
+            f"numerics: at the step of {final.rung.timestep:g} s the integration error is not small against what is "
+            f"left, so nothing {'more ' if found.accepted else ''}is named{found_before}; give the model a finer "
+            "timestep or a better integrator"
         )
     elif final.as_run:
         yield (

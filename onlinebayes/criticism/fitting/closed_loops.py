@@ -8,18 +8,14 @@ in them shows in the encoder, too, and which of their readings an instrument wou
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection
 from dataclasses import replace
 
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.data.noise import measured_floors
-from onlinebayes.criticism.fitting.numerics import settle
-from onlinebayes.criticism.fitting.projection import misfit
+from onlinebayes.criticism.fitting.numerics import settled_misfit
 from onlinebayes.measurements import Measurement, Signal
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 RIGID = (
@@ -94,13 +90,5 @@ def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) 
     rigid = simulator.with_rigid_ties()
     if rigid is simulator:
         return simulator, ()
-    own, stiff = (_left(one, fit_runs, horizon) for one in (simulator, rigid))
+    own, stiff = (settled_misfit(one, fit_runs, horizon) for one in (simulator, rigid))
     return (simulator, ()) if own < stiff else (rigid, (RIGID,))
-
-
-def _left(simulator: Simulator, fit_runs: Measurement, horizon: float) -> float:
-    """What the model leaves when it is fitted [floors]; infinite where it diverges."""
-    try:
-        return misfit(settle(simulator, fit_runs, horizon, measured_floors(fit_runs)).fitted.projected)
-    except BadInput:
-        return math.inf

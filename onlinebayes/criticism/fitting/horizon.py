@@ -27,6 +27,28 @@ SAMPLE = 24  # windows that are looked at, spread over the runs
 FEWEST_ROWS = 10
 
 
+def within_runs(selection: Selection, measurement: Measurement) -> Selection:
+    """The selection with a horizon that was asked for no longer than the longest run.
+
+    No window is longer, and the commands that are kept before one take memory in proportion to what was asked for.
+
+    Args:
+        selection: how effects are judged.
+        measurement: the fit runs.
+    """
+    longest = float(f"{max(measurement.durations):.6g}")
+    if not selection.fixed_horizon or selection.horizon_s <= longest:
+        return selection
+    return replace(selection, horizon_s=longest)
+
+
+def cut_to_runs(asked: Selection, used: Selection) -> tuple[str, ...]:
+    """What to tell a user whose windows :func:`within_runs` cut; nothing where it did not."""
+    if used.horizon_s == asked.horizon_s:
+        return ()
+    return (f"windows last {used.horizon_s:g} s in place of {asked.horizon_s:g} s: no run is longer",)
+
+
 def steady(simulator: Simulator, measurement: Measurement, selection: Selection) -> Selection:
     """The selection with windows short enough for a machine that is unstable in open loop.
 

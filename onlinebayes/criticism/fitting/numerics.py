@@ -13,6 +13,7 @@ the end the model as it was given, or its own soft friction, is preferred where 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,12 +22,13 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.data.grid import even_step, row_step
+from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.fitting.as_run import AsRun, RunSetup, as_run
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
-from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project
+from onlinebayes.criticism.fitting.projection import Projected, misfit, noise_rows, project
 from onlinebayes.criticism.replaying.instants import read_between
 from onlinebayes.criticism.replaying.ladder import Rung, adjustable, first_order, ladder
 from onlinebayes.criticism.replaying.replay import replay
@@ -122,6 +124,14 @@ def settle(
             break
     assert grounds is not None
     return _as_run(setup, grounds)
+
+
+def settled_misfit(simulator: Simulator, measurement: Measurement, horizon: float) -> float:
+    """What a model leaves when it is fitted, arguments as :func:`settle` [floors]; infinite where it cannot be."""
+    try:
+        return misfit(settle(simulator, measurement, horizon, measured_floors(measurement)).fitted.projected)
+    except BadInput:  # it diverges, or no window is whole
+        return math.inf
 
 
 def _rungs(rungs: Sequence[Rung], before: Grounds | None, like: Rung | None) -> list[Rung]:

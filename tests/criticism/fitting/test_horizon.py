@@ -8,10 +8,11 @@ import torch
 
 from onlinebayes.criticism import Selection, compare
 from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.horizon import growth, shortened, steady
+from onlinebayes.criticism.fitting.horizon import growth, shortened, steady, within_runs
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism import rigs
 
 MASS, LENGTH, INERTIA, GRAVITY, STEP = 0.5, 0.4, 0.02, 9.81, 0.01
 RATE = math.sqrt(MASS * GRAVITY * LENGTH / (INERTIA + MASS * LENGTH**2))  # of the fall [1/s]
@@ -90,3 +91,14 @@ def test_the_report_says_that_windows_were_shortened() -> None:
     assert result.heldout_error.horizon_s["qpos.hinge"] == pytest.approx(result.selection.horizon_s)
     assert max(result.remainder.rms_over_floor.values()) < 1.2
     assert not shortened(Selection(), Selection())
+
+
+def test_windows_are_no_longer_than_the_longest_run() -> None:
+    """A billion seconds of commands before a window would be more than there is memory."""
+    measurement = rigs.measure(runs=8)
+    for asked in (1e9, 5.0):
+        result = compare(rigs.model(), measurement, selection=Selection(horizon_s=asked, fixed_horizon=True))
+        assert result.selection.horizon_s == 3.0
+        assert f"windows last 3 s in place of {asked:g} s: no run is longer" in result.notes
+    own = Selection(horizon_s=5.0)
+    assert within_runs(own, measurement) is own

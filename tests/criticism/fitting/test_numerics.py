@@ -96,7 +96,7 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
 def test_a_gross_misfit_takes_one_evaluation_a_step_and_is_reported_by_the_models_own_method() -> None:
     friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
     measurement = measure({friction: (2.0,)}, runs=8, noise=1e-3, finer=4)
-    cheap, noise = Rung(0.01, "first_order"), floors(measurement.signals, ())
+    cheap, noise = Rung(0.01, "first_order"), noise_floors(measurement.signals, ())
     gross = settle(model(), measurement, 1.0, noise)
     assert (gross.rung, gross.numerics.sufficient) == (cheap, True)
     # Beside what friction leaves, the noise, an error of first order would matter.

@@ -142,7 +142,8 @@ def provenance(result: Criticism) -> Html:
 
 def _fineness(result: Criticism) -> str:
     if not result.numerics.sufficient:
-        return "too coarse to judge by: a quarter of it moves the replay; no effect is named from these data"
+        more = "no other effect" if result.accepted else "no effect"
+        return f"too coarse to judge what is left by: a quarter of it moves the replay; {more} is named from these data"
     if result.remainder.status == "noise" and result.numerics.error_at_quarter_step > 1:  # floor
         return "the model's own, with which it follows the log better than with a finer one"
     return "fine enough: a quarter of it moves the replay by less than a tenth of what is left"
