@@ -216,13 +216,15 @@ class TorchSimulator(Simulator):
             rows.append(self._state(q, v, hidden).set("valid", valid))
         return torch.stack(rows, dim=1)
 
-    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
         q, v, command = (
             motion.get(key).to(dtype=self.dtype, device=self.device) for key in ("qpos", "qvel", "command")
         )
         values = self._name(self._rows(theta))
-        return self._stepper.recall(
+        return self._stepper.hidden_states_along(
             values, q.movedim(-1, 0), v.movedim(-1, 0), command, motion.get("enable", None), step
         )
 

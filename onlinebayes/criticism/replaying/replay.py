@@ -88,7 +88,7 @@ def rollout(
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     chart = chart_of(physics, windows)
     state = chart.enter(unsense(physics, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
-    state = chart.physics.assembled(state)
+    state = chart.physics.project_onto_constraints(state)
     hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
     recalled = recall(physics, windows, unfolded) if hidden else {}
     given = commanded(chart.physics, windows, unfolded) if set(hidden) - {"effects"} else {}

@@ -161,15 +161,17 @@ class ScopedSimulator(Around):
         """Typical worlds; see :meth:`Simulator.rollout`."""
         return self.physics.rollout(self.typical(theta), state, inputs, times)
 
-    def recall(self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """Typical worlds; see :meth:`Simulator.recall`."""
-        return self.physics.recall(self.typical(theta), motion, step)
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """Typical worlds; see :meth:`Simulator.hidden_states_along`."""
+        return self.physics.hidden_states_along(self.typical(theta), motion, step)
 
-    def commanded(
+    def command_driven_states(
         self, theta: Float[Tensor, "N F"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """Typical worlds; see :meth:`Simulator.commanded`."""
-        return self.physics.commanded(self.typical(theta), command, step)
+        """Typical worlds; see :meth:`Simulator.command_driven_states`."""
+        return self.physics.command_driven_states(self.typical(theta), command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float

@@ -73,7 +73,7 @@ class Recurrence:
 def activations(
     system: MujocoSystem, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
 ) -> dict[str, Tensor]:
-    """``"act"`` along commands where all is filters or integrators; see ``Simulator.commanded``."""
+    """``"act"`` along commands where all is filters or integrators; see ``Simulator.command_driven_states``."""
     model, h = system.model, float(system.model.opt.timestep)
     if not _followed(model):
         return {}
@@ -100,8 +100,8 @@ def _activations(
     return act
 
 
-def forgetting(system: MujocoSystem) -> float:
-    """See :attr:`onlinebayes.simulators.base.Simulator.forgetting`."""
+def memory_span(system: MujocoSystem) -> float:
+    """See :attr:`onlinebayes.simulators.base.Simulator.memory_span`."""
     model = system.model
     forgetful = [i for i in range(model.nu) if int(model.actuator_dyntype[i]) in (*FILTERS, DYN.mjDYN_MUSCLE)]
     if not forgetful:

@@ -19,10 +19,10 @@ from onlinebayes.simulators.mujoco.stage import Place, actuator_fields
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
 
-def recall(
+def hidden_states_along(
     system: MujocoSystem, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
 ) -> dict[str, TensorDict]:
-    """See :meth:`onlinebayes.simulators.base.Simulator.recall`."""
+    """See :meth:`onlinebayes.simulators.base.Simulator.hidden_states_along`."""
     rests = system.rest(len(theta), step)
     # One that is an input stage as well needs its own rows of both; none of the vocabulary is.
     remembering = [effect for effect in system.staged if effect.key in rests and not effect.has_command]

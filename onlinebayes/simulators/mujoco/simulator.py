@@ -21,13 +21,13 @@ from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.effects.contact import contacts
 from onlinebayes.simulators.effects.fluid import body_size
-from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, forgetting
+from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, memory_span
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
 from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
-from onlinebayes.simulators.mujoco.export import approximate, export, to_xml
-from onlinebayes.simulators.mujoco.foreign import foreign
+from onlinebayes.simulators.mujoco.export import bodies_with_adjusted_inertia, export, to_xml
+from onlinebayes.simulators.mujoco.foreign import not_exportable
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
-from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
+from onlinebayes.simulators.mujoco.recall import actuator_forces, hidden_states_along
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -245,7 +245,7 @@ class MujocoSimulator(Simulator):
         """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without force stages all runs in the engine."""
         return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
 
-    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+    def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
         """The nearest states on the active equality constraints, unless these are soft; see :mod:`.closure`."""
         if self._closure is None or soft(self._system.source):
             return state
@@ -254,33 +254,35 @@ class MujocoSimulator(Simulator):
         closed["qpos"], closed["qvel"] = torch.from_numpy(qpos), torch.from_numpy(qvel)
         return closed
 
-    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
-        """See :meth:`Simulator.tied_positions`; of models of slides and hinges."""
+    def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """See :meth:`Simulator.constrained_positions`; of models of slides and hinges."""
         if self._closure is None or self.model.nq != len(self.joint_kinds):
-            return super().tied_positions(path, known)
+            return super().constrained_positions(path, known)
         full, determined = self._closure.follow(path.numpy(), known)
         for j in {*range(path.shape[1])} - {*known}:
             full[~determined, j] = np.nan
         return torch.from_numpy(full)
 
-    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
-        return recall(self._system, _finite(theta), motion, step)
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
+        return hidden_states_along(self._system, _finite(theta), motion, step)
 
-    def commanded(
+    def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """Activations where all are filters or integrators; see :meth:`Simulator.commanded`."""
+        """Activations where all are filters or integrators; see :meth:`Simulator.command_driven_states`."""
         return activations(self._system, _finite(theta), command, step)
 
     @property
-    def forgetting(self) -> float:
-        """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.forgetting`."""
-        return forgetting(self._system)
+    def memory_span(self) -> float:
+        """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.memory_span`."""
+        return memory_span(self._system)
 
     @property
-    def remembering(self) -> tuple[str, ...]:
-        """Commands of actuators that integrate; see :attr:`Simulator.remembering`."""
+    def integrating_commands(self) -> tuple[str, ...]:
+        """Commands of actuators that integrate; see :attr:`Simulator.integrating_commands`."""
         kinds, commands = self.model.actuator_dyntype, self._system.commands
         return tuple(one.name for one in commands if int(kinds[one.actuator]) in INTEGRATING)
 
@@ -355,8 +357,8 @@ class MujocoSimulator(Simulator):
             return self
         return self._remade(scaled_moments=True)
 
-    def with_rigid_ties(self) -> Self:
-        """See :meth:`Simulator.with_rigid_ties`, and :func:`.closure.soft`."""
+    def with_rigid_constraints(self) -> Self:
+        """See :meth:`Simulator.with_rigid_constraints`, and :func:`.closure.soft`."""
         spec = self._system.source.copy()
         ties = soft(spec)
         if not ties:
@@ -399,13 +401,13 @@ class MujocoSimulator(Simulator):
         """:meth:`export` as MJCF text with all 17 digits, which plain MuJoCo loads and replays alike."""
         return to_xml(self.export(theta))
 
-    def foreign(self, theta: Float[Tensor, " P"]) -> Mapping[str, str]:
+    def not_exportable(self, theta: Float[Tensor, " P"]) -> Mapping[str, str]:
         """Keys of the effects that :meth:`export` has to leave out at these parameters -> why; see :mod:`.foreign`."""
-        return foreign(self._system, _finite(theta[None]).numpy())
+        return not_exportable(self._system, _finite(theta[None]).numpy())
 
-    def approximate(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
+    def bodies_with_adjusted_inertia(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
         """Names of the bodies of which :meth:`export` holds other moments of inertia than these, which no body has."""
-        return approximate(self._system, _finite(theta[None]).numpy())
+        return bodies_with_adjusted_inertia(self._system, _finite(theta[None]).numpy())
 
     def _remade(
         self,
