@@ -22,6 +22,7 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import refuse_twice, timesteps_of
 from onlinebayes.simulators.effects import Effect, Scales, TargetKind
 from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Joint, Stepper, diverged
@@ -83,9 +84,7 @@ class TorchSimulator(Simulator):
             self.physical.index(name)
         self.parameters = parameters
         self.dt = self.timestep if dt is None else dt
-        self._substeps = round(self.dt / self.timestep)
-        if self._substeps < 1 or not math.isclose(self._substeps * self.timestep, self.dt, rel_tol=1e-6):
-            raise BadInput(f"dt = {self.dt:g} s", f"it must be a whole number of timesteps of {self.timestep:g} s")
+        self._substeps = timesteps_of(self.dt, self.timestep)
         self.dtype, self.device = dtype, torch.empty(0, device=device).device  # "cuda" becomes "cuda:0"
         self.commands = tuple(a.name for a in self.actuators)
         self.signals = tuple(f"{kind}.{j.name}" for kind in ("qpos", "qvel") for j in self.joints)
@@ -246,8 +245,7 @@ class TorchSimulator(Simulator):
         if effect.target not in known:
             problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"
             raise BadInput(problem, nearest(effect.target, known))
-        if any(effect.key == other.key for other in self.effects):
-            raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
+        refuse_twice(effect, self.effects)
         outside = effect.target_kind in ("signal", "parameter")
         if not (own or effect.has_command or effect.has_force or outside):
             raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")

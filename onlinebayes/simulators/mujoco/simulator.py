@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, Self
@@ -17,6 +16,7 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import refuse_twice, timesteps_of
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.effects.contact import contacts
@@ -96,11 +96,7 @@ class MujocoSimulator(Simulator):
         if not self.timestep > 0:
             raise BadInput(f"the model's timestep is {self.timestep:g} s", "give <option timestep> a positive time")
         self.dt = self.timestep if dt is None else dt
-        self._steps = round(self.dt / self.timestep)
-        if self._steps < 1 or not math.isclose(self._steps * self.timestep, self.dt, rel_tol=1e-6):
-            raise BadInput(
-                f"dt = {self.dt:g} s", f"it must be a whole number of the model's timesteps of {self.timestep:g} s"
-            )
+        self._steps = timesteps_of(self.dt, self.timestep)
         if worlds < 1:
             raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
         self._worlds = Worlds(self._system, worlds, threads)
@@ -299,8 +295,7 @@ class MujocoSimulator(Simulator):
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        if any(effect.key == other.key for other in self.effects):
-            raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
+        refuse_twice(effect, self.effects)
         return self._remade(effects=(*self.effects, effect))
 
     def without_effect(self, key: str) -> Self:
