@@ -165,9 +165,10 @@ class TorchSimulator(Simulator):
             self._failed, self._any_failed = torch.zeros_like(self._failed), False
         else:
             # Only the rows that reset are moved: with thousands of worlds a few end in every step.
+            mask = mask.to(self.device)
             rows = mask.nonzero().squeeze(-1)
             q, v, hidden = self._load_state(state, len(rows), rows)
-            self._theta = self._theta.index_copy(1, rows, self._rows(theta[rows]))
+            self._theta = self._theta.index_copy(1, rows, self._rows(theta.to(self.device)[rows]))
             self._q, self._v = self._q.index_copy(1, rows, q), self._v.index_copy(1, rows, v)
             self._hidden = {key: _put(self._hidden[key], rows, hidden[key]) for key in hidden}
             if self._any_failed:
@@ -180,7 +181,7 @@ class TorchSimulator(Simulator):
         """Advance every world that has not failed by ``dt``."""
         command = inputs.get("command").to(dtype=self.dtype, device=self.device)
         q, v, hidden = self._stepper.advance(
-            self._values, self._q, self._v, self._hidden, command, inputs.get("enable", None), self._substeps
+            self._values, self._q, self._v, self._hidden, command, self._enable(inputs), self._substeps
         )
         # One reduction tells whether any world may have diverged; the masks are worked out only then.
         if self._any_failed or not bool(q.abs().sum() + v.abs().sum() < DIVERGED):
@@ -202,7 +203,7 @@ class TorchSimulator(Simulator):
         values = self._name(self._rows(theta))
         q, v, hidden = self._load_state(state, len(theta))
         command = inputs.get("command").to(dtype=self.dtype, device=self.device)
-        enable = inputs.get("enable", None)
+        enable = self._enable(inputs)
         marks = [0, *(times.double() / self.timestep).round().long().tolist()]
         valid = torch.ones(len(theta), dtype=torch.bool, device=self.device)
         rows = []
@@ -224,7 +225,7 @@ class TorchSimulator(Simulator):
         )
         values = self._name(self._rows(theta))
         return self._stepper.hidden_states_along(
-            values, q.movedim(-1, 0), v.movedim(-1, 0), command, motion.get("enable", None), step
+            values, q.movedim(-1, 0), v.movedim(-1, 0), command, self._enable(motion), step
         )
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
@@ -319,6 +320,11 @@ class TorchSimulator(Simulator):
             if name not in values:
                 values[name] = torch.full((rows.shape[1],), value, dtype=self.dtype, device=self.device)
         return values
+
+    def _enable(self, inputs: TensorDictBase) -> Tensor | None:
+        """Which actuators are on; None for all."""
+        enable = inputs.get("enable", None)
+        return None if enable is None else enable.to(self.device)
 
     def _rows(self, columns: Float[Tensor, "N K"]) -> Float[Tensor, "K N"]:
         """A copy with one contiguous row a quantity, the layout in which worlds are kept."""

@@ -55,8 +55,9 @@ class ScopedSimulator(Around):
             else:
                 entries[address] = (i, -1, bounds)
         self.parameters = ParameterSpace({name: bounds for name, (_, _, bounds) in entries.items()})
-        self.place: Int[Tensor, " F"] = torch.tensor([i for i, _, _ in entries.values()], dtype=torch.long)
-        self.own: Int[Tensor, " F"] = torch.tensor([r for _, r, _ in entries.values()], dtype=torch.long)
+        place, own = [i for i, _, _ in entries.values()], [r for _, r, _ in entries.values()]
+        self.place: Int[Tensor, " F"] = torch.tensor(place, dtype=torch.long, device=self.device)
+        self.own: Int[Tensor, " F"] = torch.tensor(own, dtype=torch.long, device=self.device)
         self.signals = physics.signals
         self._phi = self.nominal.expand(self.worlds, -1).clone()
 
@@ -143,8 +144,8 @@ class ScopedSimulator(Around):
         self, theta: Float[Tensor, "N F"], state: TensorDictBase | None = None, mask: Bool[Tensor, " N"] | None = None
     ) -> TensorDict:
         """Typical worlds; see :meth:`Simulator.reset`."""
-        rows = slice(None) if mask is None else mask
-        self._phi[rows] = theta[rows].to(self._phi)
+        rows = slice(None) if mask is None else mask.to(self._phi.device)
+        self._phi[rows] = theta.to(self._phi)[rows]
         return self.physics.reset(self.typical(self._phi), state, mask)
 
     def step(self, inputs: TensorDictBase) -> TensorDict:

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.stage import Place, actuator_fields
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
@@ -69,7 +70,7 @@ def _on(system: MujocoSystem, motion: TensorDictBase) -> Tensor:
 
 def _fields(system: MujocoSystem, theta: Float[Tensor, "N P"]) -> dict[str, Tensor]:
     """The actuators' fields, (N, 1, ...) for K rows at once."""
-    return {name: rows[:, None] for name, rows in actuator_fields(system, system.write(theta.numpy())).items()}
+    return {name: rows[:, None] for name, rows in actuator_fields(system, system.write(to_host(theta))).items()}
 
 
 def driven(

@@ -24,6 +24,7 @@ from onlinebayes.simulators.mujoco.blueprint import Blueprint, Remakable
 from onlinebayes.simulators.mujoco.closure import Closure, soft, tied
 from onlinebayes.simulators.mujoco.export import bodies_with_adjusted_inertia, export, to_xml
 from onlinebayes.simulators.mujoco.foreign import not_exportable
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import load_spec
 from onlinebayes.simulators.mujoco.recall import actuator_forces, hidden_states_along
 from onlinebayes.simulators.mujoco.rollout import rollout
@@ -90,7 +91,7 @@ class MujocoSimulator(Remakable):
         self._closure = Closure(self.model) if tied(self.model) else None
         self._theta = self.nominal.expand(worlds, -1).clone()
         self._hidden = self._system.rest(worlds)
-        self._worlds.write_theta(self._theta.numpy())
+        self._worlds.write_theta(to_host(self._theta))
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
@@ -170,7 +171,7 @@ class MujocoSimulator(Remakable):
         mask: Bool[Tensor, " N"] | None = None,
     ) -> TensorDict:
         """New parameters and states for the worlds under ``mask``; see :meth:`Simulator.reset`."""
-        ids = None if mask is None or bool(mask.all()) else mask.numpy().nonzero()[0].astype(np.int32)
+        ids = None if mask is None or bool(mask.all()) else to_host(mask).nonzero()[0].astype(np.int32)
         if ids is not None and not len(ids):
             return self.state
         rows = slice(None) if ids is None else torch.from_numpy(ids).long()
@@ -178,14 +179,14 @@ class MujocoSimulator(Remakable):
         for key, fresh in self._system.hidden(state, self.worlds).items():
             self._hidden[key][rows] = fresh[rows]
         self._worlds.revive(ids)
-        self._worlds.write_theta(self._theta[rows].numpy(), ids)
+        self._worlds.write_theta(to_host(self._theta[rows]), ids)
         self._worlds.write_state(state, ids)
         return self.state
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance every world that has not failed by ``dt``."""
         command, enable = inputs.get("command").to(torch.float64), inputs.get("enable", None)
-        self._worlds.write_enable(None if enable is None else enable.numpy())
+        self._worlds.write_enable(None if enable is None else to_host(enable))
         steps = self._steps if self._system.stages or self._system.staged else 1
         ctrl, after, _ = self._system.drive(self._theta, self._hidden, command[:, None].expand(-1, steps, -1))
         stage = self._worlds.stage
@@ -216,8 +217,8 @@ class MujocoSimulator(Remakable):
         """The nearest states on the active equality constraints, unless these are soft; see :mod:`.closure`."""
         if self._closure is None or soft(self._system.source):
             return state
-        qpos, qvel = self._closure.nearest(state.get("qpos").numpy(), state.get("qvel").numpy())
-        closed = state.clone(recurse=False)
+        qpos, qvel = self._closure.nearest(to_host(state.get("qpos")), to_host(state.get("qvel")))
+        closed = state.to(self.device).clone(recurse=False)
         closed["qpos"], closed["qvel"] = torch.from_numpy(qpos), torch.from_numpy(qvel)
         return closed
 
@@ -225,7 +226,7 @@ class MujocoSimulator(Remakable):
         """See :meth:`Simulator.constrained_positions`; of models of slides and hinges."""
         if self._closure is None or self.model.nq != len(self.joint_kinds):
             return super().constrained_positions(path, known)
-        full, determined = self._closure.follow(path.numpy(), known)
+        full, determined = self._closure.follow(to_host(path), known)
         for j in {*range(path.shape[1])} - {*known}:
             full[~determined, j] = np.nan
         return torch.from_numpy(full)
@@ -234,13 +235,13 @@ class MujocoSimulator(Remakable):
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> dict[str, TensorDict]:
         """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
-        return hidden_states_along(self._system, _finite(theta), motion, step)
+        return hidden_states_along(self._system, _finite(theta), motion.to(self.device), step)
 
     def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
         """Activations where all are filters or integrators; see :meth:`Simulator.command_driven_states`."""
-        return activations(self._system, _finite(theta), command, step)
+        return activations(self._system, _finite(theta), command.to(self.device), step)
 
     @property
     def memory_span(self) -> float:
@@ -256,7 +257,7 @@ class MujocoSimulator(Remakable):
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:
         """See :meth:`Simulator.actuator_forces`; of an actuator that acts on no joint, its gain times its command."""
-        return actuator_forces(self._system, _finite(theta), motion, step)
+        return actuator_forces(self._system, _finite(theta), motion.to(self.device), step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities, in the model's order, then the sensors that are signals."""
@@ -269,7 +270,7 @@ class MujocoSimulator(Remakable):
 
     def export(self, theta: Float[Tensor, " P"]) -> mujoco.MjSpec:
         """One world as a spec with every parameter and native effect written in; see :mod:`.export`."""
-        return export(self._system, _finite(theta[None]).numpy())
+        return export(self._system, to_host(_finite(theta[None])))
 
     def export_xml(self, theta: Float[Tensor, " P"]) -> str:
         """:meth:`export` as MJCF text with all 17 digits, which plain MuJoCo loads and replays alike."""
@@ -277,11 +278,11 @@ class MujocoSimulator(Remakable):
 
     def not_exportable(self, theta: Float[Tensor, " P"]) -> Mapping[str, str]:
         """Keys of the effects that :meth:`export` has to leave out at these parameters -> why; see :mod:`.foreign`."""
-        return not_exportable(self._system, _finite(theta[None]).numpy())
+        return not_exportable(self._system, to_host(_finite(theta[None])))
 
     def bodies_with_adjusted_inertia(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
         """Names of the bodies of which :meth:`export` holds other moments of inertia than these, which no body has."""
-        return bodies_with_adjusted_inertia(self._system, _finite(theta[None]).numpy())
+        return bodies_with_adjusted_inertia(self._system, to_host(_finite(theta[None])))
 
 
 def _finite(theta: Tensor) -> Tensor:
