@@ -19,6 +19,7 @@ from envs.driven_pendulum.dynamics import Pendulum
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import timesteps_of
 from onlinebayes.simulators.effects import Effect
 
 MODEL = Path(__file__).with_name("driven_pendulum.xml")
@@ -68,9 +69,7 @@ class DrivenPendulumRig(Simulator):
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float64,
     ) -> None:
-        self.substeps = round(dt / timestep)
-        if self.substeps < 1 or abs(self.substeps * timestep - dt) > 1e-9:
-            raise BadInput(f"dt = {dt} s is not a whole number of timesteps of {timestep} s", "change one of them")
+        self.substeps = timesteps_of(dt, timestep)
         self.parameters, self.effects = PARAMETERS, ()
         self.worlds, self.dt, self.timestep = worlds, dt, timestep
         self.commands, self.signals = ("motor",), ("qpos.hinge", "qvel.hinge")

@@ -92,8 +92,8 @@ def load_problem(
     simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
     for line in beside_bounds(simulator, parameters):
         note(line)
-    if remembering := simulator.remembering:
-        who = " and ".join(remembering)
+    if integrating := simulator.integrating_commands:
+        who = " and ".join(integrating)
         note(f"{who}: integrates its command; each run is taken to begin with it at the model's first keyframe, or 0")
     measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
     measurement, tied = completed(simulator, measurement)

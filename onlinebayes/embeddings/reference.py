@@ -48,10 +48,11 @@ class SimulatorReference:
     def __call__(self, observation: Float[Tensor, "*batch O"], action: Float[Tensor, "*batch A"]) -> Tensor:
         """Next observations (R, *batch, O)."""
         rows, answers = observation.reshape(-1, observation.shape[-1]), len(self.points)
-        commands = self.command(action.reshape(len(rows), -1)).to(self.simulator.dtype)
+        dtype, device = self.simulator.dtype, self.simulator.device
+        commands = self.command(action.reshape(len(rows), -1)).to(device, dtype)
         repeated = torch.cat([self.state(rows)] * answers)
         inputs = TensorDict({"command": commands.repeat(answers, 1).unsqueeze(1)}, batch_size=[answers * len(rows), 1])
-        theta = self.points.to(dtype=self.simulator.dtype, device=self.simulator.device)
+        theta = self.points.to(device, dtype)
         times = torch.tensor([self.simulator.dt], dtype=torch.float64)
         after = self.simulator.rollout(theta.repeat_interleave(len(rows), 0), repeated, inputs, times)[:, 0]
         return self.observe(after).reshape(answers, *observation.shape)

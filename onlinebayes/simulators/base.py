@@ -170,15 +170,15 @@ class Simulator(ABC):
             row on in which a world diverged (its state is held there).
         """
 
-    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+    def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
         """The nearest states that the system's constraints between joints allow; all states by default."""
         return state
 
-    def with_rigid_ties(self) -> Self:
+    def with_rigid_constraints(self) -> Self:
         """A new simulator whose constraints between joints are rigid where nobody said how soft they are; or itself."""
         return self
 
-    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+    def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
         """Positions along a path of the joints that were measured, the others as constraints tie them to these.
 
         Args:
@@ -192,7 +192,9 @@ class Simulator(ABC):
         found[:, list(known)] = path[:, list(known)]
         return found
 
-    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
         """Hidden states of effects that follow from a known motion alone, no physics simulated.
 
         Args:
@@ -208,7 +210,7 @@ class Simulator(ABC):
         """
         return {}
 
-    def commanded(
+    def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
         """Parts of the state that follow from commands alone (MuJoCo: ``act``), no physics simulated.
@@ -226,15 +228,15 @@ class Simulator(ABC):
         return {}
 
     @property
-    def forgetting(self) -> float:
-        """Time [s] after which nothing is left of the states' beginning in :meth:`commanded`; 0 by default.
+    def memory_span(self) -> float:
+        """Time [s] after which nothing is left of the states' beginning in :meth:`command_driven_states`; 0 by default.
 
         Windows do not begin earlier than that in a run: what was commanded before the log is not in it.
         """
         return 0.0
 
     @property
-    def remembering(self) -> tuple[str, ...]:
+    def integrating_commands(self) -> tuple[str, ...]:
         """Commands that the state remembers for ever (integrators), how it began included; none by default."""
         return ()
 
@@ -244,7 +246,7 @@ class Simulator(ABC):
         """Force of each actuator before its gear along a known motion [N, N m]; by default its command.
 
         Args:
-            theta, motion, step: as for :meth:`recall`.
+            theta, motion, step: as for :meth:`hidden_states_along`.
         """
         return motion.get("command").to(theta)
 

@@ -119,7 +119,7 @@ class Stepper:
             q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
         return q, v, hidden
 
-    def recall(
+    def hidden_states_along(
         self,
         values: Values,
         q: Float[Tensor, "J N K"],
@@ -128,7 +128,7 @@ class Stepper:
         enable: Tensor | None,
         step: float,
     ) -> Hidden:
-        """Hidden states of the force stages before and after each row of a motion; see ``Simulator.recall``."""
+        """Hidden states of force stages before and after each row; see ``Simulator.hidden_states_along``."""
         rests = {effect.key: effect.rest(len(command), step, command) for effect in self.effects}
         settling = math.ceil(max((e.memory for e in self.effects if e.has_command), default=0.0) / step)
         before = command[:, :1].expand(-1, settling, -1)

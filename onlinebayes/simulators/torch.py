@@ -22,6 +22,7 @@ from torch import Tensor
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import refuse_twice, timesteps_of
 from onlinebayes.simulators.effects import Effect, Scales, TargetKind
 from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Joint, Stepper, diverged
@@ -83,9 +84,7 @@ class TorchSimulator(Simulator):
             self.physical.index(name)
         self.parameters = parameters
         self.dt = self.timestep if dt is None else dt
-        self._substeps = round(self.dt / self.timestep)
-        if self._substeps < 1 or not math.isclose(self._substeps * self.timestep, self.dt, rel_tol=1e-6):
-            raise BadInput(f"dt = {self.dt:g} s", f"it must be a whole number of timesteps of {self.timestep:g} s")
+        self._substeps = timesteps_of(self.dt, self.timestep)
         self.dtype, self.device = dtype, torch.empty(0, device=device).device  # "cuda" becomes "cuda:0"
         self.commands = tuple(a.name for a in self.actuators)
         self.signals = tuple(f"{kind}.{j.name}" for kind in ("qpos", "qvel") for j in self.joints)
@@ -166,9 +165,10 @@ class TorchSimulator(Simulator):
             self._failed, self._any_failed = torch.zeros_like(self._failed), False
         else:
             # Only the rows that reset are moved: with thousands of worlds a few end in every step.
+            mask = mask.to(self.device)
             rows = mask.nonzero().squeeze(-1)
             q, v, hidden = self._load_state(state, len(rows), rows)
-            self._theta = self._theta.index_copy(1, rows, self._rows(theta[rows]))
+            self._theta = self._theta.index_copy(1, rows, self._rows(theta.to(self.device)[rows]))
             self._q, self._v = self._q.index_copy(1, rows, q), self._v.index_copy(1, rows, v)
             self._hidden = {key: _put(self._hidden[key], rows, hidden[key]) for key in hidden}
             if self._any_failed:
@@ -181,7 +181,7 @@ class TorchSimulator(Simulator):
         """Advance every world that has not failed by ``dt``."""
         command = inputs.get("command").to(dtype=self.dtype, device=self.device)
         q, v, hidden = self._stepper.advance(
-            self._values, self._q, self._v, self._hidden, command, inputs.get("enable", None), self._substeps
+            self._values, self._q, self._v, self._hidden, command, self._enable(inputs), self._substeps
         )
         # One reduction tells whether any world may have diverged; the masks are worked out only then.
         if self._any_failed or not bool(q.abs().sum() + v.abs().sum() < DIVERGED):
@@ -203,7 +203,7 @@ class TorchSimulator(Simulator):
         values = self._name(self._rows(theta))
         q, v, hidden = self._load_state(state, len(theta))
         command = inputs.get("command").to(dtype=self.dtype, device=self.device)
-        enable = inputs.get("enable", None)
+        enable = self._enable(inputs)
         marks = [0, *(times.double() / self.timestep).round().long().tolist()]
         valid = torch.ones(len(theta), dtype=torch.bool, device=self.device)
         rows = []
@@ -216,14 +216,16 @@ class TorchSimulator(Simulator):
             rows.append(self._state(q, v, hidden).set("valid", valid))
         return torch.stack(rows, dim=1)
 
-    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
         q, v, command = (
             motion.get(key).to(dtype=self.dtype, device=self.device) for key in ("qpos", "qvel", "command")
         )
         values = self._name(self._rows(theta))
-        return self._stepper.recall(
-            values, q.movedim(-1, 0), v.movedim(-1, 0), command, motion.get("enable", None), step
+        return self._stepper.hidden_states_along(
+            values, q.movedim(-1, 0), v.movedim(-1, 0), command, self._enable(motion), step
         )
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
@@ -244,8 +246,7 @@ class TorchSimulator(Simulator):
         if effect.target not in known:
             problem = f"{effect.target_kind} '{effect.target}' of {effect.key} is unknown"
             raise BadInput(problem, nearest(effect.target, known))
-        if any(effect.key == other.key for other in self.effects):
-            raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
+        refuse_twice(effect, self.effects)
         outside = effect.target_kind in ("signal", "parameter")
         if not (own or effect.has_command or effect.has_force or outside):
             raise BadInput(f"{effect.key} has no form in torch", "write its force, friction_bound or command")
@@ -319,6 +320,11 @@ class TorchSimulator(Simulator):
             if name not in values:
                 values[name] = torch.full((rows.shape[1],), value, dtype=self.dtype, device=self.device)
         return values
+
+    def _enable(self, inputs: TensorDictBase) -> Tensor | None:
+        """Which actuators are on; None for all."""
+        enable = inputs.get("enable", None)
+        return None if enable is None else enable.to(self.device)
 
     def _rows(self, columns: Float[Tensor, "N K"]) -> Float[Tensor, "K N"]:
         """A copy with one contiguous row a quantity, the layout in which worlds are kept."""

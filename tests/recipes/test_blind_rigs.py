@@ -297,7 +297,7 @@ def test_all_that_a_blind_case_hides_is_tried_without_being_named() -> None:
     for rig in RIGS.values():
         # Play behind a motor is tried where it is named, behind a servo always.
         named = {"backlash"} if not any(actuator.servo for actuator in rig.actuators) else set()
-        last = {name for name, effect in EFFECTS.items() if effect.rare}
+        last = {name for name, effect in EFFECTS.items() if effect.tried_last}
         assert all(effect.key.split("@")[0] in EFFECTS.keys() - named - last for effect in rig.effects)
         assert all(effect.key.split("@")[0] in last for effect in rig.last)
         assert all(effect.key.split("@")[0] in named for effect in rig.by_name)

@@ -11,7 +11,7 @@ import torch
 from envs.pendulum import Pendulum
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
-from onlinebayes.simulators.mujoco.foreign import foreign
+from onlinebayes.simulators.mujoco.foreign import not_exportable
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from recipes.studies.effect_pages import BEGIN, END, name_of, parameter_rows, written
 from recipes.studies.effect_pages_likeness import cosine, traces
@@ -75,7 +75,7 @@ def test_the_pages_say_what_refined_xml_holds(key: str) -> None:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST  # under the study's RK4 no delay is held
     system = MujocoSystem(spec, machine().parameters, [effect])
     values = {**BASE, **{f"{key}.{name}": value for name, value in SPECIMENS[key].items()}}
-    held = key not in foreign(system, system.parameters.vector(values)[None].numpy())
+    held = key not in not_exportable(system, system.parameters.vector(values)[None].numpy())
     assert line(name_of(key), "- **refined.xml**: ").split(": ")[1].startswith("yes" if held else "no")
 
 

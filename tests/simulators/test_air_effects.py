@@ -150,7 +150,7 @@ def test_a_fluid_of_the_models_own_is_refused() -> None:
 def test_refined_models_keep_the_drag() -> None:
     simulator = MujocoSimulator(THROWN).with_effect(Wind("ball.x", DRAG, WIND))
     theta = torch.tensor([0.05, 5.0], dtype=torch.float64)
-    assert simulator.foreign(theta) == {}
+    assert simulator.not_exportable(theta) == {}
     plain = MujocoSimulator(simulator.export_xml(theta))
     here = _rolled(simulator, theta.numpy(), (2.0, 1.0, 5.0))
     assert _rolled(plain, np.zeros(0), (2.0, 1.0, 5.0)) == pytest.approx(here, abs=1e-12)

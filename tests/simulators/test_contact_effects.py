@@ -162,7 +162,7 @@ def test_a_body_stands_for_all_of_its_geoms(second: str) -> None:
 def test_refined_models_keep_the_contact(model: str, target: str) -> None:
     simulator = MujocoSimulator(model).with_effect(ContactFriction(target, Parameter(0.0, 2.0), 0.8))
     theta, command = torch.tensor([0.4], dtype=torch.float64), np.full(200, 30.0)
-    assert simulator.foreign(theta) == {}
+    assert simulator.not_exportable(theta) == {}
     plain = MujocoSimulator(simulator.export_xml(theta))
     here = _rolled(simulator, [0.4], command, (0.0, -1e-4), (1.0, 0.0))
     assert np.array_equal(_rolled(plain, [], command, (0.0, -1e-4), (1.0, 0.0)), here)

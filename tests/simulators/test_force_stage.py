@@ -188,7 +188,7 @@ def test_heat_recalled_along_a_motion_is_that_of_the_simulation(backend: str) ->
     times = H * torch.arange(1, 302, dtype=torch.float64)
     path = simulator.rollout(theta, state, inputs, times)
     before = TensorDict.cat([state[:, None], path.select("qpos", "qvel")[:, :-1]], dim=1)
-    heat = simulator.recall(theta, before.update(inputs), H)[effect.key]["heat"]
+    heat = simulator.hidden_states_along(theta, before.update(inputs), H)[effect.key]["heat"]
     assert heat.shape == (2, 302)
     assert float(heat[0].max()) > 0.5
     torch.testing.assert_close(heat[:, 1:], path["effects", effect.key, "heat"], rtol=0.0, atol=1e-12)
@@ -204,7 +204,7 @@ def test_the_recalled_drive_of_a_servo_depends_on_the_motion() -> None:
         {key: torch.cat([zero, path[key][:, :-1]], dim=1) for key in ("qpos", "qvel")}, batch_size=[1, 300]
     )
     motion["command"] = torch.from_numpy(_command(300) / 20).reshape(1, -1, 1)
-    heat = simulator.recall(theta, motion, H)[effect.key]["heat"]
+    heat = simulator.hidden_states_along(theta, motion, H)[effect.key]["heat"]
     torch.testing.assert_close(heat[:, 1:], path["effects", effect.key, "heat"], rtol=0.0, atol=1e-12)
     assert float(heat.max()) > 0.1
 
@@ -244,7 +244,7 @@ def test_an_effect_without_a_form_of_its_own_is_recalled_row_by_row(backend: str
         {key: torch.cat([zero, path[key][:, :-1]], dim=1) for key in ("qpos", "qvel")}, batch_size=[2, 60]
     )
     motion["command"] = torch.from_numpy(_command(60)).reshape(1, -1, 1).expand(2, -1, -1)
-    speed = simulator.recall(theta, motion, H)[effect.key]["speed"]
+    speed = simulator.hidden_states_along(theta, motion, H)[effect.key]["speed"]
     assert float(speed.abs().max()) > 1e-3
     torch.testing.assert_close(speed[:, 1:], path["effects", effect.key, "speed"], rtol=0.0, atol=1e-12)
 

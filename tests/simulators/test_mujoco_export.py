@@ -75,7 +75,7 @@ def test_plain_mujoco_replays_the_file_alike(seed: int, own_air: bool) -> None:
     theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
     # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.
     command = 1.5 * torch.randn(400, 2, dtype=torch.float64)
-    assert simulator.foreign(theta) == {}
+    assert simulator.not_exportable(theta) == {}
     model = mujoco.MjModel.from_xml_string(simulator.export_xml(theta))
     assert np.abs(_plain(model, command) - _rolled(simulator, theta, command)).max() < 1e-9
     assert np.abs(_plain(simulator.export(theta).compile(), command) - _plain(model, command)).max() < 1e-9
@@ -85,7 +85,9 @@ def test_force_stages_and_sensors_are_foreign() -> None:
     scales = Scales(force=4.0, speed=6.0, travel=3.0, time=0.05)
     simulator = MujocoSimulator(ARM).with_effect(Cogging.scaled("elbow", scales))
     simulator = simulator.with_effect(SensorBias.scaled("qpos.elbow", scales))
-    assert simulator.foreign(simulator.nominal) == dict.fromkeys(("cogging@elbow", "sensor_bias@qpos.elbow"), NO_TERM)
+    assert simulator.not_exportable(simulator.nominal) == dict.fromkeys(
+        ("cogging@elbow", "sensor_bias@qpos.elbow"), NO_TERM
+    )
 
 
 def test_each_parameter_arrives_in_the_file() -> None:
@@ -105,13 +107,13 @@ def test_what_is_not_changed_stays_as_it_was_written() -> None:
 
 def test_a_delay_of_less_than_a_timestep_is_foreign() -> None:
     simulator = MujocoSimulator(SLIDE).with_effect(ActuatorDelay("motor", Parameter(0.0, 0.02, "s")))
-    (why,) = simulator.foreign(torch.tensor([0.001]).double()).values()
+    (why,) = simulator.not_exportable(torch.tensor([0.001]).double()).values()
     assert why == (
         "which plain MuJoCo has from one timestep on (0.002 s): "
         'timestep="0.001", and delay="0.001" interp="linear" nsample="3" at the actuator, hold it'
     )
-    assert simulator.foreign(torch.tensor([0.0]).double()) == {}
-    assert simulator.foreign(torch.tensor([0.002]).double()) == {}
+    assert simulator.not_exportable(torch.tensor([0.0]).double()) == {}
+    assert simulator.not_exportable(torch.tensor([0.002]).double()) == {}
     assert "delay=" not in simulator.export_xml(torch.tensor([0.001]).double())
     assert "delay=" in simulator.export_xml(torch.tensor([0.003]).double())
 
@@ -122,7 +124,7 @@ def test_a_delay_under_runge_and_kutta_is_foreign_but_of_one_timestep() -> None:
     command = torch.sin(0.1 * torch.arange(300.0).double())[:, None]
     for steps, samples in ((1.0, ""), (1.5, "4"), (2.0, "4")):
         theta = torch.tensor([steps * step], dtype=torch.float64)
-        why = "".join(simulator.foreign(theta).values())
+        why = "".join(simulator.not_exportable(theta).values())
         if not samples:
             assert why == ""
             model = mujoco.MjModel.from_xml_string(simulator.export_xml(theta))
@@ -141,7 +143,7 @@ def test_what_is_said_of_a_delay_lets_mujoco_hold_it(steps: float, runge_kutta: 
     plain = MujocoSimulator(SLIDE).with_effect(ActuatorDelay("motor", Parameter(0, 0.02, "s")))
     simulator = plain.with_runge_kutta() if runge_kutta else plain
     theta = torch.tensor([steps * simulator.timestep], dtype=torch.float64)
-    (why,) = simulator.foreign(theta).values()
+    (why,) = simulator.not_exportable(theta).values()
     said = dict(re.findall(r'(\w+)="([^"]+)"', why))
     spec, delayed = simulator.export(theta), simulator
     if "timestep" in said:
@@ -162,8 +164,8 @@ def test_an_inertia_that_no_body_has_becomes_the_nearest_one() -> None:
     s = (C - A - B) / 3
     assert s > 0
     assert moments == pytest.approx([A + s, B + s, C - s], rel=1e-9)
-    assert simulator.approximate(theta) == ("fore",)
-    assert simulator.approximate(simulator.nominal) == ()
+    assert simulator.bodies_with_adjusted_inertia(theta) == ("fore",)
+    assert simulator.bodies_with_adjusted_inertia(simulator.nominal) == ()
 
 
 def test_precision_is_put_back() -> None:

@@ -82,7 +82,7 @@ def test_a_payload_at_a_site_is_a_mass_there(compiler: str) -> None:
     torch.testing.assert_close(swung(loaded, some), swung(heavy, free), rtol=0, atol=1e-10)
     assert float((swung(loaded, some) - swung(plain, free)).abs().max()) > 0.1
     alone = MujocoSimulator(loaded.export_xml(some[0]), threads=1)
-    assert loaded.foreign(some[0]) == {}
+    assert loaded.not_exportable(some[0]) == {}
     torch.testing.assert_close(swung(alone, free), swung(loaded, some), rtol=0, atol=1e-9)
 
 

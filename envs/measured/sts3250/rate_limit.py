@@ -20,6 +20,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
+from onlinebayes.simulators.effects.bounds import starts_within
 
 MEMORY = 2.0
 """Time within which the actuator has met its command, wherever it came from [s]."""
@@ -59,8 +60,7 @@ class ActuatorRateLimit(Effect):
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A twentieth and a tenth of it, about the joint's own speeds: a limit out of reach moves nothing."""
-        low, width = self.limit.low, self.limit.high - self.limit.low
-        return tuple({"limit": low + part * width} for part in (0.05, 0.1))
+        return starts_within("limit", self.limit, (0.05, 0.1))
 
     @property
     def memory(self) -> float:

@@ -86,7 +86,7 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         if all_of_them:
-            placed = [e for e in placed if not (e.rare or _slow(simulator, e) or _same_law(simulator, e))]
+            placed = [e for e in placed if not (e.tried_last or _slow(simulator, e) or _same_law(simulator, e))]
         possible = [effect for effect in placed if target or can_have(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
         for effect in possible if possible or all_of_them else placed:

@@ -189,7 +189,7 @@ def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, fl
     largest = windows.command.abs().amax((0, 1))
     command = torch.cat([torch.zeros(1 + M, U).to(start), torch.diag(largest)])[:, None]
     # A command's force is what it comes to, however long an activation takes for it.
-    state.update({key: line[:, 0] for key, line in loaded.commanded(worlds, command, dt).items()})
+    state.update({key: line[:, 0] for key, line in loaded.command_driven_states(worlds, command, dt).items()})
     inputs = TensorDict({"command": command}, batch_size=(len(worlds), 1))
     v = loaded.rollout(worlds, state, inputs, worlds.new_tensor([dt]))["qvel"][:, 0, j]
     response = v[1 : 1 + M] - v[0]

@@ -56,7 +56,7 @@ def tile(
     horizon: float,
     noise: Float[Tensor, " S"] | None = None,
     inset: bool = False,
-    forgetting: float = 0.0,
+    memory_span: float = 0.0,
 ) -> Tiling:
     """Tile every run and smooth the windows' starts on the sensor's own rows.
 
@@ -67,7 +67,7 @@ def tile(
         horizon: H [s]; shortened to the longest stretch without a gap.
         noise: floor of each signal [SI], or None to take it from these runs.
         inset: begin where the smoother sees the start from both sides.
-        forgetting: no window begins earlier than that in a stretch [s], as far as the stretch can spare it.
+        memory_span: no window begins earlier than that in a stretch [s], as far as the stretch can spare it.
 
     Raises:
         BadInput: every run is too short for a single window.
@@ -81,7 +81,7 @@ def tile(
     bin_rows = max(1, rows // BINS)
     rows -= rows % bin_rows
     lead = _lead(sensor, names, joints, rows * step, step) if inset else 0
-    unknown = math.ceil(forgetting / step)
+    unknown = math.ceil(memory_span / step)
     places = [
         (r, first + skipped + g)
         for r, grid in enumerate(grids)

@@ -182,7 +182,7 @@ def make_windows(
         step = _whole_part(like.step, step, simulator.timestep)
     grids = run_grids(measurement, step)
     tiling = (
-        tile(measurement, grids, joint_names(simulator), horizon, noise, inset, simulator.forgetting)
+        tile(measurement, grids, joint_names(simulator), horizon, noise, inset, simulator.memory_span)
         if like is None
         else Tiling(
             tuple(

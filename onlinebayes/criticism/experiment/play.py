@@ -66,8 +66,10 @@ def at_rest(
         held: commands that were there before [command units].
         seconds: for how long at most [s]. Force stages are at rest until a recording begins.
     """
-    state = simulator.assembled(TensorDict({"qpos": start, "qvel": torch.zeros_like(start)}, batch_size=(len(start),)))
-    settled = simulator.commanded(theta, held[:, None], simulator.timestep)
+    state = simulator.project_onto_constraints(
+        TensorDict({"qpos": start, "qvel": torch.zeros_like(start)}, batch_size=(len(start),))
+    )
+    settled = simulator.command_driven_states(theta, held[:, None], simulator.timestep)
     state.update({key: line[:, 0] for key, line in settled.items()})
     known = VISIBLE | settled.keys()
     hidden = [key for key in simulator.state.keys() if key not in known]  # noqa: SIM118  (iterating gives rows)

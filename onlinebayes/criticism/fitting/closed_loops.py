@@ -30,7 +30,7 @@ def follow(simulator: Simulator, have: Collection[str]) -> set[str]:
     known = [j for j, name in enumerate(names) if name in have]
     if not known:
         return set()
-    pose = simulator.tied_positions(simulator.state["qpos"][:1], known)[0]
+    pose = simulator.constrained_positions(simulator.state["qpos"][:1], known)[0]
     return {names[j] for j in pose.isfinite().nonzero()[:, 0].tolist() if j not in known}
 
 
@@ -56,7 +56,7 @@ def completed(simulator: Simulator, measurement: Measurement) -> tuple[Measureme
             continue
         path = value.new_zeros(int(rows[r].sum()), len(joints))
         path[:, known] = data["signal"][r][rows[r]][:, columns]
-        value[r, rows[r]] = simulator.tied_positions(path, known)
+        value[r, rows[r]] = simulator.constrained_positions(path, known)
     seen = rows[..., None] & torch.isfinite(value)
     tied = [j for j in lacking if bool(seen[..., j].any())]
     if not tied:
@@ -87,7 +87,7 @@ def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) 
         fit_runs: the runs that it is fitted to.
         horizon: H [s].
     """
-    rigid = simulator.with_rigid_ties()
+    rigid = simulator.with_rigid_constraints()
     if rigid is simulator:
         return simulator, ()
     own, stiff = (settled_misfit(one, fit_runs, horizon) for one in (simulator, rigid))

@@ -120,7 +120,7 @@ def replay_numbers(simulator: Simulator) -> Int[Tensor, " P"]:
     """Number of the moved replay in which each parameter moves: its own one, shared by the own values of all runs."""
     if isinstance(simulator, ScopedSimulator):
         return torch.unique(simulator.place, return_inverse=True)[1]
-    return torch.arange(len(simulator.parameters))
+    return torch.arange(len(simulator.parameters), device=simulator.device)
 
 
 def parameter_steps(

@@ -70,26 +70,26 @@ class SimulatorWrapper(Simulator):
         return self.physics.failed
 
     @property
-    def forgetting(self) -> float:
+    def memory_span(self) -> float:
         """That of the physics."""
-        return self.physics.forgetting
+        return self.physics.memory_span
 
     @property
-    def remembering(self) -> tuple[str, ...]:
+    def integrating_commands(self) -> tuple[str, ...]:
         """Those of the physics."""
-        return self.physics.remembering
+        return self.physics.integrating_commands
 
-    def assembled(self, state: TensorDictBase) -> TensorDictBase:
-        """See :meth:`Simulator.assembled`."""
-        return self.physics.assembled(state)
+    def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
+        """See :meth:`Simulator.project_onto_constraints`."""
+        return self.physics.project_onto_constraints(state)
 
-    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
-        """See :meth:`Simulator.tied_positions`."""
-        return self.physics.tied_positions(path, known)
+    def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """See :meth:`Simulator.constrained_positions`."""
+        return self.physics.constrained_positions(path, known)
 
-    def with_rigid_ties(self) -> Self:
-        """See :meth:`Simulator.with_rigid_ties`."""
-        other = self.physics.with_rigid_ties()
+    def with_rigid_constraints(self) -> Self:
+        """See :meth:`Simulator.with_rigid_constraints`."""
+        other = self.physics.with_rigid_constraints()
         return self if other is self.physics else self.around(other)
 
     def with_effect(self, effect: Effect) -> Self:

@@ -108,25 +108,27 @@ class ChartedSimulator(SimulatorWrapper):
         """See :meth:`Simulator.rollout`."""
         return self._leave(self.physics.rollout(theta, self._enter(state), inputs, times))
 
-    def assembled(self, state: TensorDictBase) -> TensorDictBase:
-        """See :meth:`Simulator.assembled`."""
-        there = self.physics.assembled(self._enter(state)).clone(recurse=False)
+    def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
+        """See :meth:`Simulator.project_onto_constraints`."""
+        there = self.physics.project_onto_constraints(self._enter(state)).clone(recurse=False)
         there["qpos"] = turns(self.turning, there["qpos"], *self._still(there["qpos"]))
         return there
 
-    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+    def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
         """None: they are worked out of slides and hinges only."""
-        return Simulator.tied_positions(self, path, known)
+        return Simulator.constrained_positions(self, path, known)
 
-    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """See :meth:`Simulator.recall`; force stages see scalar joints alone, so that any reference does for turns."""
-        return self.physics.recall(theta, self._enter(motion), step)
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """See :meth:`Simulator.hidden_states_along`; they see scalar joints alone: any reference does for turns."""
+        return self.physics.hidden_states_along(theta, self._enter(motion), step)
 
-    def commanded(
+    def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """See :meth:`Simulator.commanded`."""
-        return self.physics.commanded(theta, command, step)
+        """See :meth:`Simulator.command_driven_states`."""
+        return self.physics.command_driven_states(theta, command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float

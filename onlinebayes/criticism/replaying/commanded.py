@@ -2,7 +2,8 @@
 
     run r, theta_m:   commands since its first row -> a at all its rows  -> picked at each window's first row (M, W)
 
-Along the whole run where that is at hand, else along the history before each window. See ``Simulator.commanded``.
+Along the whole run where that is at hand, else along the history before each window. See
+``Simulator.command_driven_states``.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ def commanded(
     size, parts = max(1, CHUNK // max(1, R * K * U)), []
     for k in range(0, M, size):
         worlds = theta[k : k + size, window]
-        lines = simulator.commanded(worlds.flatten(0, 1), command.repeat(len(worlds), 1, 1), windows.step)
+        lines = simulator.command_driven_states(worlds.flatten(0, 1), command.repeat(len(worlds), 1, 1), windows.step)
         parts.append({key: line.unflatten(0, (len(worlds), R))[:, mine, row] for key, line in lines.items()})
     return {key: torch.cat([part[key] for part in parts]).flatten(0, 1) for key in parts[0]} if parts else {}
 

@@ -3,7 +3,7 @@
     run r, theta_m:   motion of the run -> h at all its rows (M, R, G)  -> picked at each window's first row (M, W)
 
 One pass a run, however many windows it has; where effects remember little more than a window, one over what they
-remember before each, all windows at once: fewer steps, hardly more rows. See ``Simulator.recall``.
+remember before each, all windows at once: fewer steps, hardly more rows. See ``Simulator.hidden_states_along``.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]
     window = torch.stack([(mine == r).nonzero()[0, 0] for r in range(R)])
     worlds = theta[:, window].flatten(0, 1)
     moved = unsense(simulator, worlds[:, None], motion.expand(M, *motion.batch_size).flatten(0, 1))
-    found = simulator.recall(worlds, moved, windows.step)
+    found = simulator.hidden_states_along(worlds, moved, windows.step)
     rows = windows.first.clamp_max(motion.batch_size[1])
     return {key: line.unflatten(0, (M, R))[:, mine, rows].flatten(0, 1) for key, line in found.items()}
 
@@ -60,12 +60,12 @@ def _lately(
     line = motion[window[:, None], begin[:, None] + row]
     worlds = theta.flatten(0, 1)
     moved = unsense(simulator, worlds[:, None], line.expand(M, W, rows).flatten(0, 1))
-    found = simulator.recall(worlds, moved, windows.step)
+    found = simulator.hidden_states_along(worlds, moved, windows.step)
     return {key: each.unflatten(0, (M, W))[:, window, last - begin].flatten(0, 1) for key, each in found.items()}
 
 
 def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDict | None:
-    """What ``Simulator.recall`` asks for, of these runs up to their last windows (R, K); None where one is unknown."""
+    """What ``Simulator.hidden_states_along`` asks for, of runs up to their last windows (R, K); None if unknown."""
     longest = max(1, int(windows.first.max()))
     lines = []
     for r in runs:

@@ -88,7 +88,7 @@ def rollout(
     qpos, qvel = starts.reshape(M * W, -1).chunk(2, dim=-1)
     chart = chart_of(physics, windows)
     state = chart.enter(unsense(physics, worlds, TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=(M * W,))))
-    state = chart.physics.assembled(state)
+    state = chart.physics.project_onto_constraints(state)
     hidden = [key for key in chart.physics.state.keys() if key not in VISIBLE]  # noqa: SIM118  (iterating gives rows)
     recalled = recall(physics, windows, unfolded) if hidden else {}
     given = commanded(chart.physics, windows, unfolded) if set(hidden) - {"effects"} else {}
@@ -97,8 +97,9 @@ def rollout(
         if given:
             state.update(commanded(chart.physics, windows, unfolded, remembered))
         shared = fed_by_command(chart.physics, recalled).issuperset(hidden)
-        alone, world = distinct(theta) if shared else (torch.arange(M), torch.arange(M))
-        of_each = (alone[:, None] * W + torch.arange(W)).flatten().to(worlds.device)
+        every = torch.arange(M, device=theta.device)
+        alone, world = distinct(theta) if shared else (every, every)
+        of_each = (alone[:, None] * W + torch.arange(W, device=theta.device)).flatten().to(worlds.device)
         before, enable = windows.history[:, -remembered:], windows.history_enable[:, -remembered:]
         past = _drive(chart.physics, worlds[of_each], state[of_each], before, enable, windows.step, len(alone))
         for key in hidden:
@@ -147,7 +148,8 @@ def distinct(theta: Float[Tensor, "M P"]) -> tuple[Int[Tensor, " m"], Int[Tensor
     """The first row of each theta there is, and for every row which of these it equals."""
     seen: dict[tuple[float, ...], int] = {}
     world = [seen.setdefault(tuple(row), len(seen)) for row in theta.tolist()]
-    return torch.tensor([world.index(k) for k in range(len(seen))]), torch.tensor(world)
+    alone = torch.tensor([world.index(k) for k in range(len(seen))], device=theta.device)
+    return alone, torch.tensor(world, device=theta.device)
 
 
 def sensor_readings(

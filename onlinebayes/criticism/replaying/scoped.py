@@ -55,8 +55,9 @@ class ScopedSimulator(SimulatorWrapper):
             else:
                 entries[address] = (i, -1, bounds)
         self.parameters = ParameterSpace({name: bounds for name, (_, _, bounds) in entries.items()})
-        self.place: Int[Tensor, " F"] = torch.tensor([i for i, _, _ in entries.values()], dtype=torch.long)
-        self.own: Int[Tensor, " F"] = torch.tensor([r for _, r, _ in entries.values()], dtype=torch.long)
+        place, own = [i for i, _, _ in entries.values()], [r for _, r, _ in entries.values()]
+        self.place: Int[Tensor, " F"] = torch.tensor(place, dtype=torch.long, device=self.device)
+        self.own: Int[Tensor, " F"] = torch.tensor(own, dtype=torch.long, device=self.device)
         self.signals = physics.signals
         self._phi = self.nominal.expand(self.worlds, -1).clone()
 
@@ -143,8 +144,8 @@ class ScopedSimulator(SimulatorWrapper):
         self, theta: Float[Tensor, "N F"], state: TensorDictBase | None = None, mask: Bool[Tensor, " N"] | None = None
     ) -> TensorDict:
         """Typical worlds; see :meth:`Simulator.reset`."""
-        rows = slice(None) if mask is None else mask
-        self._phi[rows] = theta[rows].to(self._phi)
+        rows = slice(None) if mask is None else mask.to(self._phi.device)
+        self._phi[rows] = theta.to(self._phi)[rows]
         return self.physics.reset(self.typical(self._phi), state, mask)
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
@@ -161,15 +162,17 @@ class ScopedSimulator(SimulatorWrapper):
         """Typical worlds; see :meth:`Simulator.rollout`."""
         return self.physics.rollout(self.typical(theta), state, inputs, times)
 
-    def recall(self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """Typical worlds; see :meth:`Simulator.recall`."""
-        return self.physics.recall(self.typical(theta), motion, step)
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """Typical worlds; see :meth:`Simulator.hidden_states_along`."""
+        return self.physics.hidden_states_along(self.typical(theta), motion, step)
 
-    def commanded(
+    def command_driven_states(
         self, theta: Float[Tensor, "N F"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """Typical worlds; see :meth:`Simulator.commanded`."""
-        return self.physics.commanded(self.typical(theta), command, step)
+        """Typical worlds; see :meth:`Simulator.command_driven_states`."""
+        return self.physics.command_driven_states(self.typical(theta), command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float

@@ -43,7 +43,7 @@ def left_out(result: Criticism) -> Mapping[str, str]:
     """Keys of the effects that refined.xml cannot hold -> why, and what would let it."""
     model = _model(result)
     simulator, theta = innermost(model.simulator), physical(model.simulator, model.theta)
-    return simulator.foreign(theta) if isinstance(simulator, MujocoSimulator) else {}
+    return simulator.not_exportable(theta) if isinstance(simulator, MujocoSimulator) else {}
 
 
 def noted(result: Criticism) -> Criticism:
@@ -164,7 +164,7 @@ def _spec(result: Criticism, simulator: MujocoSimulator) -> mujoco.MjSpec:
 
 def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
     """What the file holds in place of fitted moments of inertia that no body has."""
-    bodies = simulator.approximate(physical(_model(result).simulator, _model(result).theta))
+    bodies = simulator.bodies_with_adjusted_inertia(physical(_model(result).simulator, _model(result).theta))
     rule = "the nearest moments of inertia that a body can have (A + B >= C)"
     return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
 

@@ -101,7 +101,7 @@ def _effects(current: Grounds) -> Iterator[Group]:
     """The vocabulary's effects that are not among all, a group a name."""
     simulator, windows = current.fitted.simulator, current.windows
     for name, kind in {**EFFECTS, **simulator.own_effects}.items():
-        if kind.rare and kind.target_kind != "parameter":
+        if kind.tried_last and kind.target_kind != "parameter":
             yield f"for {name}", tuple(e for e in propose(simulator, windows, [name]) if can_have(simulator, e))
 
 
@@ -235,7 +235,7 @@ def find_one_for_several(
     several = {judged.effect.key for _, judged in accepted}
     if len(several) < 2:
         return None
-    rivals = [judged.effect for _, judged in accepted if judged.effect.rare]
+    rivals = [judged.effect for _, judged in accepted if judged.effect.tried_last]
     rivals += [effect for _, effects in _effects(base) for effect in effects if contained(effect) & several]
     rivals = [effect for effect in rivals if effect.key not in tried]
     if not rivals:

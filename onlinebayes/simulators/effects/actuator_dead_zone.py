@@ -16,7 +16,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
 
 
@@ -56,8 +56,7 @@ class ActuatorDeadZone(Effect):
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A tenth and two fifths of the widest: which commands it swallows depends on w."""
-        low, width = self.width.low, self.width.high - self.width.low
-        return tuple({"width": low + part * width} for part in (0.1, 0.4))
+        return starts_within("width", self.width, (0.1, 0.4))
 
     def command(
         self,

@@ -22,7 +22,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
 
 
@@ -62,8 +62,7 @@ class ActuatorLag(Effect):
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A tenth and two fifths of the longest lag: the response to a lag is not small-signal linear."""
-        low, width = self.time_constant.low, self.time_constant.high - self.time_constant.low
-        return tuple({"time_constant": low + part * width} for part in (0.1, 0.4))
+        return starts_within("time_constant", self.time_constant, (0.1, 0.4))
 
     @property
     def memory(self) -> float:

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
 
 UNLIMITED = 1e15
@@ -66,8 +66,7 @@ class ActuatorSaturation(Effect):
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """Limits that cut more and more: a limit just below the largest force is seen at its peaks alone."""
-        low, width = self.limit.low, self.limit.high - self.limit.low
-        return tuple({"limit": low + part * width} for part in (0.8, 0.65, 0.5, 0.25))
+        return starts_within("limit", self.limit, (0.8, 0.65, 0.5, 0.25))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """Give an actuator without limits some that are never reached, so that each world can have its own."""

@@ -44,7 +44,7 @@ class Effect(ABC):
         name: the contract's name, e.g. ``"dry_friction"``.
         target_kind: what ``target`` names.
         wider: other kinds that it may name: the world for all bodies, a site for a place on one.
-        rare: criticism tries it last, where nothing else explains the data (or where it is named).
+        tried_last: criticism tries it last, where nothing else explains the data (or where it is named).
         rugged: its misfit has several valleys, so that a refit begins at several of its starting values.
         target: name of the joint, actuator, body, geom, site or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
@@ -62,7 +62,7 @@ class Effect(ABC):
     name: ClassVar[str]
     target_kind: ClassVar[TargetKind]
     wider: ClassVar[tuple[TargetKind, ...]] = ()
-    rare: ClassVar[bool] = False
+    tried_last: ClassVar[bool] = False
     rugged: ClassVar[bool] = False
     target: str
     fields: ClassVar[tuple[str, ...]] = ()

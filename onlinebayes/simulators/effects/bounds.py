@@ -1,6 +1,8 @@
-"""What the bounds of an effect's parameters must obey."""
+"""What the bounds of an effect's parameters must obey, and what follows from them: starting values, units."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
@@ -10,6 +12,18 @@ def non_negative(key: str, name: str, parameter: Parameter) -> None:
     """Raise :class:`BadInput` for a friction, drag, stiffness or time whose bounds reach below zero."""
     if parameter.low < 0:
         raise BadInput(f"{key}.{name} may be {parameter.low:g} {parameter.unit}", "it is never negative: start at 0")
+
+
+def starts_within(name: str, bounds: Parameter, parts: Sequence[float]) -> tuple[dict[str, float], ...]:
+    """Starting values of one parameter, at these parts of the way from its lower bound to its upper one.
+
+    Args:
+        name: short name of the parameter.
+        bounds: its bounds.
+        parts: from 0 (the lower bound) to 1 (the upper one), one a start.
+    """
+    low, width = bounds.low, bounds.high - bounds.low
+    return tuple({name: low + part * width} for part in parts)
 
 
 def joint_unit(unit: str, slide: str, hinge: str) -> str:

@@ -43,7 +43,7 @@ class Cogging(Effect):
     poles: Parameter
     phase: Parameter
     name = "cogging"
-    rare = True
+    tried_last = True
     rugged = True
     target_kind = "joint"
     needs_position = True

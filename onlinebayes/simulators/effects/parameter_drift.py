@@ -34,7 +34,7 @@ class ParameterDrift(Effect):
     middle: float = 0.0
     name = "parameter_drift"
     target_kind = "parameter"
-    rare = True
+    tried_last = True
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:

@@ -38,7 +38,7 @@ class ParameterStep(Effect):
     instants: int = 7
     name = "parameter_step"
     target_kind = "parameter"
-    rare = True
+    tried_last = True
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:

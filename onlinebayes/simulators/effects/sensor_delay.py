@@ -17,7 +17,7 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import non_negative
+from onlinebayes.simulators.effects.bounds import non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading
 
@@ -57,8 +57,7 @@ class SensorDelay(Effect):
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """A tenth and two fifths of the longest dead time."""
-        low, width = self.delay.low, self.delay.high - self.delay.low
-        return tuple({"delay": low + part * width} for part in (0.1, 0.4))
+        return starts_within("delay", self.delay, (0.1, 0.4))
 
     def sense(self, parameters: Mapping[str, Tensor], reading: Reading) -> Float[Tensor, "*batch T"]:
         """q(t - T)."""

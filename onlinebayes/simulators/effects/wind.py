@@ -48,7 +48,7 @@ class Wind(Effect):
     target_kind = "body"
     wider = ("world",)
     excludes = EXCLUDES
-    rare = True
+    tried_last = True
     fields = (*FIELDS, "opt.wind")
     contains = ("air_drag",)
     absorbs = ("drag",)

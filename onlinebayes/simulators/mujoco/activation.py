@@ -19,6 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.simulators.mujoco.addresses import model_array
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.recall import driven
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
@@ -73,7 +74,7 @@ class Recurrence:
 def activations(
     system: MujocoSystem, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
 ) -> dict[str, Tensor]:
-    """``"act"`` along commands where all is filters or integrators; see ``Simulator.commanded``."""
+    """``"act"`` along commands where all is filters or integrators; see ``Simulator.command_driven_states``."""
     model, h = system.model, float(system.model.opt.timestep)
     if not _followed(model):
         return {}
@@ -100,8 +101,8 @@ def _activations(
     return act
 
 
-def forgetting(system: MujocoSystem) -> float:
-    """See :attr:`onlinebayes.simulators.base.Simulator.forgetting`."""
+def memory_span(system: MujocoSystem) -> float:
+    """See :attr:`onlinebayes.simulators.base.Simulator.memory_span`."""
     model = system.model
     forgetful = [i for i in range(model.nu) if int(model.actuator_dyntype[i]) in (*FILTERS, DYN.mjDYN_MUSCLE)]
     if not forgetful:
@@ -112,7 +113,7 @@ def forgetting(system: MujocoSystem) -> float:
         if any(cell.array == "actuator_dynprm" for cell in address.cells):
             high = system.parameters.high[column]
             longest[:, column] = torch.maximum(nominal[:, column], high.clamp_max(WIDER * nominal[0, column]))
-    constants = _field(system, "actuator_dynprm", system.write(longest.numpy()))[0]
+    constants = _field(system, "actuator_dynprm", system.write(to_host(longest)))[0]
     filters = [float(constants[i, 0]) for i in forgetful if int(model.actuator_dyntype[i]) in FILTERS]
     muscles = [float(constants[i, :2].max()) for i in forgetful if int(model.actuator_dyntype[i]) == DYN.mjDYN_MUSCLE]
     return FORGOTTEN * max(*filters, *(MUSCLE_SLOWEST * slowest for slowest in muscles), 0.0)
@@ -131,7 +132,7 @@ def _followed(model: mujoco.MjModel) -> bool:
 
 def _all(system: MujocoSystem, theta: Float[Tensor, "N P"], steps: int) -> list[Recurrence]:
     """Every activation over ``steps`` timesteps of one command; integrators begin where the first keyframe has them."""
-    model, fields = system.model, system.write(theta.numpy())
+    model, fields = system.model, system.write(to_host(theta))
     h, N = float(model.opt.timestep), len(theta)
     free = model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_CLAMPCTRL
     ranges = {name: _field(system, f"actuator_{name}", fields).expand(N, -1, -1) for name in ("ctrlrange", "actrange")}

@@ -48,6 +48,15 @@ def soft(spec: mujoco.MjSpec) -> list[mujoco.MjsEquality]:
     ]
 
 
+def rigid(spec: mujoco.MjSpec) -> mujoco.MjSpec | None:
+    """A copy in which the constraints of :func:`soft` are rigid; None where there are none."""
+    spec = spec.copy()
+    ties = soft(spec)
+    for tie in ties:
+        tie.solref, tie.solimp = RIGID
+    return spec if ties else None
+
+
 class Closure:
     """The equality constraints of one model.
 

@@ -21,7 +21,7 @@ from onlinebayes.simulators.mujoco import possible_moments
 from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, model_array
 from onlinebayes.simulators.mujoco.compile_time import written_out
 from onlinebayes.simulators.mujoco.fields import SPEC, SpecAttribute
-from onlinebayes.simulators.mujoco.foreign import delay_of, foreign, samples
+from onlinebayes.simulators.mujoco.foreign import delay_of, not_exportable, samples
 from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -32,10 +32,10 @@ GEOMETRY = {"qpos_spring", "body_pos", "site_pos"}
 
 
 def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
-    """The spec of the world with parameters theta (1, P), without the effects that :func:`foreign` names."""
+    """The spec of the world with parameters theta (1, P), without the effects that :func:`not_exportable` names."""
     spec = system.spec.copy()
     written_out(spec, compile_spec(spec))
-    left_out = foreign(system, theta)
+    left_out = not_exportable(system, theta)
     if GEOMETRY & set(system.fields):
         _keep_rest_lengths(spec, system.model)
     for array, values in system.write(theta).items():
@@ -52,7 +52,7 @@ def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:
     return spec
 
 
-def approximate(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
+def bodies_with_adjusted_inertia(system: MujocoSystem, theta: np.ndarray) -> tuple[str, ...]:
     """Names of the bodies whose fitted moments no body has: the export holds the nearest ones."""
     fields = system.write(theta)
     if possible_moments.FIELD not in fields:

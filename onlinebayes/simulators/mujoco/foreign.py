@@ -21,7 +21,7 @@ from onlinebayes.simulators.mujoco.system import MujocoSystem
 NO_TERM = "which plain MuJoCo has no term for"
 
 
-def foreign(system: MujocoSystem, theta: np.ndarray) -> Mapping[str, str]:
+def not_exportable(system: MujocoSystem, theta: np.ndarray) -> Mapping[str, str]:
     """Keys of the effects that plain MuJoCo lacks in the world with parameters theta (1, P) -> why, as a clause."""
     keys = [e.key for e in system.effects if e.fields and not set(e.fields) <= set(SPEC)]
     keys += [e.key for e in system.effects if e in system.staged or e.target_kind in ("signal", "parameter")]

@@ -15,14 +15,15 @@ from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.stage import Place, actuator_fields
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
 
-def recall(
+def hidden_states_along(
     system: MujocoSystem, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
 ) -> dict[str, TensorDict]:
-    """See :meth:`onlinebayes.simulators.base.Simulator.recall`."""
+    """See :meth:`onlinebayes.simulators.base.Simulator.hidden_states_along`."""
     rests = system.rest(len(theta), step)
     # One that is an input stage as well needs its own rows of both; none of the vocabulary is.
     remembering = [effect for effect in system.staged if effect.key in rests and not effect.has_command]
@@ -69,7 +70,7 @@ def _on(system: MujocoSystem, motion: TensorDictBase) -> Tensor:
 
 def _fields(system: MujocoSystem, theta: Float[Tensor, "N P"]) -> dict[str, Tensor]:
     """The actuators' fields, (N, 1, ...) for K rows at once."""
-    return {name: rows[:, None] for name, rows in actuator_fields(system, system.write(theta.numpy())).items()}
+    return {name: rows[:, None] for name, rows in actuator_fields(system, system.write(to_host(theta))).items()}
 
 
 def driven(

@@ -20,6 +20,8 @@ from jaxtyping import Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from onlinebayes.simulators.mujoco.host import to_host
+
 STATE = {
     "time": mujoco.mjtState.mjSTATE_TIME,
     "qpos": mujoco.mjtState.mjSTATE_QPOS,
@@ -52,7 +54,7 @@ class Record:
         """Rows (N, S) of a state; time 0."""
         rows = np.zeros((worlds, self.size))
         for key, columns in self.columns.items():
-            rows[:, columns] = state.get(key).numpy()
+            rows[:, columns] = to_host(state.get(key))
         return rows
 
 

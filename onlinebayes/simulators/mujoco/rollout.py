@@ -16,6 +16,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
@@ -53,7 +54,7 @@ def _marks(times: Tensor, timestep: float) -> np.ndarray:
     """Number of timesteps since the start at which each row is recorded (T,)."""
     if not len(times):
         raise BadInput("times is empty", "give at least one instant")
-    marks = np.round(times.detach().double().cpu().numpy() / timestep).astype(np.int64)
+    marks = np.round(to_host(times.double()) / timestep).astype(np.int64)
     if marks[0] < 0 or (np.diff(marks) < 0).any():
         raise BadInput("times go back", "give instants since the start, increasing")
     return marks
@@ -68,19 +69,19 @@ def _rollout(
     marks: np.ndarray,
 ) -> TensorDict:
     worlds = Worlds(system, len(theta), threads)
-    worlds.write_theta(theta.numpy())
+    worlds.write_theta(to_host(theta))
     worlds.write_state(state)
     before = worlds.read_state()
     start = system.record.pack(before, len(theta))
     if system.sensors:
-        start = np.concatenate([start, before["sensor"].numpy()], axis=1)
+        start = np.concatenate([start, to_host(before["sensor"])], axis=1)
     row = np.repeat(np.arange(len(marks)), np.diff(marks, prepend=0))
     hidden = system.hidden(state, len(theta))
     if worlds.stage is not None:
         worlds.stage.hidden = {e.key: hidden[e.key] for e in system.staged if e.key in hidden}
     ctrl, _, fed = system.drive(theta, hidden, inputs.get("command")[:, row])
     enable = inputs.get("enable", None)
-    recorded, good = _record(worlds, ctrl, None if enable is None else enable.numpy() > 0, row)
+    recorded, good = _record(worlds, ctrl, None if enable is None else to_host(enable) > 0, row)
     # Row 0 of the line is the start: a world that diverged at step g + 1 stays at row g.
     picked = np.minimum(marks[None], good[:, None])
     states = np.take_along_axis(recorded, np.maximum(picked, 1)[..., None] - 1, axis=1) if len(row) else None

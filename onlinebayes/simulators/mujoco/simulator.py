@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal, Self
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -14,41 +13,27 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import timesteps_of
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
-from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.effects.contact import contacts
-from onlinebayes.simulators.effects.fluid import body_size
-from onlinebayes.simulators.mujoco.activation import INTEGRATING, activations, forgetting
-from onlinebayes.simulators.mujoco.addresses import HINGE, SLIDE, names
-from onlinebayes.simulators.mujoco.closure import RIGID, Closure, soft, tied
-from onlinebayes.simulators.mujoco.export import approximate, export, to_xml
-from onlinebayes.simulators.mujoco.foreign import foreign
-from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
-from onlinebayes.simulators.mujoco.recall import actuator_forces, recall
+from onlinebayes.simulators.mujoco import inventory
+from onlinebayes.simulators.mujoco.activation import activations, memory_span
+from onlinebayes.simulators.mujoco.blueprint import Blueprint, Remakable
+from onlinebayes.simulators.mujoco.closure import Closure, soft, tied
+from onlinebayes.simulators.mujoco.export import bodies_with_adjusted_inertia, export, to_xml
+from onlinebayes.simulators.mujoco.foreign import not_exportable
+from onlinebayes.simulators.mujoco.host import to_host
+from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.recall import actuator_forces, hidden_states_along
 from onlinebayes.simulators.mujoco.rollout import rollout
-from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
-from onlinebayes.simulators.mujoco.variants import gravity_compensated, laden
 from onlinebayes.simulators.mujoco.worlds import Worlds
-from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
-
-FED_BY_COMMAND = frozenset(
-    int(kind)
-    for kind in (
-        mujoco.mjtDyn.mjDYN_NONE,
-        mujoco.mjtDyn.mjDYN_INTEGRATOR,
-        mujoco.mjtDyn.mjDYN_FILTER,
-        mujoco.mjtDyn.mjDYN_FILTEREXACT,
-        mujoco.mjtDyn.mjDYN_MUSCLE,
-    )
-)
-"""Kinds of activation that the control alone drives."""
+from onlinebayes.simulators.mujoco.wrenches import is_wrench
 
 
-class MujocoSimulator(Simulator):
+class MujocoSimulator(Remakable):
     """N worlds of one MJCF model, bit for bit what ``mj_step`` gives over N models whose fields were changed.
 
     Args:
@@ -84,9 +69,8 @@ class MujocoSimulator(Simulator):
         soft_friction: bool = False,
         scaled_moments: bool = False,
     ) -> None:
-        parameters = parameters or ParameterSpace()
-        self._system = MujocoSystem(load_spec(model), parameters, effects, sensors, soft_friction, scaled_moments)
-        self._threads = threads
+        source, parameters = load_spec(model), parameters or ParameterSpace()
+        self._system = MujocoSystem(source, parameters, effects, sensors, soft_friction, scaled_moments)
         self.spec, self.model = self._system.spec, self._system.model
         self.parameters, self.effects = self._system.parameters, self._system.effects
         self.commands = tuple(c.name for c in self._system.commands)
@@ -96,18 +80,18 @@ class MujocoSimulator(Simulator):
         if not self.timestep > 0:
             raise BadInput(f"the model's timestep is {self.timestep:g} s", "give <option timestep> a positive time")
         self.dt = self.timestep if dt is None else dt
-        self._steps = round(self.dt / self.timestep)
-        if self._steps < 1 or not math.isclose(self._steps * self.timestep, self.dt, rel_tol=1e-6):
-            raise BadInput(
-                f"dt = {self.dt:g} s", f"it must be a whole number of the model's timesteps of {self.timestep:g} s"
-            )
+        self._steps = timesteps_of(self.dt, self.timestep)
         if worlds < 1:
             raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
+        own, read = self._system.effects, self._system.sensors
+        self._blueprint = Blueprint(
+            source, parameters, worlds, self.dt, threads, own, read, soft_friction, scaled_moments
+        )
         self._worlds = Worlds(self._system, worlds, threads)
         self._closure = Closure(self.model) if tied(self.model) else None
         self._theta = self.nominal.expand(worlds, -1).clone()
         self._hidden = self._system.rest(worlds)
-        self._worlds.write_theta(self._theta.numpy())
+        self._worlds.write_theta(to_host(self._theta))
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
@@ -125,11 +109,7 @@ class MujocoSimulator(Simulator):
     @property
     def joint_kinds(self) -> dict[str, Literal["slide", "hinge"]]:
         """Name -> kind of every slide and hinge joint, which decides the units of what acts on it."""
-        kinds: dict[str, Literal["slide", "hinge"]] = {}
-        for name, kind in zip(names(self.model, "joint"), self.model.jnt_type, strict=True):
-            if kind in (SLIDE, HINGE):
-                kinds[name] = "slide" if kind == SLIDE else "hinge"
-        return kinds
+        return inventory.joint_kinds(self.model)
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
         """See :meth:`Simulator.targets`.
@@ -146,40 +126,28 @@ class MujocoSimulator(Simulator):
         if kind == "geom":
             return tuple(self.contacts)
         if kind == "site":
-            moving = self.model.body_weldid[self.model.site_bodyid] != 0
-            return tuple(name for name, moves in zip(names(self.model, "site"), moving, strict=True) if name and moves)
+            return inventory.moving_sites(self.model)
         return ("world",) if kind == "world" else super().targets(kind)
 
     @property
     def body_sizes(self) -> dict[str, tuple[float, float]]:
         """Mass [kg] of each named body that moves, and half the diagonal of the box with its inertia [m]."""
-        sizes = {}
-        for i, name in enumerate(names(self.model, "body")):
-            if name and self.model.body_weldid[i] and (size := body_size(self.model, i)):
-                sizes[name] = (float(self.model.body_mass[i]), size)
-        return sizes
+        return inventory.body_sizes(self.model)
 
     @property
     def moving_joints(self) -> dict[str, tuple[str, ...]]:
         """Names of the joints between the world and each of :attr:`body_sizes`."""
-        joints = names(self.model, "joint")
-        chains: list[tuple[str, ...]] = [()]
-        for i in range(1, self.model.nbody):
-            first, count = int(self.model.body_jntadr[i]), int(self.model.body_jntnum[i])
-            chains.append((*chains[self.model.body_parentid[i]], *joints[first : first + count]))
-        return {name: chains[self.model.body(name).id] for name in self.body_sizes}
+        return inventory.moving_joints(self.model)
 
     @property
     def fed_by_command(self) -> frozenset[str]:
         """Activations, where every actuator's are a filter's, an integrator's or a muscle's."""
-        return frozenset({"act"}) if set(self.model.actuator_dyntype.tolist()) <= FED_BY_COMMAND else frozenset()
+        return inventory.fed_by_command(self.model)
 
     @property
     def servos(self) -> tuple[str, ...]:
         """Joints with an actuator whose bias pulls against their position."""
-        own = self._system.joint_actuators
-        holding = {a.joint for a in own if a.affine_bias and self.model.actuator_biasprm[a.actuator, 1] < 0}
-        return tuple(name for name in self.joint_kinds if self.model.joint(name).id in holding)
+        return inventory.servos(self._system)
 
     @property
     def contacts(self) -> dict[str, Contact]:
@@ -203,7 +171,7 @@ class MujocoSimulator(Simulator):
         mask: Bool[Tensor, " N"] | None = None,
     ) -> TensorDict:
         """New parameters and states for the worlds under ``mask``; see :meth:`Simulator.reset`."""
-        ids = None if mask is None or bool(mask.all()) else mask.numpy().nonzero()[0].astype(np.int32)
+        ids = None if mask is None or bool(mask.all()) else to_host(mask).nonzero()[0].astype(np.int32)
         if ids is not None and not len(ids):
             return self.state
         rows = slice(None) if ids is None else torch.from_numpy(ids).long()
@@ -211,14 +179,14 @@ class MujocoSimulator(Simulator):
         for key, fresh in self._system.hidden(state, self.worlds).items():
             self._hidden[key][rows] = fresh[rows]
         self._worlds.revive(ids)
-        self._worlds.write_theta(self._theta[rows].numpy(), ids)
+        self._worlds.write_theta(to_host(self._theta[rows]), ids)
         self._worlds.write_state(state, ids)
         return self.state
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance every world that has not failed by ``dt``."""
         command, enable = inputs.get("command").to(torch.float64), inputs.get("enable", None)
-        self._worlds.write_enable(None if enable is None else enable.numpy())
+        self._worlds.write_enable(None if enable is None else to_host(enable))
         steps = self._steps if self._system.stages or self._system.staged else 1
         ctrl, after, _ = self._system.drive(self._theta, self._hidden, command[:, None].expand(-1, steps, -1))
         stage = self._worlds.stage
@@ -243,149 +211,58 @@ class MujocoSimulator(Simulator):
         times: Float[Tensor, " T"],
     ) -> TensorDict:
         """Trajectories of M worlds; see :meth:`Simulator.rollout`. Without force stages all runs in the engine."""
-        return rollout(self._system, self._threads, _finite(theta), state, inputs, times)
+        return rollout(self._system, self._blueprint.threads, _finite(theta), state, inputs, times)
 
-    def assembled(self, state: TensorDictBase) -> TensorDictBase:
+    def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
         """The nearest states on the active equality constraints, unless these are soft; see :mod:`.closure`."""
         if self._closure is None or soft(self._system.source):
             return state
-        qpos, qvel = self._closure.nearest(state.get("qpos").numpy(), state.get("qvel").numpy())
-        closed = state.clone(recurse=False)
+        qpos, qvel = self._closure.nearest(to_host(state.get("qpos")), to_host(state.get("qvel")))
+        closed = state.to(self.device).clone(recurse=False)
         closed["qpos"], closed["qvel"] = torch.from_numpy(qpos), torch.from_numpy(qvel)
         return closed
 
-    def tied_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
-        """See :meth:`Simulator.tied_positions`; of models of slides and hinges."""
+    def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
+        """See :meth:`Simulator.constrained_positions`; of models of slides and hinges."""
         if self._closure is None or self.model.nq != len(self.joint_kinds):
-            return super().tied_positions(path, known)
-        full, determined = self._closure.follow(path.numpy(), known)
+            return super().constrained_positions(path, known)
+        full, determined = self._closure.follow(to_host(path), known)
         for j in {*range(path.shape[1])} - {*known}:
             full[~determined, j] = np.nan
         return torch.from_numpy(full)
 
-    def recall(self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float) -> dict[str, TensorDict]:
-        """Hidden states of force stages along a known motion; see :meth:`Simulator.recall`."""
-        return recall(self._system, _finite(theta), motion, step)
+    def hidden_states_along(
+        self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
+    ) -> dict[str, TensorDict]:
+        """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
+        return hidden_states_along(self._system, _finite(theta), motion.to(self.device), step)
 
-    def commanded(
+    def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """Activations where all are filters or integrators; see :meth:`Simulator.commanded`."""
-        return activations(self._system, _finite(theta), command, step)
+        """Activations where all are filters or integrators; see :meth:`Simulator.command_driven_states`."""
+        return activations(self._system, _finite(theta), command.to(self.device), step)
 
     @property
-    def forgetting(self) -> float:
-        """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.forgetting`."""
-        return forgetting(self._system)
+    def memory_span(self) -> float:
+        """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.memory_span`."""
+        return memory_span(self._system)
 
     @property
-    def remembering(self) -> tuple[str, ...]:
-        """Commands of actuators that integrate; see :attr:`Simulator.remembering`."""
-        kinds, commands = self.model.actuator_dyntype, self._system.commands
-        return tuple(one.name for one in commands if int(kinds[one.actuator]) in INTEGRATING)
+    def integrating_commands(self) -> tuple[str, ...]:
+        """Commands of actuators that integrate; see :attr:`Simulator.integrating_commands`."""
+        return inventory.integrating_commands(self._system)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:
         """See :meth:`Simulator.actuator_forces`; of an actuator that acts on no joint, its gain times its command."""
-        return actuator_forces(self._system, _finite(theta), motion, step)
+        return actuator_forces(self._system, _finite(theta), motion.to(self.device), step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """Positions, then velocities, in the model's order, then the sensors that are signals."""
         sensors = [state.get("sensor")] if self._system.sensors else []
         return torch.cat([state.get("qpos"), state.get("qvel"), *sensors], dim=-1)
-
-    def with_effect(self, effect: Effect) -> Self:
-        """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
-        if any(effect.key == other.key for other in self.effects):
-            raise BadInput(f"{effect.key} is already part of the simulator", "add each effect once")
-        return self._remade(effects=(*self.effects, effect))
-
-    def without_effect(self, key: str) -> Self:
-        """A new simulator without one of its effects; see :meth:`Simulator.without_effect`."""
-        return self._remade(effects=all_but(key, self.effects))
-
-    def with_worlds(self, worlds: int) -> Self:
-        """A new simulator with another number of worlds, all nominal and at the default state."""
-        return self._remade(worlds=worlds)
-
-    def with_bounds(self, name: str, parameter: Parameter) -> Self:
-        """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
-        return self._remade(parameters=self._system.base_parameters.replaced(name, parameter))
-
-    def with_timestep(self, timestep: float) -> Self:
-        """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
-        spec = self._system.source.copy()
-        spec.option.timestep = timestep
-        return self._remade(source=spec, dt=timestep)
-
-    def with_runge_kutta(self) -> Self:
-        """A new simulator with MuJoCo's RK4; see :meth:`Simulator.with_runge_kutta`."""
-        if self.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            return self
-        return self._integrated(mujoco.mjtIntegrator.mjINT_RK4)
-
-    def with_first_order(self) -> Self:
-        """A new simulator with MuJoCo's implicitfast in place of RK4; see :meth:`Simulator.with_first_order`.
-
-        Implicit in what damps, it bears the steps that RK4 does.
-        """
-        if self.model.opt.integrator != mujoco.mjtIntegrator.mjINT_RK4:
-            return self
-        return self._integrated(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
-
-    def _integrated(self, integrator: mujoco.mjtIntegrator) -> Self:
-        spec = self._system.source.copy()
-        spec.option.integrator = integrator
-        return self._remade(source=spec)
-
-    def with_soft_friction(self) -> Self:
-        """A new simulator whose effects' friction is the model's own constraint; see :mod:`.effects.sticking`.
-
-        Itself where friction is no native effect, or where force stages have some, which no MJCF could hold.
-        """
-        native = any("dof_frictionloss" in effect.fields for effect in self.effects)
-        if self._system.soft_friction or not native or any(effect.bounds_friction for effect in self._system.staged):
-            return self
-        return self._remade(soft_friction=True)
-
-    def with_scaled_moments(self) -> Self:
-        """A new simulator whose moments follow its free masses; itself where no such body turns."""
-        if self._system.scaled_moments or not self._system.followers:
-            return self
-        return self._remade(scaled_moments=True)
-
-    def with_rigid_ties(self) -> Self:
-        """See :meth:`Simulator.with_rigid_ties`, and :func:`.closure.soft`."""
-        spec = self._system.source.copy()
-        ties = soft(spec)
-        if not ties:
-            return self
-        for tie in ties:
-            tie.solref, tie.solimp = RIGID
-        return self._remade(source=spec)
-
-    def with_gravity_compensation(self) -> Simulator | None:
-        """See :meth:`Simulator.with_gravity_compensation`, and :func:`.variants.gravity_compensated`."""
-        source = gravity_compensated(self._system.source, self.model)
-        return None if source is None else self._remade(source=source)
-
-    def with_payload(self, body: str, mass: float) -> Self:
-        """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
-        return self._remade(source=laden(self._system.source, self.model, body, mass))
-
-    def with_columns(self, columns: Collection[str]) -> Self:
-        """A new simulator with what a log's columns need: motors for measured wrenches, sensors as signals.
-
-        Args:
-            columns: of the log, others among them: ``xfrc.<body>.k``, ``qfrc.<joint>``, ``sensor.<name>``.
-        """
-        source = with_wrenches(self._system.source, columns)
-        wanted = {*columns, *self._system.sensors}
-        sensors = measured_sensors(compile_spec(source.copy()), wanted)
-        if source is self._system.source and set(sensors) == set(self._system.sensors):
-            return self
-        return self._remade(source=source, sensors=sensors)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
@@ -393,44 +270,19 @@ class MujocoSimulator(Simulator):
 
     def export(self, theta: Float[Tensor, " P"]) -> mujoco.MjSpec:
         """One world as a spec with every parameter and native effect written in; see :mod:`.export`."""
-        return export(self._system, _finite(theta[None]).numpy())
+        return export(self._system, to_host(_finite(theta[None])))
 
     def export_xml(self, theta: Float[Tensor, " P"]) -> str:
         """:meth:`export` as MJCF text with all 17 digits, which plain MuJoCo loads and replays alike."""
         return to_xml(self.export(theta))
 
-    def foreign(self, theta: Float[Tensor, " P"]) -> Mapping[str, str]:
+    def not_exportable(self, theta: Float[Tensor, " P"]) -> Mapping[str, str]:
         """Keys of the effects that :meth:`export` has to leave out at these parameters -> why; see :mod:`.foreign`."""
-        return foreign(self._system, _finite(theta[None]).numpy())
+        return not_exportable(self._system, to_host(_finite(theta[None])))
 
-    def approximate(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
+    def bodies_with_adjusted_inertia(self, theta: Float[Tensor, " P"]) -> tuple[str, ...]:
         """Names of the bodies of which :meth:`export` holds other moments of inertia than these, which no body has."""
-        return approximate(self._system, _finite(theta[None]).numpy())
-
-    def _remade(
-        self,
-        source: mujoco.MjSpec | None = None,
-        parameters: ParameterSpace | None = None,
-        worlds: int | None = None,
-        dt: float | None = None,
-        effects: Sequence[Effect] | None = None,
-        soft_friction: bool | None = None,
-        scaled_moments: bool | None = None,
-        sensors: Sequence[str] | None = None,
-    ) -> Self:
-        """This simulator anew, with what is given in place of its own."""
-        system = self._system
-        return type(self)(
-            system.source if source is None else source,
-            system.base_parameters if parameters is None else parameters,
-            self.worlds if worlds is None else worlds,
-            self.dt if dt is None else dt,
-            self._threads,
-            self.effects if effects is None else effects,
-            system.sensors if sensors is None else sensors,
-            system.soft_friction if soft_friction is None else soft_friction,
-            system.scaled_moments if scaled_moments is None else scaled_moments,
-        )
+        return bodies_with_adjusted_inertia(self._system, to_host(_finite(theta[None])))
 
 
 def _finite(theta: Tensor) -> Tensor:

@@ -27,6 +27,7 @@ from onlinebayes.simulators.mujoco.addresses import (
     resolve,
 )
 from onlinebayes.simulators.mujoco.columns import Command, commands, signals
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.inertials import with_movable_centres
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.record import record
@@ -159,7 +160,7 @@ class MujocoSystem:
         rest = self.rest(worlds)
         if state is None:
             return rest
-        return {key: state.get(("effects", key), default) for key, default in rest.items()}
+        return {key: state.get(("effects", key), default).to(default.device) for key, default in rest.items()}
 
     def drive(
         self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor, timestep: float | None = None
@@ -178,7 +179,7 @@ class MujocoSystem:
         after, fed = dict(hidden), {}
         timestep = self.model.opt.timestep if timestep is None else timestep
         ctrl = np.zeros((*command.shape[:2], self.model.nu))
-        ctrl[..., [place.ctrl for place in self.commands]] = command.numpy()
+        ctrl[..., [place.ctrl for place in self.commands]] = to_host(command)
         for effect in self.stages:
             # An actuator has one command; stages on the same one act in their order.
             place = self._places[effect.target]
@@ -187,7 +188,7 @@ class MujocoSystem:
             u, state = effect.command(self.own(effect, theta), hidden.get(effect.key), u, timestep)
             if state is not None:
                 after[effect.key] = state
-            ctrl[..., place] = u.numpy()
+            ctrl[..., place] = to_host(u)
         return ctrl, after, fed
 
     def trace(

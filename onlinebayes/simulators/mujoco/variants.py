@@ -1,4 +1,4 @@
-"""Specs that differ from a model's own by one known thing: its weight carried by its drives, a payload fixed to it."""
+"""Specs that differ from a model's own by one known thing: an option, its weight, a payload fixed to it."""
 
 from __future__ import annotations
 
@@ -24,6 +24,13 @@ def gravity_compensated(spec: mujoco.MjSpec, model: mujoco.MjModel) -> mujoco.Mj
     spec = spec.copy()
     for body in spec.bodies[1:]:
         body.gravcomp = 1.0
+    return spec
+
+
+def with_option(spec: mujoco.MjSpec, name: str, value: float | mujoco.mjtIntegrator) -> mujoco.MjSpec:
+    """A copy with another value of one of MJCF's options, e.g. ``timestep``."""
+    spec = spec.copy()
+    setattr(spec.option, name, value)
     return spec
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 
+from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
 from onlinebayes.simulators.mujoco.stage import INERTIA, ForceStage
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -76,7 +77,7 @@ class Worlds:
         for key, columns in self.system.record.columns.items():
             value = None if state is None else state.get(key, None)
             if value is not None:
-                self._record[rows, columns] = value.detach().numpy()[rows]
+                self._record[rows, columns] = to_host(value)[rows]
         self.batch.warning[rows] = 0
 
     def revive(self, ids: np.ndarray | None = None) -> None:

@@ -98,13 +98,13 @@ def test_a_short_memory_is_recalled_from_the_rows_before_each_window(
     windows = make_windows(simulator, read(*driven), 1.0)
     theta = torch.tensor([*TRUTH, 1.5, 0.05]).double()
     rows: list[int] = []
-    whole = type(simulator).recall
+    whole = type(simulator).hidden_states_along
 
     def counted(self: MujocoSimulator, worlds: torch.Tensor, motion: TensorDict, step: float) -> dict[str, TensorDict]:
         rows.append(motion.batch_size.numel())
         return whole(self, worlds, motion, step)
 
-    monkeypatch.setattr(type(simulator), "recall", counted)
+    monkeypatch.setattr(type(simulator), "hidden_states_along", counted)
     sliced = heat_of(simulator, windows, theta)
     monkeypatch.setattr(recall_module, "SLICED", 0.0)
     along = heat_of(simulator, windows, theta)

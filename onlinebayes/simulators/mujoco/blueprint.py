@@ -1,0 +1,139 @@
+"""What a simulator of a model is made of, and its variants: the same anew with some of that replaced."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Any, Self
+
+import mujoco
+
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.checks import refuse_twice
+from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects.base import all_but
+from onlinebayes.simulators.mujoco.closure import rigid
+from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.sensors import measured_sensors
+from onlinebayes.simulators.mujoco.system import MujocoSystem
+from onlinebayes.simulators.mujoco.variants import gravity_compensated, laden, with_option
+from onlinebayes.simulators.mujoco.wrenches import with_wrenches
+
+RK4 = mujoco.mjtIntegrator.mjINT_RK4
+
+
+@dataclass(frozen=True)
+class Blueprint:
+    """The arguments of :class:`.MujocoSimulator`, under its names; it says what they are.
+
+    ``model`` is the spec without effects, and ``dt`` a number in every case.
+    """
+
+    model: mujoco.MjSpec
+    parameters: ParameterSpace
+    worlds: int
+    dt: float
+    threads: int
+    effects: tuple[Effect, ...]
+    sensors: tuple[str, ...]
+    soft_friction: bool
+    scaled_moments: bool
+
+
+class Remakable(Simulator):
+    """A simulator made from a blueprint, and from another one for every variant of it.
+
+    Attributes:
+        model: the compiled model.
+    """
+
+    model: mujoco.MjModel
+    _blueprint: Blueprint
+    _system: MujocoSystem
+
+    def with_effect(self, effect: Effect) -> Self:
+        """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
+        refuse_twice(effect, self.effects)
+        return self._remade(effects=(*self.effects, effect))
+
+    def without_effect(self, key: str) -> Self:
+        """A new simulator without one of its effects; see :meth:`Simulator.without_effect`."""
+        return self._remade(effects=all_but(key, self.effects))
+
+    def with_worlds(self, worlds: int) -> Self:
+        """A new simulator with another number of worlds, all nominal and at the default state."""
+        return self._remade(worlds=worlds)
+
+    def with_bounds(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
+        return self._remade(parameters=self._blueprint.parameters.replaced(name, parameter))
+
+    def with_timestep(self, timestep: float) -> Self:
+        """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
+        return self._remade(model=with_option(self._blueprint.model, "timestep", timestep), dt=timestep)
+
+    def with_runge_kutta(self) -> Self:
+        """A new simulator with MuJoCo's RK4; see :meth:`Simulator.with_runge_kutta`."""
+        if self.model.opt.integrator == RK4:
+            return self
+        return self._integrated(RK4)
+
+    def with_first_order(self) -> Self:
+        """A new simulator with MuJoCo's implicitfast in place of RK4; see :meth:`Simulator.with_first_order`.
+
+        Implicit in what damps, it bears the steps that RK4 does.
+        """
+        if self.model.opt.integrator != RK4:
+            return self
+        return self._integrated(mujoco.mjtIntegrator.mjINT_IMPLICITFAST)
+
+    def with_soft_friction(self) -> Self:
+        """A new simulator whose effects' friction is the model's own constraint; see :mod:`.effects.sticking`.
+
+        Itself where friction is no native effect, or where force stages have some, which no MJCF could hold.
+        """
+        native = any("dof_frictionloss" in effect.fields for effect in self.effects)
+        if self._blueprint.soft_friction or not native or any(effect.bounds_friction for effect in self._system.staged):
+            return self
+        return self._remade(soft_friction=True)
+
+    def with_scaled_moments(self) -> Self:
+        """A new simulator whose moments follow its free masses; itself where no such body turns."""
+        if self._blueprint.scaled_moments or not self._system.followers:
+            return self
+        return self._remade(scaled_moments=True)
+
+    def with_rigid_constraints(self) -> Self:
+        """See :meth:`Simulator.with_rigid_constraints`, and :func:`.closure.rigid`."""
+        source = rigid(self._blueprint.model)
+        return self if source is None else self._remade(model=source)
+
+    def with_gravity_compensation(self) -> Simulator | None:
+        """See :meth:`Simulator.with_gravity_compensation`, and :func:`.variants.gravity_compensated`."""
+        source = gravity_compensated(self._blueprint.model, self.model)
+        return None if source is None else self._remade(model=source)
+
+    def with_payload(self, body: str, mass: float) -> Self:
+        """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
+        return self._remade(model=laden(self._blueprint.model, self.model, body, mass))
+
+    def with_columns(self, columns: Collection[str]) -> Self:
+        """A new simulator with what a log's columns need: motors for measured wrenches, sensors as signals.
+
+        Args:
+            columns: of the log, others among them: ``xfrc.<body>.k``, ``qfrc.<joint>``, ``sensor.<name>``.
+        """
+        source = with_wrenches(self._blueprint.model, columns)
+        wanted = {*columns, *self._blueprint.sensors}
+        sensors = measured_sensors(compile_spec(source.copy()), wanted)
+        if source is self._blueprint.model and set(sensors) == set(self._blueprint.sensors):
+            return self
+        return self._remade(model=source, sensors=tuple(sensors))
+
+    def _integrated(self, integrator: mujoco.mjtIntegrator) -> Self:
+        return self._remade(model=with_option(self._blueprint.model, "integrator", integrator))
+
+    def _remade(self, **changes: Any) -> Self:
+        """This simulator anew, with what is given in place of its own; see :class:`.Blueprint`."""
+        return type(self)(**vars(replace(self._blueprint, **changes)))
