@@ -65,10 +65,10 @@ def headline(result: Criticism) -> str:
     if result.verdict == "data_problem":
         fault = f" ({result.wiring.fault})" if result.wiring else ""
         return f"The data themselves explain the misfit better than any missing physics{fault}."
+    does = "helps" if len(result.accepted) == 1 else "help"
+    helped = f"; {effects} {does}, but not enough" if result.accepted else ""
     if result.verdict == "unexplained" and result.changes:
-        helped = f"; {effects} helps, but not enough" if result.accepted else ""
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
-    helped = f"; {effects} helps, but not enough" if result.accepted else ""
     if result.interrupted:
         leading = [candidate.effect for candidate in result.candidates if STOPPED in candidate.refused_because][:1]
         so_far = f"; so far {effects_in_words(leading)} leads" if leading else ""

@@ -3,7 +3,8 @@
 The first accepted effect is swapped, in the final model and with everything refitted, for each other that its round
 judged (where it is the only one and the integrator stayed the same, its round has fitted just that) and for each that
 looks like it at the final model (see :mod:`.candidates.lookalikes`); a later one is compared with its rivals in the
-round that added it. What is not parted (see ``verdict``) is tied.
+round that added it. What is not parted (see ``verdict``) is tied. Of a search that was stopped only what is fitted
+already is compared.
 """
 
 from __future__ import annotations
@@ -39,14 +40,14 @@ def alternatives(base: Simulator, found: SearchResult, folds: int | None) -> dic
         # Two models may differ by nothing but how a coarse step damps the one and not the other.
         anew = found.final.rung != found.base.rung
         step = stage.windows.bin_step
-        if k > 0 or (len(found.accepted) == 1 and not anew):
+        if k > 0 or found.interrupted or (len(found.accepted) == 1 and not anew):
             equal[judged.effect.key] = tuple(r.effect.key for r in rivals if tied(judged.scores, r.scores, step))
         elif len(found.accepted) == 1:
             near = [r for r in rivals if r.scores.rms_long < NEAR_ERROR_RATIO * judged.scores.rms_long]
             equal[judged.effect.key] = _swapped(base, found, [rival_as_judged(r) for r in near], folds)
         else:
             equal[judged.effect.key] = _swapped(base, found, [rival_as_judged(r) for r in rivals], folds)
-        if k == 0:
+        if k == 0 and not found.interrupted:
             equal[judged.effect.key] += _swapped(base, found, _overlooked(found, judged, accepted), folds)
     return equal
 
