@@ -166,7 +166,7 @@ class _Wiring:
     def _of_the_log(self, found: SearchResult) -> tuple[Suspicion | None, float]:
         """What the log may have done where effects explain it, and what share of their error it must not exceed."""
         context = self.context
-        log, share = _faults_of_the_log(found, self.simulator, context.measurement, context.selection)
+        log, share = _faults_of_the_log(found, context.measurement, context.selection)
         if not log:
             return None, 1.0
         return self._explained([(fault, self.base.fitted.theta) for fault in log]), share
@@ -177,7 +177,7 @@ class _Wiring:
 
 
 def _faults_of_the_log(
-    found: SearchResult, simulator: Simulator, measurement: Measurement, selection: Selection
+    found: SearchResult, measurement: Measurement, selection: Selection
 ) -> tuple[list[Fault], float]:
     """What the accepted effects may be if the log is to blame, and what share of their error it must not exceed.
 

@@ -23,10 +23,13 @@ from torch import Tensor
 from onlinebayes.criticism.data.grid import RunGrid, row_step, run_grids
 from onlinebayes.measurements import Measurement, Signal
 
+CLIP = 4.0  # RMS, beyond which a fourth difference is an outlier
+EM_STEPS = 12
+NEGLIGIBLE = 0.02  # autocorrelation, at which the sum of the correlation time ends
 DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
 
 
-def sensor_sd(grids: Sequence[RunGrid], signal: int, clip: float = 4.0) -> float:
+def sensor_sd(grids: Sequence[RunGrid], signal: int) -> float:
     """High-frequency estimate of one signal's noise sd [its unit]; 0 where no run has five measured rows.
 
     A slow signal is measured in every n-th row only: its neighbours are the rows before and after that have one.
@@ -35,7 +38,7 @@ def sensor_sd(grids: Sequence[RunGrid], signal: int, clip: float = 4.0) -> float
     if not parts or not (kept := torch.cat(parts)).numel():
         return 0.0
     for _ in range(20):
-        limit = clip * float(kept.square().mean().sqrt())
+        limit = CLIP * float(kept.square().mean().sqrt())
         inside = kept[kept.abs() <= limit]
         if inside.numel() in (0, kept.numel()):
             break
@@ -77,7 +80,7 @@ def measured_floors(measurement: Measurement) -> Float[Tensor, " S"]:
 
 
 def student_t(
-    residual: Float[Tensor, "F n"], weight: Float[Tensor, "F n"], iterations: int = 12
+    residual: Float[Tensor, "F n"], weight: Float[Tensor, "F n"]
 ) -> tuple[Float[Tensor, " F"], Float[Tensor, " F"]]:
     """Scale s and degrees of freedom nu of each row of residuals.
 
@@ -90,7 +93,7 @@ def student_t(
     start = (weight * square).sum(-1) / count
     tiny = torch.finfo(residual.dtype).tiny
     variance = start.clamp_min(tiny).expand(len(DEGREES), -1).clone()
-    for _ in range(iterations):
+    for _ in range(EM_STEPS):
         expected = (nu + 1) / (nu + square / variance[..., None])
         variance = ((weight * expected * square).sum(-1) / count).clamp_min(tiny)
     likelihood = (weight * log_t(residual, variance.sqrt()[..., None], nu)).sum(-1)
@@ -109,16 +112,13 @@ FEW_PAIRS = 0.1
 """Share of a signal's bins: a lag with fewer pairs of them than this, for its length, says nothing."""
 
 
-def correlation_time(
-    residual: Float[Tensor, "W n S"], observed: Bool[Tensor, "W n S"], step: float, threshold: float = 0.02
-) -> float:
+def correlation_time(residual: Float[Tensor, "W n S"], observed: Bool[Tensor, "W n S"], step: float) -> float:
     """Correlation time of the residual within windows [s], the longest of the signals'; at least ``step``.
 
     Args:
         residual: start-projected residual of each window.
         observed: which bins count.
         step: Delta, the bin [s].
-        threshold: where the sum ends.
     """
     longest = step
     for s in range(residual.shape[-1]):
@@ -132,7 +132,7 @@ def correlation_time(
             if pairs <= FEW_PAIRS * count * (n - k) / n:  # of a sensor slower than the bins: the next lag stands for it
                 continue
             rho = float((r[:, k:] * r[:, :-k]).sum()) / pairs / (total / count)
-            if rho <= threshold:
+            if rho <= NEGLIGIBLE:
                 break
             rho_sum, known = rho_sum + rho * (k - known), k
         longest = max(longest, step * (1 + 2 * rho_sum))

@@ -18,22 +18,22 @@ from onlinebayes.criticism.data.grid import RunGrid
 
 HALF_WINDOWS = (3, 4, 6, 8, 11, 15, 20, 28, 40, 56, 80, 112)
 DEGREE = 3
+SLACK = 1.2  # times the smallest chi^2 per degree of freedom
+LOOKS = 400  # places at which a half-window is tried, about
 MOSTLY = 0.9
 """Share of the places at which a half-window must hold more rows than a cubic has coefficients, of the best one's."""
 
 
-def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks: int = 400) -> int:
+def half_window(grids: Sequence[RunGrid], signal: int) -> int:
     """The half-window m [rows] for one signal.
 
     Args:
         grids: the runs, all of one spacing.
         signal: column of the signal.
-        slack: how far chi^2 may rise above the smallest.
-        looks: about how many places are looked at.
     """
     value = torch.cat([grid.value[:, signal] for grid in grids])
     observed = torch.cat([grid.observed[:, signal] for grid in grids])
-    step, stride = grids[0].step, max(1, sum(grid.rows for grid in grids) // looks)
+    step, stride = grids[0].step, max(1, sum(grid.rows for grid in grids) // LOOKS)
     alive = _alive(observed)
     spreads, shares = [], []
     for m in HALF_WINDOWS:
@@ -50,7 +50,7 @@ def half_window(grids: Sequence[RunGrid], signal: int, slack: float = 1.2, looks
     spreads = [s if share >= MOSTLY * max(shares) else float("inf") for s, share in zip(spreads, shares, strict=True)]
     chosen, best = HALF_WINDOWS[0], min(spreads)
     for m, spread in zip(HALF_WINDOWS, spreads, strict=True):
-        if spread <= slack * best:
+        if spread <= SLACK * best:
             chosen = m
     return chosen
 

@@ -158,7 +158,7 @@ def held_out_rows(
     return projected.residual[None] - torch.einsum("vmp,bp->bvm", projected.columns, step)
 
 
-def jackknife(theta: Float[Tensor, " P"], without: Float[Tensor, "B P"]) -> Float[Tensor, "P P"]:
+def jackknife(without: Float[Tensor, "B P"]) -> Float[Tensor, "P P"]:
     """Covariance of theta: (B - 1) / B sum_b (theta_-b - mean)(theta_-b - mean)'."""
     B = without.shape[0]
     away = without - without.mean(0)

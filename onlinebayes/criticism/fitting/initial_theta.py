@@ -14,16 +14,17 @@ from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
+DRAWS = 8  # of the box
 MUCH = 2.0  # noise: RMS of a fit that may not be the best one
 
 
-def starting_theta(simulator: Simulator, windows: Windows, draws: int = 8) -> Float[Tensor, " P"]:
+def starting_theta(simulator: Simulator, windows: Windows) -> Float[Tensor, " P"]:
     """The best of the nominal theta and a few points of the box, by the replay from the smoothed starts."""
     space = simulator.parameters
     nominal = space.clamp(simulator.nominal.to(windows.start))
     if not len(space):
         return nominal
-    sobol = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(draws).to(nominal)
+    sobol = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(DRAWS).to(nominal)
     tried = torch.cat([nominal[None], space.from_unit(sobol)])
     signals, valid = replay(simulator, windows, tried, windows.start.expand(len(tried), *windows.start.shape))
     wrong = torch.where(windows.seen, windows.bin(windows.value - signals) / windows.bin_noise, 0.0)

@@ -46,7 +46,6 @@ class CrossValidated:
     """A fit judged on the blocks it did not see.
 
     Args:
-        without: theta_-b.
         log_density: sum over each test block and all signals of log t, in noise units [nats].
         rms_long, rms_short: cross-validated RMS over all signals, in noise units, at H and H_s.
         signal_rms: the same at H, per signal [noise units].
@@ -57,7 +56,6 @@ class CrossValidated:
         tau: correlation time of the fit's residual [s].
     """
 
-    without: Float[Tensor, "B P"]
     log_density: Float[Tensor, " B"]
     rms_long: float
     rms_short: float
@@ -124,7 +122,6 @@ def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValida
     short_test = (short_of[None] == torch.arange(blocks.count, device=seen.device)[:, None])[..., None, None]
     square = torch.where(test, rows, 0.0).square()
     return CrossValidated(
-        without,
         density.sum((1, 2)),
         _rms(rows, test),
         _rms(short_rows, short_test & short.seen()),

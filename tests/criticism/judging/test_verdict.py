@@ -70,7 +70,7 @@ def scores(density: list[float], rms: float, tau: float = 0.5) -> CrossValidated
     zero = torch.zeros(B, dtype=torch.float64)
     rows = (d / 10)[:, None].expand(B, 10)
     seen = torch.ones(B, 10, dtype=torch.bool)
-    return CrossValidated(zero[:, None], d, rms, rms, zero[:1], zero, zero + 10, rows, seen, tau)
+    return CrossValidated(d, rms, rms, zero[:1], zero, zero + 10, rows, seen, tau)
 
 
 def test_equal_errors_are_tied_whatever_the_score() -> None:

@@ -27,7 +27,7 @@ def _table(result: Criticism) -> Html:
         return Html("")
     largest = max((abs(c.score_gain or 0) + (c.score_gain_se or 0) for c in ranked), default=0.0) or 1.0
     ordered = candidate_words.in_order(result)
-    rows = [_row(result, candidate, largest) for candidate in ordered]
+    rows = [_row(candidate, largest) for candidate in ordered]
     kinds = ["accepted" if candidate.accepted else "" for candidate in ordered]
     head = ("effect", "rank", "evidence", "error falls", "p", "same law", "size", "outcome")
     note = (
@@ -59,7 +59,7 @@ def _in_words(result: Criticism) -> Html:
     return section("What cannot be told apart", *sentences) if sentences else Html("")
 
 
-def _row(result: Criticism, candidate: Candidate, largest: float) -> tuple[str, ...]:
+def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
     gain, error = candidate.score_gain, candidate.score_gain_se or 0.0
     evidence = (
         bar(
