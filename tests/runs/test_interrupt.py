@@ -63,7 +63,7 @@ def test_a_block_that_heeds_ends_where_it_looks():
     with interrupt.giving_up():
         done.append("before")
         with Interrupt().heeded():
-            heed()  # the innermost block's own
+            heed()  # the unwrap block's own
         heed()
         done.append("after")
     assert done == ["before"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from onlinebayes.criticism import quantities
-from onlinebayes.criticism.replaying.around import innermost
+from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.results import Estimate, Selection
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.parameters import ParameterSpace
@@ -92,7 +92,7 @@ def _another_method(simulator: Simulator, found: SearchResult, refined: bool) ->
         f"{method} in steps of {rung.timestep:g} s; its own method in steps of {simulator.timestep:g} s is not exact "
         "enough for these sensors"
     )
-    if not refined or not isinstance(innermost(simulator), MujocoSimulator):
+    if not refined or not isinstance(unwrap(simulator), MujocoSimulator):
         return note
     step = min(simulator.timestep, *(grounds.fitted.simulator.timestep for grounds in (found.base, found.final)))
     return f"{note}; refined.xml has {'integrator RK4 and ' if smooth else ''}timestep {step:g}"

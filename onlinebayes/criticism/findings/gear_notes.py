@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import mujoco
 
-from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import effect_values, physical
+from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.results import Candidate, FittedModel
 from onlinebayes.simulators.effects import ActuatorSaturation
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -27,7 +27,7 @@ def gear_notes(final: FittedModel, candidates: Sequence[Candidate]) -> Iterator[
         final: the accepted model; its gear may be a fitted one.
         candidates: as ranked.
     """
-    simulator = innermost(final.simulator)
+    simulator = unwrap(final.simulator)
     if not isinstance(simulator, MujocoSimulator):
         return
     theta, model = physical(final.simulator, final.theta), simulator.model

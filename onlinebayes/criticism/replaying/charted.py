@@ -18,7 +18,7 @@ from onlinebayes.criticism.data.chart import POSE, Chart, positions, turns
 from onlinebayes.criticism.data.coordinates import Rotation, renamed, rotations
 from onlinebayes.criticism.data.orientation_path import OrientationPath, read_path, unrolled
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.around import SimulatorWrapper
+from onlinebayes.criticism.replaying.wrapper import SimulatorWrapper
 from onlinebayes.criticism.split import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter

@@ -16,8 +16,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import in_run
+from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.results import FittedModel, ReplayedRun
 from onlinebayes.simulators.effects import Seen
 
@@ -47,7 +47,7 @@ def effect_forces(model: FittedModel, run: ReplayedRun, signals: tuple[str, ...]
         run: one of its replays.
         signals: names of the replay's columns.
     """
-    names = innermost(model.simulator).parameters
+    names = unwrap(model.simulator).parameters
     theta = dict(zip(names, in_run(model.simulator, model.theta, run.run).unbind(), strict=True))
     found = []
     for effect in model.simulator.effects:

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from onlinebayes.criticism.data.tiling import BINS
-from onlinebayes.criticism.replaying.around import innermost
+from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.simulators.base import Simulator
 
 Method = Literal["own", "runge_kutta", "first_order"]
@@ -91,7 +91,7 @@ def _whole(step: float, row: float) -> bool:
 
 def adjustable(simulator: Simulator) -> bool:
     """Whether the simulator can integrate with another step."""
-    return type(innermost(simulator)).with_timestep is not Simulator.with_timestep
+    return type(unwrap(simulator)).with_timestep is not Simulator.with_timestep
 
 
 def first_order(simulator: Simulator) -> bool:
@@ -105,4 +105,4 @@ def by_runge_kutta(simulator: Simulator) -> bool:
 
 
 def _has_methods(simulator: Simulator) -> bool:
-    return type(innermost(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
+    return type(unwrap(simulator)).with_runge_kutta is not Simulator.with_runge_kutta

@@ -17,8 +17,8 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.around import SimulatorWrapper
 from onlinebayes.criticism.replaying.timed import Rows, in_time
+from onlinebayes.criticism.replaying.wrapper import SimulatorWrapper
 from onlinebayes.criticism.scope import Scope, address_of, own_name
 from onlinebayes.criticism.split import origin
 from onlinebayes.measurements import Measurement
@@ -217,12 +217,12 @@ def unscoped(simulator: Simulator) -> Simulator:
 
 
 def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
-    """What :func:`.around.innermost` of this simulator gets in the typical world."""
+    """What :func:`.wrapper.unwrap` of this simulator gets in the typical world."""
     return simulator.typical(theta) if isinstance(simulator, ScopedSimulator) else theta
 
 
 def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
-    """What :func:`.around.innermost` of this simulator gets in a run; the typical theta where it has none."""
+    """What :func:`.wrapper.unwrap` of this simulator gets in a run; the typical theta where it has none."""
     if not isinstance(simulator, ScopedSimulator):
         return theta
     A, c = (x.to(theta) for x in simulator.affine(run))

@@ -23,8 +23,8 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.forces import EffectForce, effect_forces
+from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.report import arrows, documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS, EFFECTS
 from onlinebayes.criticism.report.geometry import Colour
@@ -50,7 +50,7 @@ def write_recording(result: Criticism, path: str | Path) -> None:
         stream = rr.RecordingStream("onlinebayes", send_properties=False)
         stream.save(temporary)
         runs = layout.shown_runs(result)
-        simulator = innermost(result.final.simulator)
+        simulator = unwrap(result.final.simulator)
         model = simulator.model if isinstance(simulator, MujocoSimulator) else None
         stream.send_blueprint(layout.blueprint(result, runs, model))
         for name, text in (("report", documents.report(result)), ("ranking", documents.ranking(result))):

@@ -18,8 +18,8 @@ from typing import Any
 
 import mujoco
 
-from onlinebayes.criticism.replaying.around import innermost
 from onlinebayes.criticism.replaying.scoped import physical
+from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.mending import mended
 from onlinebayes.criticism.results import Criticism, FittedModel
@@ -42,13 +42,13 @@ FAILURES = (BadInput, ValueError, mujoco.FatalError)
 def left_out(result: Criticism) -> Mapping[str, str]:
     """Keys of the effects that refined.xml cannot hold -> why, and what would let it."""
     model = _model(result)
-    simulator, theta = innermost(model.simulator), physical(model.simulator, model.theta)
+    simulator, theta = unwrap(model.simulator), physical(model.simulator, model.theta)
     return simulator.not_exportable(theta) if isinstance(simulator, MujocoSimulator) else {}
 
 
 def noted(result: Criticism) -> Criticism:
     """The result of ``refine`` with a note where refined.xml is not the final model, or cannot be written at all."""
-    simulator = innermost(result.final.simulator)
+    simulator = unwrap(result.final.simulator)
     if result.command != "refine" or not isinstance(simulator, MujocoSimulator):
         return result
     notes = [f"refined.xml holds {held}." for held in _approximate(result, simulator)]
@@ -75,7 +75,7 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
     Raises:
         BadInput: the folder cannot be written.
     """
-    folder, simulator, written = Path(out_dir), innermost(_model(result).simulator), []
+    folder, simulator, written = Path(out_dir), unwrap(_model(result).simulator), []
     if problem is not None:
         content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
         write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
@@ -171,7 +171,7 @@ def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
 
 def _bounds(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
     """Bounds of the effects' parameters, as the problem file writes them; what else it says of one is kept."""
-    space = innermost(result.final.simulator).parameters
+    space = unwrap(result.final.simulator).parameters
     found: dict[str, Any] = {}
     for effect in result.final.simulator.effects:
         for name in effect.parameters:
@@ -199,7 +199,7 @@ def _widened(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]
 
 def _own(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
     """What differs between runs, with a value in every run."""
-    space, found = innermost(result.final.simulator).parameters, {}
+    space, found = unwrap(result.final.simulator).parameters, {}
     for change in result.changes:
         given, bounds = parameters.get(change.parameter), space[change.parameter]
         bounded = given if isinstance(given, Mapping) else {"low": bounds.low, "high": bounds.high}

@@ -138,7 +138,7 @@ class SimulatorWrapper(Simulator):
         return self.around(self.physics.with_payload(body, mass))
 
 
-def innermost(simulator: Simulator) -> Simulator:
+def unwrap(simulator: Simulator) -> Simulator:
     """The simulator that others are around; itself where none is."""
     while isinstance(simulator, SimulatorWrapper):
         simulator = simulator.physics
