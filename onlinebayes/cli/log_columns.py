@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from onlinebayes.cli.matching import Match, match_time
+from onlinebayes.cli.matching import Match, match_time, unit_of
 from onlinebayes.measurements.formats import Source
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -61,11 +61,12 @@ def is_numeric(sources: Sequence[Source], column: str) -> bool:
 
 
 def last_one(lacking: Mapping[str, tuple[str, ...]]) -> Match | None:
-    """The one column left for the one actuator left, where nothing else of the model lacks one."""
+    """The one column left for the one actuator or joint left, where nothing else of the model lacks one."""
     (name, columns), *others = lacking.items() or [("", ())]
-    if others or len(columns) != 1 or not name.startswith("ctrl."):
+    if others or len(columns) != 1 or not name.startswith(("ctrl.", "qpos.")):
         return None
-    return Match(name, columns[0], why="a guess, no other column is left")
+    unit = unit_of("qpos", columns[0]) if name.startswith("qpos.") else ""
+    return Match(name, columns[0], unit, "a guess, no other column is left")
 
 
 def wrenches_of(simulator: MujocoSimulator, columns: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ fits two names equally well is left out, until what it rivals is taken. The cloc
 For a command a word of what was told (``cmd``, ``target``) counts more than one of what then flows or pushes
 (``current``), which may be a measurement; beside it, a word of position or speed is no other kind's where the actuator
 is told one; a unit alone (``coil_A``) counts beside the actuator's name. Two guesses come last and are called so: a
-column with exactly an actuator's name that no joint claims, and the one column left for the one actuator left.
+column with exactly an actuator's name that no joint claims, and the one column left for the one actuator or joint left.
 """
 
 from __future__ import annotations
@@ -149,7 +149,7 @@ def _clear(
         claims = [other for other in left if other != name and scored[other, best[1]] >= best[0]] if best[0] else []
         if best[0] > 0 and not rivals and not claims:
             why = "a guess, it is the actuator's name alone" if best[0] == CALLED else Match.why
-            found.append(Match(name, best[1], _unit(told.get(name, name.partition(".")[0]), best[1]), why))
+            found.append(Match(name, best[1], unit_of(told.get(name, name.partition(".")[0]), best[1]), why))
     return found
 
 
@@ -158,7 +158,8 @@ def could_be(
 ) -> tuple[str, ...]:
     """Columns of which each may be what ``name`` is measured or told by; one of them is a guess, several a question.
 
-    Those that say most of it; for a command that nothing says anything of, all that do not say something else.
+    Those that say most of it. Of a position that nothing names, all that say a position or its unit, and nothing else;
+    of a command that nothing says anything of, all that do not say something else.
 
     Args:
         name: one that has no column.
@@ -170,7 +171,12 @@ def could_be(
     most = max(scores.values(), default=0)
     if most > 0:
         return tuple(column for column, score in scores.items() if score == most)
-    if not name.startswith("ctrl."):
+    kind = name.partition(".")[0]
+    if kind == "qpos":
+        others = set().union(NO_COMMAND, CLOCK, KINDS["qvel"], KINDS["ctrl"], GOALS, QUANTITIES)
+        own = KINDS["qpos"] | OF_KIND["qpos"]
+        return tuple(column for column in columns if (said := set(words(column))) & own and not said & others)
+    if kind != "ctrl":
         return ()
     others = set().union(NO_COMMAND, CLOCK, *(KINDS[kind] for kind in KINDS if kind != "ctrl"))
     return tuple(column for column in columns if not others & set(words(column)))
@@ -222,8 +228,8 @@ def _said(kind: str, have: set[str], named: bool, servo: bool) -> int:
     return LIKELY if goal or (kind == "ctrl" and have & likely) else 0
 
 
-def _unit(kind: str, column: str) -> str:
-    """The unit that a column's name has; empty for SI."""
+def unit_of(kind: str, column: str) -> str:
+    """The unit that a column's name says for a ``qpos``, ``qvel`` or ``ctrl``; empty for SI."""
     if kind == "ctrl":
         end = re.search(r"(?:^|[\W_])([a-zA-Z]+(?: m)?)\W*$", column)
         si, factor = SI.get(end[1] if end else "", ("", 1.0))

@@ -6,6 +6,7 @@ import math
 import tomllib
 
 import mujoco
+import numpy as np
 import pytest
 
 from onlinebayes.cli.first_draft import draft
@@ -368,6 +369,26 @@ def test_a_guess_of_a_command_is_called_one(folder, capsys, column: str) -> None
     assert "# a guess, " in line
     own = load_problem(folder / "carriage.toml").measurement.data["command"]
     assert bool((load_problem(folder / "first.toml").measurement.data["command"] == own).all())
+
+
+@pytest.mark.parametrize(("column", "unit"), [("stage_um", "um"), ("Weg [mm]", "mm")])
+def test_the_last_column_of_a_position_is_guessed_for_the_last_joint(folder, capsys, column: str, unit: str) -> None:
+    factor = {"mm": 1e3, "um": 1e6}[unit]
+    head, *rows = (row.rpartition(",") for row in table().splitlines())
+    scaled = [f"{row[0]},{factor * float(row[2])!r},0" for row in rows]
+    (folder / "lab.csv").write_text("\n".join([f"{head[0]},{column},temperature", *scaled]))
+    status, said = make(folder, capsys, log="lab.csv")
+    assert status == 0
+    assert f"qpos.carriage <- {column} [{unit}]   (a guess, no other column is left: check" in said
+    own = load_problem(folder / "carriage.toml").measurement.data["signal"]
+    assert np.allclose(load_problem(folder / "first.toml").measurement.data["signal"], own, atol=1e-9)
+
+
+def test_several_positions_are_a_question(folder, capsys) -> None:
+    head, *rows = table().replace("qpos.carriage", "stage_um").splitlines()
+    (folder / "lab.csv").write_text("\n".join([f"{head},frame_mm", *(f"{row},0" for row in rows)]))
+    _, said = make(folder, capsys, log="lab.csv")
+    assert "missing:   qpos.carriage: stage_um or frame_mm could be it" in said
 
 
 @pytest.mark.parametrize(
