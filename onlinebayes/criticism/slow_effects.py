@@ -22,6 +22,7 @@ from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.fitting.numerics import Grounds, check
 from onlinebayes.criticism.judging.verdict import halved, left_over
+from onlinebayes.criticism.replaying.ladder import affordable
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import leaves_noise
@@ -53,7 +54,7 @@ def slower(
         return None
     durations = measurement.durations
     longest = min(MOST * selection.horizon_s, min(durations), sum(durations) / WINDOWS)
-    if longest < LEAST * selection.horizon_s:
+    if longest < LEAST * selection.horizon_s or not affordable(final.fitted.simulator, final.rung.timestep, longest):
         return None
     watch.say("looking over longer windows")
     try:

@@ -78,9 +78,13 @@ def ladder(simulator: Simulator, horizon: float, row: float) -> list[Rung]:
     if first_order(simulator):
         rungs += [Rung(step, "runge_kutta") for step in (*steps, own / 2, own / 4)]
     finest = [Rung(own / 4), Rung(own / 16)]
-    if any(effect.staged for effect in simulator.effects):
-        finest = [rung for rung in finest if rung.timestep * MOST_WALKED >= horizon]
-    return [*rungs, *finest]
+    return [*rungs, *(rung for rung in finest if affordable(simulator, rung.timestep, horizon))]
+
+
+def affordable(simulator: Simulator, timestep: float, horizon: float) -> bool:
+    """Whether windows of ``horizon`` [s] do not take too many steps [s] for a simulator that is walked one by one."""
+    walked = any(effect.staged for effect in simulator.effects)
+    return not walked or horizon <= MOST_WALKED * timestep * (1 + 1e-9)
 
 
 def _whole(step: float, row: float) -> bool:

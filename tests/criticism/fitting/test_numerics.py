@@ -17,7 +17,7 @@ from onlinebayes.criticism.results import Numerics
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators import Simulator
-from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
+from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, StribeckFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, measure, model
 
@@ -176,3 +176,13 @@ def test_friction_calls_for_a_finer_step_than_the_smooth_model() -> None:
     smooth = settle(model(), measurement, 1.0, noise)
     rough = settle(model().with_effect(friction), measurement, 1.0, noise)
     assert rough.numerics.timestep < smooth.numerics.timestep
+
+
+def test_a_law_that_is_walked_is_not_walked_for_ever() -> None:
+    simulator = MujocoSimulator(EULER.replace("0.01", "0.0025"), FREE)
+    finest = Rung(0.0025 / 16)  # 6400 steps a window
+    assert ladder(simulator, 1.0, 0.01)[-1] == finest
+    stribeck = StribeckFriction("rail", Parameter(0.0, 5.0), Parameter(0.0, 5.0), Parameter(0.01, 1.0))
+    assert ladder(simulator.with_effect(stribeck), 1.0, 0.01)[-1] == Rung(0.0025 / 4)
+    # What the engine itself carries is quick at any step.
+    assert ladder(simulator.with_effect(DryFriction("rail", Parameter(0.0, 5.0, "N"))), 1.0, 0.01)[-1] == finest
