@@ -110,7 +110,8 @@ def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> Non
         raise top.section("parameters").error(parameters.globs[0], "a glob needs the model's names", cure)
     if simulator.parameters.names != parameters.space.names:
         have = ", ".join(simulator.parameters.names) or "none"
-        cure = "name exactly these under [parameters]"
+        there = sorted(simulator.parameters.names) == sorted(parameters.space.names)
+        cure = f"name {'them in this order' if there else 'exactly these'} under [parameters]"
         raise top.error("model", f"'{top.text('model')}' has the parameters {have}", cure)
 
 

@@ -121,7 +121,7 @@ class TableReader:
             raise BadInput(
                 "commands alone cannot stand by themselves" if inputs else "no column that the model has",
                 (f"{ONE_RUN}; " if inputs else "")
-                + f"give one of {_list([w.source for w in wanted])}"
+                + (f"give one of {_list([w.source for w in wanted])}" if wanted else "the model has no joint or sensor")
                 + _instead([name for name in source.names if name not in taken]),
                 where=f"{path}, row 1",
             )

@@ -17,7 +17,12 @@ NOT_DETERMINED = "not determined"
 def plain(effect: str) -> str:
     """``dry_friction@carriage`` -> ``dry friction at carriage``."""
     name, _, target = effect.partition("@")
-    return f"{name.replace('_', ' ')} at {target}" if target else name.replace("_", " ")
+    return f"{_spoken(name)} at {target}" if target else _spoken(name)
+
+
+def _spoken(name: str) -> str:
+    """``stribeck_friction`` -> ``Stribeck friction``."""
+    return name.replace("_", " ").replace("stribeck", "Stribeck").replace("back emf", "back-EMF")
 
 
 def effects_in_words(effects: Sequence[str], last: str = "and") -> str:
@@ -25,7 +30,7 @@ def effects_in_words(effects: Sequence[str], last: str = "and") -> str:
     by_target: dict[str, list[str]] = {}
     for effect in effects:
         name, _, target = effect.partition("@")
-        by_target.setdefault(target, []).append(name.replace("_", " "))
+        by_target.setdefault(target, []).append(_spoken(name))
     by_names: dict[tuple[str, ...], list[str]] = {}
     for target, names in by_target.items():
         by_names.setdefault(tuple(names), []).append(target)

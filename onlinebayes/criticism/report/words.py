@@ -93,7 +93,8 @@ def improvement(result: Criticism) -> str:
     was, *now, noise = quantities.texts(compared, unit)
     over = f"Held-out error over {quantities.exact(errors.horizon_s[signal], 's')}"
     change = f" → {now[0]} ({better(before, after)})" if now else ""
-    return f"{over}: {was}{change}; noise explains {noise}{_starts(result, signal)}."
+    explained = f"noise explains {noise}" if floor > 0 else "how much of it noise explains is not known"
+    return f"{over}: {was}{change}; {explained}{_starts(result, signal)}."
 
 
 def wiring(result: Criticism) -> str:

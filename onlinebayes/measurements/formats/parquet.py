@@ -35,6 +35,9 @@ class ParquetSource(Source):
     def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
         """See :meth:`Source.columns`; a null is an empty cell."""
         for name in names:
+            if name in text and "list" in str(self._kinds[name]):
+                cure = "write one name a row"
+                raise BadInput(f"column '{name}' holds lists, not texts", cure, where=str(self.path))
             if name not in text:
                 _check_numbers(self._kinds[name], name, self.path)
         table = read_parquet(self.path, [self._stored[name] for name in names], [self._stored[name] for name in text])

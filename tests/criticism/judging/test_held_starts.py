@@ -94,5 +94,5 @@ def test_effects_that_several_targets_share_are_said_once() -> None:
     assert effects_in_words(["dry_friction@a", "constant_load@a", "actuator_delay@m"]) == (
         "dry friction and constant load at a, and actuator delay at m"
     )
-    assert effects_in_words(["back_emf@m", "viscous_friction@a"], "or") == "back emf at m, or viscous friction at a"
+    assert effects_in_words(["back_emf@m", "viscous_friction@a"], "or") == "back-EMF at m, or viscous friction at a"
     assert effects_in_words(["own"]) == "own"

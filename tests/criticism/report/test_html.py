@@ -94,7 +94,7 @@ def test_the_rest_is_there() -> None:
             "explains as much as constant load at carriage", "stiffness above 11 N/m",
         "delay above 1.2 ms", "only the ratio of mass and gear is known", "not determined alone", "from_xml_path",
         "|qvel.carriage| < 0.02 m/s", "by velocity of carriage", "How fast the error grows",
-        "The worst windows of qpos.carriage", "Words used here", "is a special case of stribeck friction",
+        "The worst windows of qpos.carriage", "Words used here", "is a special case of Stribeck friction",
         "the same as joint.carriage.damping", "Step by step", "fine enough",
     ):  # fmt: skip
         assert part in text, part
@@ -219,6 +219,9 @@ def test_no_replays_no_noise_no_failures() -> None:
         )
     )
     assert f"{SIGNAL}, RMS over 1 s of held-out data: no noise floor is known" in text
+    assert "how much of it noise explains is not known" in text
+    assert "noise explains 0" not in text
+    assert "known (0" not in text
 
 
 def test_a_long_log_stays_small() -> None:

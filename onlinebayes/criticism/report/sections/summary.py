@@ -92,11 +92,12 @@ def _wrong(result: Criticism) -> Html:
     signal = words.worst_signal(result)
     errors = result.heldout_error
     before, floor = quantities.texts((errors.before[signal], errors.noise_floor[signal]), result.units[signal])
+    known = errors.noise_floor[signal] > 0
     return _tile(
         "How wrong is the model?",
         before,
         f"{signal}, RMS over {quantities.exact(errors.horizon_s[signal], 's')} of held-out data: "
-        f"{phrases.times_floor(words.over_floor(result, signal))} ({floor})",
+        f"{phrases.times_floor(words.over_floor(result, signal))}{f' ({floor})' if known else ''}",
     )
 
 
