@@ -30,7 +30,7 @@ from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
-from onlinebayes.criticism.replaying.ladder import Rung, by_runge_kutta
+from onlinebayes.criticism.replaying.ladder import Rung, reported
 from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.results import (
     Candidate,
@@ -152,7 +152,7 @@ def _opened(task: Task, found: SearchResult, blocks: Blocks, units: dict[str, st
     """The held-out runs opened; ``blocks`` are the base model's."""
     base, final, horizon = found.base, found.final, task.selection.horizon_s
     # One step for both models: rows are cut to whole steps, and the two replays are shown row beside row.
-    rung = _reported(task, base, final)
+    rung = reported(task.simulator, base.fitted.simulator, final.fitted.simulator)
     base_model = final_model = _model(base, rung, blocks, task)
     if final is not base:
         final_model = _model(final, rung, blocks_for(final.fitted, final.windows, task.selection.folds), task)
@@ -160,12 +160,6 @@ def _opened(task: Task, found: SearchResult, blocks: Blocks, units: dict[str, st
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
     left = fitted_starts(final_model, held, error, task.selection.tolerance)
     return _Opened(base_model, final_model, rung, held, error, detail, left)
-
-
-def _reported(task: Task, *grounds: Grounds) -> Rung:
-    """How models are run that are reported: by no longer step than the given one, and not by a cheaper method."""
-    step = min(model.timestep for model in (task.simulator, *(one.fitted.simulator for one in grounds)))
-    return Rung(step, "runge_kutta" if by_runge_kutta(task.simulator) else "own")
 
 
 def _model(grounds: Grounds, rung: Rung, blocks: Blocks, task: Task) -> FittedModel:
@@ -191,7 +185,11 @@ def _fitted(grounds: Grounds, rung: Rung, blocks: Blocks) -> FittedModel:
 def _mended(fault: Suspicion, task: Task) -> FittedModel:
     """The base model fitted to the mended table."""
     grounds = fault.grounds
-    return _fitted(grounds, _reported(task, grounds), blocks_for(grounds.fitted, grounds.windows, task.selection.folds))
+    return _fitted(
+        grounds,
+        reported(task.simulator, grounds.fitted.simulator),
+        blocks_for(grounds.fitted, grounds.windows, task.selection.folds),
+    )
 
 
 def _flat(grounds: Grounds) -> tuple[FlatDirection, ...]:

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.fitting.first_answer import first_answer
-from onlinebayes.criticism.fitting.numerics import Grounds
+from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.localise import in_a_sentence
 from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.replaying.measured_starts import delays
@@ -166,7 +166,7 @@ class _Wiring:
     def _of_the_log(self, found: SearchResult) -> tuple[Suspicion | None, float]:
         """What the log may have done where effects explain it, and what share of their error it must not exceed."""
         context = self.context
-        log, share = _faults_of_the_log(found, context.measurement, context.selection)
+        log, share = _faults_of_the_log(self.simulator, found, context.measurement, context.selection)
         if not log:
             return None, 1.0
         return self._explained([(fault, self.base.fitted.theta) for fault in log]), share
@@ -177,7 +177,7 @@ class _Wiring:
 
 
 def _faults_of_the_log(
-    found: SearchResult, measurement: Measurement, selection: Selection
+    simulator: Simulator, found: SearchResult, measurement: Measurement, selection: Selection
 ) -> tuple[list[Fault], float]:
     """What the accepted effects may be if the log is to blame, and what share of their error it must not exceed.
 
@@ -186,7 +186,7 @@ def _faults_of_the_log(
     """
     left = left_over(found.final)
     worst = sorted((name for name in left if left[name] > selection.tolerance), key=lambda name: -left[name])
-    tried: list[Fault | None] = [misplaced(_zeros(found))]
+    tried: list[Fault | None] = [misplaced(_zeros(simulator, found, measurement, selection))]
     share = 1.0
     if late_by := _delays(found, SensorDelay):
         tried.append(late(measurement, late_by, bool(worst)))
@@ -203,18 +203,34 @@ def _delays(found: SearchResult, kind: type[SensorDelay] | type[ActuatorDelay]) 
     return delays(found.final.fitted.simulator, found.final.fitted.theta, kind)
 
 
-def _zeros(found: SearchResult) -> dict[str, float]:
-    """Position of a hinge -> the offset [rad] by which one effect, the only one accepted or its rival, reads it."""
+def _zeros(
+    simulator: Simulator, found: SearchResult, measurement: Measurement, selection: Selection
+) -> dict[str, float]:
+    """Position of a hinge -> the offset [rad] by which one effect, the only one accepted or its rival, reads it.
+
+    As fitted on the final model's rung: where it was judged, a cheaper method may have left it some floors off.
+    """
     if len(found.accepted) != 1:
         return {}
     ((stage, first),) = found.accepted
-    biases = [j for j in stage.judged if isinstance(j.effect, SensorBias) and (j.admissible or j is first)]
-    return {
-        judged.effect.target: float(judged.fitted.theta[judged.fitted.simulator.parameters.index(address)])
-        for judged in biases
-        if judged.effect.parameters["bias"].unit == "rad"
-        and (address := f"{judged.effect.key}.bias") in judged.fitted.simulator.parameters
-    }
+    offsets = {}
+    for judged in stage.judged:
+        address = f"{judged.effect.key}.bias"
+        told = isinstance(judged.effect, SensorBias) and (judged.admissible or judged is first)
+        if (
+            not told
+            or judged.effect.parameters["bias"].unit != "rad"
+            or address not in judged.fitted.simulator.parameters
+        ):
+            continue
+        final, fitted = found.final, judged.fitted
+        if judged is first:
+            fitted = final.fitted
+        elif stage.windows is not final.windows:
+            model, noise = simulator.with_effect(judged.effect), final.windows.noise
+            fitted = settle(model, measurement, selection.horizon_s, noise, fitted.theta, before=final).fitted
+        offsets[judged.effect.target] = float(fitted.theta[fitted.simulator.parameters.index(address)])
+    return offsets
 
 
 def _structured(final: Grounds, selection: Selection) -> bool:

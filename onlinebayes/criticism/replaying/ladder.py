@@ -87,6 +87,17 @@ def affordable(simulator: Simulator, timestep: float, horizon: float) -> bool:
     return not walked or horizon <= MOST_WALKED * timestep * (1 + 1e-9)
 
 
+def reported(simulator: Simulator, *fitted: Simulator) -> Rung:
+    """How fitted models are run that are reported: in no longer steps than the given one, and by no cheaper method.
+
+    Args:
+        simulator: as the user gave it.
+        fitted: models that grew from it, each integrated as it was judged.
+    """
+    step = min(model.timestep for model in (simulator, *fitted))
+    return Rung(step, "runge_kutta" if by_runge_kutta(simulator) else "own")
+
+
 def _whole(step: float, row: float) -> bool:
     """Whether a row is a whole number of steps, or a step one of rows."""
     ratio = max(step, row) / min(step, row)

@@ -25,6 +25,7 @@ from onlinebayes.criticism.fitting.fit import Fit, fit
 from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.criticism.fitting.horizon import steady
 from onlinebayes.criticism.replaying.clock import in_step
+from onlinebayes.criticism.replaying.ladder import reported
 from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.split import split
@@ -71,7 +72,8 @@ def base_error(problem: Problem) -> float:
     simulator = in_step(problem.simulator, fit_runs)
     problem = replace(problem, selection=steady(simulator, fit_runs, problem.selection))
     grounds = ground(simulator, fit_runs, problem.selection)
-    return held_error(problem, grounds.fitted, grounds.windows.noise)
+    model = reported(simulator, grounds.fitted.simulator).of(grounds.fitted.simulator)
+    return held_error(problem, replace(grounds.fitted, simulator=model), grounds.windows.noise)
 
 
 def held_error(
