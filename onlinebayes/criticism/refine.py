@@ -146,11 +146,8 @@ def _read_otherwise(task: Task, found: SearchResult, context: SearchContext, mos
         if other is not None:
             context.watch.say("reading the gaps of the log otherwise")
             again, fault = inquire(task.simulator, replace(context, measurement=other.fit_runs), most)
-            again = (
-                again
-                if fault is None and misfit(again.final.fitted.projected) < misfit(found.final.fitted.projected)
-                else None
-            )
+            better = misfit(again.final.fitted.projected) < misfit(found.final.fitted.projected)
+            again = again if better and fault is None else None
     return (task, found) if other is None or again is None else (other, again)
 
 

@@ -60,7 +60,7 @@ def gap_notes(fit_runs: Measurement) -> tuple[str, ...]:
     held = fit_runs.held_over_gaps
     read = "held until the next row" if held else "taken to go on a straight line to the next row"
     rows = "1 row seems" if count == 1 else f"{count} rows seem"
-    return (f"{rows} to be missing in the log; commands are {read}: the log is followed better than otherwise",)
+    return (f"{rows} to be missing in the log; commands are {read}: the model follows the log no better otherwise",)
 
 
 def _named(candidate: Candidate, parameters: Mapping[str, Estimate]) -> _Named | None:
