@@ -81,8 +81,13 @@ def as_run(setup: RunSetup, judged: AsRun) -> AsRun | None:
             if rung != best.rung and (rung, best.rung) not in tried:
                 tried.add((rung, best.rung))
                 best = _better(setup, best, rung, setup.thorough and changed is _own) or best
-    most = max(NOISE_FLOORS, FAR_BETTER * misfit(judged.fitted.projected))
+    most = far_better(misfit(judged.fitted.projected))
     return best if best is not judged and misfit(best.fitted.projected) <= most else None
+
+
+def far_better(left: float) -> float:
+    """The most that another way to run may leave [floors], where a model leaves ``left`` of them, more than noise."""
+    return max(NOISE_FLOORS, FAR_BETTER * left)
 
 
 def _denser(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
@@ -134,7 +139,7 @@ def _better(setup: RunSetup, best: AsRun, rung: Rung, unpromising: bool) -> AsRu
         raise  # the grounds without it would be judged otherwise than the whole of the work would
     except BadInput:  # the step does not divide the rows, or the model diverges
         return None
-    promising = min(misfit(begun.projected) / PROMISING_RATIO, _promised(begun) / FAR_BETTER) < left
+    promising = misfit(begun.projected) < PROMISING_RATIO * left or _promised(begun) < far_better(left)
     if not promising and not unpromising:
         return None
     fitted = improve(begun, windows, math.inf if promising else best.fitted.projected.objective)

@@ -15,7 +15,7 @@ import torch
 
 from onlinebayes.criticism.data.lost_rows import lost
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.as_run import FAR_BETTER, NOISE_FLOORS
+from onlinebayes.criticism.fitting.as_run import NOISE_FLOORS, far_better
 from onlinebayes.criticism.fitting.fit import improve, unfitted
 from onlinebayes.criticism.fitting.numerics import Grounds, settled_misfit
 from onlinebayes.criticism.fitting.projection import misfit
@@ -68,4 +68,4 @@ def read_otherwise(final: Grounds, fit_runs: Measurement) -> bool:
         fitted = improve(unfitted(model, windows, final.fitted.theta), windows)
     except BadInput:  # no window is left between the gaps, or it diverges
         return False
-    return misfit(fitted.projected) <= max(NOISE_FLOORS, FAR_BETTER * left)
+    return misfit(fitted.projected) <= far_better(left)

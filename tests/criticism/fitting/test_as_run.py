@@ -11,8 +11,8 @@ import torch
 
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.as_run import AsRun, RunSetup, as_run
-from onlinebayes.criticism.fitting.fit import unfitted
+from onlinebayes.criticism.fitting.as_run import NOISE_FLOORS, AsRun, RunSetup, as_run
+from onlinebayes.criticism.fitting.fit import fit, unfitted
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.replaying.ladder import Rung
 from onlinebayes.criticism.searching.search import ground
@@ -103,6 +103,43 @@ def test_the_own_step_is_fitted_where_one_step_of_theta_tells_nothing() -> None:
     assert grounds.as_run
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([0.05, 0.02], rel=1e-3)
+
+
+CARRIAGE = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody><body name="carriage">
+<joint name="rail" type="slide" axis="1 0 0"{more}/><geom type="box" size=".1 .1 .05" mass="3"/></body></worldbody>
+<actuator><motor name="motor" joint="rail"/></actuator></mujoco>"""
+HARDER = ' frictionloss="1" solimpfriction=".9999 .9999 .001 .5 2"'
+
+
+def carried(seconds: float = 2.0) -> Measurement:
+    """A carriage whose friction lets go a hundredth of a second late, integrated ten times as finely as the model."""
+    model, tables = mujoco.MjModel.from_xml_string(CARRIAGE.format(step=5e-4, more=HARDER)), {}
+    rng, time = np.random.default_rng(3), ROW * np.arange(round(seconds / ROW))
+    for number in range(6):
+        data = mujoco.MjData(model)
+        size, rate, phase = (rng.uniform(*span, (3, 1)) for span in ((1.5, 4.0), (0.4, 2.5), (0.0, 6.28)))
+        force, place = (size * np.sin(2 * np.pi * rate * time + phase)).sum(0), np.empty(len(time))
+        for row in range(len(time)):
+            data.ctrl[0], place[row] = force[row], data.qpos[0] + rng.normal(0, NOISE)
+            mujoco.mj_step(model, data, 20)
+        tables[f"run{number}"] = {"time": time, "ctrl.motor": force, "qpos.rail": place}
+    return Measurement.from_runs(tables, signals=[Signal("qpos.rail", "m", sd=NOISE)])
+
+
+def test_a_little_more_than_noise_is_enough_to_try_its_friction() -> None:
+    """Friction that sticks leaves 1.2 to 1.3 floors: its own cannot leave a third less, but leaves noise."""
+    free = ParameterSpace({"joint.rail.damping": Parameter(0.0, 16.0), "body.carriage.mass": Parameter(1.0, 9.0)})
+    model = MujocoSimulator(CARRIAGE.format(step=5e-3, more=""), free, threads=1)
+    rubbing, log = model.with_effect(DryFriction("rail", Parameter(0.0, 9.0, "N"))), carried()
+    rung, theta = Rung(0.00125, "runge_kutta"), torch.tensor([0.0, 3.0, 1.0], dtype=torch.float64)
+    windows = make_windows(rung.of(rubbing), log, 1.0, MEMORY)
+    judged = AsRun(rung, windows, fit(rung.of(rubbing), windows, theta))
+    assert NOISE_FLOORS < misfit(judged.fitted.projected) < 1.5
+    found = as_run(RunSetup(rubbing, log, 1.0), judged)
+    assert found is not None
+    assert found.rung.soft_friction
+    assert misfit(found.fitted.projected) < 1.1
+    assert found.fitted.theta[1:].tolist() == pytest.approx([3.0, 1.0], rel=0.01)
 
 
 @pytest.mark.slow
