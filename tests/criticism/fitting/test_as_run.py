@@ -131,7 +131,7 @@ def test_a_little_more_than_noise_is_enough_to_try_its_friction() -> None:
     free = ParameterSpace({"joint.rail.damping": Parameter(0.0, 16.0), "body.carriage.mass": Parameter(1.0, 9.0)})
     model = MujocoSimulator(CARRIAGE.format(step=5e-3, more=""), free, threads=1)
     rubbing, log = model.with_effect(DryFriction("rail", Parameter(0.0, 9.0, "N"))), carried()
-    rung, theta = Rung(0.00125, "runge_kutta"), torch.tensor([0.0, 3.0, 1.0], dtype=torch.float64)
+    rung, theta = Rung(0.0025, "runge_kutta"), torch.tensor([0.0, 3.0, 1.0], dtype=torch.float64)
     windows = make_windows(rung.of(rubbing), log, 1.0, MEMORY)
     judged = AsRun(rung, windows, fit(rung.of(rubbing), windows, theta))
     assert NOISE_FLOORS < misfit(judged.fitted.projected) < 1.5
