@@ -18,9 +18,10 @@ from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_va
 from onlinebayes.criticism.findings.fit_notes import fit_notes
 from onlinebayes.criticism.findings.gear_notes import gear_notes
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
-from onlinebayes.criticism.findings.log_notes import gap_notes, log_notes
+from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
 from onlinebayes.criticism.findings.ranking import rank, steps
+from onlinebayes.criticism.findings.reading_notes import gap_notes, start_notes
 from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.fitting.blocks import Blocks
 from onlinebayes.criticism.fitting.fit import residual_correlation_time
@@ -234,6 +235,7 @@ def _notes(
     return (
         *task.notes,
         *gap_notes(task.fit_runs),
+        *start_notes(task.fit_runs, models.final.simulator),
         *fit_notes(
             simulator, found, task.selection, parameters, miswired=fault is not None, refined=question == "refine"
         ),

@@ -72,7 +72,9 @@ def suspect(
     return leads.explain(selection) if leads is not None else None
 
 
-def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[SearchResult, Suspicion | None]:
+def inquire(
+    simulator: Simulator, context: SearchContext, most: int, base: Grounds | None = None
+) -> tuple[SearchResult, Suspicion | None]:
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
     Arguments as :func:`onlinebayes.criticism.searching.search.search`. With a fault nothing is accepted and no
@@ -82,8 +84,9 @@ def inquire(simulator: Simulator, context: SearchContext, most: int) -> tuple[Se
         Stopped: it was interrupted before the base model was fitted.
     """
     measurement, selection, watch = context.measurement, context.selection, context.watch
-    with watch.heeded():
-        base = first_fit(simulator, measurement, selection, watch)
+    if base is None:
+        with watch.heeded():
+            base = first_fit(simulator, measurement, selection, watch)
     wiring = _Wiring(base, simulator, context, None)
     with watch.giving_up():
         if bool(base.windows.observed.any()):

@@ -11,11 +11,14 @@ from dataclasses import replace
 from functools import partial
 
 from onlinebayes.criticism.assembly import Question, assemble
+from onlinebayes.criticism.fitting.before_runs import reread
+from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
 from onlinebayes.criticism.results import Criticism, Selection
 from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.delays_from_idle import late_from_idle
 from onlinebayes.criticism.searching.search import MOST_EFFECTS, SearchResult, enough_motion, ground
 from onlinebayes.criticism.slow_effects import adds_to, dropped_by
 from onlinebayes.criticism.task import Task, prepare
@@ -126,8 +129,11 @@ def _searched(
     watch = Watch(stopwatch, interrupt)
     with watch.heeded():
         task = ask()
+        base = first_fit(task.simulator, task.fit_runs, task.selection, watch)
     context = SearchContext(task.fit_runs, task.selection, candidates, watch)
-    found, fault = inquire(task.simulator, context, most)
+    task, base = _as_begun(task, base, context)
+    context = replace(context, measurement=task.fit_runs)
+    found, fault = inquire(task.simulator, context, most, base)
     if fault is None and not watch.stopped:
         task, found = _read_otherwise(task, found, context, most)
         context = replace(context, measurement=task.fit_runs)
@@ -137,14 +143,25 @@ def _searched(
     return replace(result, interrupted=result.interrupted or stopped)
 
 
+def _as_begun(task: Task, base: Grounds, context: SearchContext) -> tuple[Task, Grounds]:
+    """The task and its base model, with no command before the runs where late actuators explain far more so."""
+    idle = False
+    with context.watch.giving_up():
+        idle = late_from_idle(base, context)
+    if not idle:
+        return task, base
+    task = task.begun(idle=True)
+    return task, reread(base, task.fit_runs)
+
+
 def _read_otherwise(task: Task, found: SearchResult, context: SearchContext, most: int) -> tuple[Task, SearchResult]:
-    """The task and what was found, with the log's gaps read the other way where that explains far more."""
+    """The task and what was found, with the log read otherwise where that explains far more."""
     other: Task | None = None
     again: SearchResult | None = None
     with context.watch.giving_up():
         other = task.read_otherwise(found)
         if other is not None:
-            context.watch.say("reading the gaps of the log otherwise")
+            context.watch.say("reading the log otherwise")
             again, fault = inquire(task.simulator, replace(context, measurement=other.fit_runs), most)
             better = misfit(again.final.fitted.projected) < misfit(found.final.fitted.projected)
             again = again if better and fault is None else None

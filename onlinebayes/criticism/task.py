@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.data.motion import check_runs
 from onlinebayes.criticism.data.windows import joint_names
+from onlinebayes.criticism.fitting.before_runs import idle_before, starts_read_otherwise
 from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
-from onlinebayes.criticism.fitting.gaps import held_over_gaps, read_otherwise
+from onlinebayes.criticism.fitting.gaps import gaps_read_otherwise, held_over_gaps
 from onlinebayes.criticism.fitting.horizon import cut_to_runs, shortened, steady, within_runs
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.criticism.replaying.clock import in_step, restepped
@@ -54,11 +55,21 @@ class Task:
         return replace(self, notes=(*self.notes, said))
 
     def read_otherwise(self, found: SearchResult) -> Task | None:
-        """The task with the log's gaps read the other way where what was found follows it far better so, else None."""
-        if not read_otherwise(found.final, self.fit_runs):
-            return None
-        other = not self.fit_runs.held_over_gaps
-        fit_runs, held_runs = (replace(part, held_over_gaps=other) for part in (self.fit_runs, self.held_runs))
+        """The task with the log read otherwise where what was found follows it far better so, else None."""
+        if gaps_read_otherwise(found.final, self.fit_runs):
+            return self.with_gaps(held=not self.fit_runs.held_over_gaps)
+        if starts_read_otherwise(found.final, self.fit_runs):
+            return self.begun(idle=not self.fit_runs.idle_before)
+        return None
+
+    def with_gaps(self, held: bool) -> Task:
+        """The task with commands held over the log's gaps, or not."""
+        fit_runs, held_runs = (replace(part, held_over_gaps=held) for part in (self.fit_runs, self.held_runs))
+        return replace(self, fit_runs=fit_runs, held_runs=held_runs)
+
+    def begun(self, idle: bool) -> Task:
+        """The task with no command before the runs, or with the first row's."""
+        fit_runs, held_runs = (replace(part, idle_before=idle) for part in (self.fit_runs, self.held_runs))
         return replace(self, fit_runs=fit_runs, held_runs=held_runs)
 
 
@@ -80,8 +91,6 @@ def prepare(
     within = within_runs(asked, fit_runs)
     used = steady(stepped, fit_runs, within)
     stepped, softness = tied_as_logged(stepped, fit_runs, used.horizon_s)
-    if held_over_gaps(stepped, fit_runs, used.horizon_s):
-        fit_runs, held_runs = (replace(part, held_over_gaps=True) for part in (fit_runs, held_runs))
     notes = (
         *tied,
         *softness,
@@ -89,4 +98,7 @@ def prepare(
         *cut_to_runs(asked, within),
         *shortened(within, used),
     )
-    return Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)
+    task = Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)
+    if held_over_gaps(stepped, fit_runs, used.horizon_s):
+        task = task.with_gaps(held=True)
+    return task.begun(idle=True) if idle_before(stepped, task.fit_runs, used.horizon_s) else task

@@ -68,6 +68,7 @@ class Measurement:
         runs: names of the R runs, each once.
         held_over_gaps: whether commands are held through rows that seem to be missing, too, and not lost there with
             what was commanded in them.
+        idle_before: whether no command was given before a run's first row, and not the one that it holds.
     """
 
     data: TensorDict
@@ -75,6 +76,7 @@ class Measurement:
     commands: tuple[str, ...]
     runs: tuple[str, ...]
     held_over_gaps: bool = False
+    idle_before: bool = False
 
     def __post_init__(self) -> None:
         if len(self.data.batch_size) != 2 or self.data.batch_size[0] != len(self.runs):

@@ -37,8 +37,8 @@ class Windows:
         bin_rows: rows averaged into one bin.
         run, first: number of the run and the grid row at which each window starts.
         command, enable: during the window.
-        history, history_enable: during the Q rows before it (the command of the run's first row, and actuators
-            off, where it began later).
+        history, history_enable: during the Q rows before it (where the run began later, the command of its first row
+            or, of a machine that was idle before, none; actuators off).
         value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
         measured, inside: what was measured, still or not, and which rows lie within the run and before its next gap.
         start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
@@ -204,7 +204,7 @@ def _gather(
 ) -> Windows:
     """Everything that the windows of a tiling hold, ``history`` rows of commands before each included."""
     names = tuple(signal.name for signal in measurement.signals)
-    cut = [_cut(grids[r], g, tiling.rows, history) for r, g in tiling.places]
+    cut = [_cut(grids[r], g, tiling.rows, history, measurement.idle_before) for r, g in tiling.places]
     command, enable, past, past_enable, value, measured, inside, late = (
         torch.stack(part) for part in zip(*cut, strict=True)
     )
@@ -262,12 +262,13 @@ def _whole_part(whole: float, about: float, timestep: float) -> float:
     return whole / max(parts for parts in range(1, most + 1) if steps % parts == 0)
 
 
-def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ...]:
+def _cut(grid: RunGrid, first: int, rows: int, history: int, idle: bool) -> tuple[Tensor, ...]:
     begin, end = next(((a, b) for a, b in reversed(grid.pieces) if a <= first), (0, grid.rows))
     during = torch.arange(first, first + rows, device=grid.value.device)
     held = during.clamp_max(end)
     before = torch.arange(first - history, first, device=grid.value.device)
     began, before = before >= 0, before.clamp_min(begin)
+    past = grid.command[before]
     after = during + 1
     inside = after <= end
     after = after.clamp_max(end)
@@ -276,7 +277,7 @@ def _cut(grid: RunGrid, first: int, rows: int, history: int) -> tuple[Tensor, ..
     return (
         grid.command[held],
         grid.enable[held],
-        grid.command[before],
+        torch.where(began[:, None], past, torch.zeros_like(past)) if idle else past,
         grid.enable[before] * began[:, None].to(grid.enable),
         value[after],
         grid.observed[after] & inside[:, None],

@@ -15,9 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from onlinebayes.criticism.fitting.gaps import rows_missing
 from onlinebayes.criticism.results import Candidate, Estimate
-from onlinebayes.measurements import Measurement
 
 UNIT = {"sensor_bias": "bias", "sensor_scale": "scale", "sensor_delay": "delay", "actuator_delay": "delay"}
 PARTED_STANDARD_ERRORS = 3.0  # standard errors between the delays of two actuators
@@ -51,16 +49,6 @@ def log_notes(
     if late and len(late) == len(commands) and _alike([one.size for one in late]):
         notes.append(_late(late, signals))
     return tuple(notes)
-
-
-def gap_notes(fit_runs: Measurement) -> tuple[str, ...]:
-    """How commands were read where the log seems to lack rows; nothing where it lacks none that matter."""
-    if not (count := rows_missing(fit_runs)):
-        return ()
-    held = fit_runs.held_over_gaps
-    read = "held until the next row" if held else "taken to go on a straight line to the next row"
-    rows = "1 row seems" if count == 1 else f"{count} rows seem"
-    return (f"{rows} to be missing in the log; commands are {read}: the model follows the log no better otherwise",)
 
 
 def _named(candidate: Candidate, parameters: Mapping[str, Estimate]) -> _Named | None:

@@ -14,13 +14,9 @@ from dataclasses import replace
 import torch
 
 from onlinebayes.criticism.data.lost_rows import lost
-from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.as_run import NOISE_FLOORS, far_better
-from onlinebayes.criticism.fitting.fit import improve, unfitted
 from onlinebayes.criticism.fitting.numerics import Grounds, settled_misfit
-from onlinebayes.criticism.fitting.projection import misfit
+from onlinebayes.criticism.fitting.readings import follows_far_better
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 
 
@@ -49,7 +45,7 @@ def held_over_gaps(simulator: Simulator, fit_runs: Measurement, horizon: float) 
     return held < line
 
 
-def read_otherwise(final: Grounds, fit_runs: Measurement) -> bool:
+def gaps_read_otherwise(final: Grounds, fit_runs: Measurement) -> bool:
     """Whether a model that leaves more than noise follows the log far better with the gaps read the other way.
 
     The base model's misfit may have hidden which reading is right.
@@ -58,14 +54,6 @@ def read_otherwise(final: Grounds, fit_runs: Measurement) -> bool:
         final: the model with all that was found.
         fit_runs: the runs, read as they were for it.
     """
-    left = misfit(final.fitted.projected)
-    if left <= NOISE_FLOORS or not rows_missing(fit_runs):
+    if not rows_missing(fit_runs):
         return False
-    model, horizon, noise = final.fitted.simulator, final.windows.horizon, final.windows.noise
-    other = replace(fit_runs, held_over_gaps=not fit_runs.held_over_gaps)
-    try:
-        windows = make_windows(model, other, horizon, MEMORY * horizon, noise)
-        fitted = improve(unfitted(model, windows, final.fitted.theta), windows)
-    except BadInput:  # no window is left between the gaps, or it diverges
-        return False
-    return misfit(fitted.projected) <= far_better(left)
+    return follows_far_better(final, replace(fit_runs, held_over_gaps=not fit_runs.held_over_gaps))

@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import refine
-from onlinebayes.criticism.fitting.gaps import held_over_gaps, read_otherwise, rows_missing
+from onlinebayes.criticism.fitting.gaps import gaps_read_otherwise, held_over_gaps, rows_missing
 from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.measurements import Measurement, Signal
 from tests.criticism.rigs import NOISE, TRUTH, commands, model
@@ -59,6 +59,6 @@ def test_a_right_model_is_right_whichever_way_its_log_has_gaps(held: bool) -> No
 def test_gaps_are_read_otherwise_where_that_leaves_far_less() -> None:
     measurement, noise = log(held=True), torch.tensor([NOISE], dtype=torch.float64)
     wrong = settle(model(), measurement, 1.0, noise)
-    assert read_otherwise(wrong, measurement)
+    assert gaps_read_otherwise(wrong, measurement)
     right = settle(model(), replace(measurement, held_over_gaps=True), 1.0, noise)
-    assert not read_otherwise(right, measurement)
+    assert not gaps_read_otherwise(right, measurement)

@@ -1,0 +1,28 @@
+"""How the log was read where it does not say: what was commanded in its gaps, and before its runs."""
+
+from __future__ import annotations
+
+from onlinebayes.criticism.fitting.before_runs import remembers_commands
+from onlinebayes.criticism.fitting.gaps import rows_missing
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
+
+
+def gap_notes(fit_runs: Measurement) -> tuple[str, ...]:
+    """How commands were read where the log seems to lack rows; nothing where it lacks none that matter."""
+    if not (count := rows_missing(fit_runs)):
+        return ()
+    held = fit_runs.held_over_gaps
+    read = "held until the next row" if held else "taken to go on a straight line to the next row"
+    rows = "1 row seems" if count == 1 else f"{count} rows seem"
+    return (f"{rows} to be missing in the log; commands are {read}: the model follows the log no better otherwise",)
+
+
+def start_notes(fit_runs: Measurement, simulator: Simulator) -> tuple[str, ...]:
+    """That no command was given before the runs, where the model remembers commands and that was found."""
+    if not fit_runs.idle_before or not remembers_commands(simulator):
+        return ()
+    return (
+        "the log does not say what was commanded before a run's first row; no command at all is taken: had the first "
+        "row's command been given before, too, the model would follow the log far worse",
+    )
