@@ -112,7 +112,10 @@ def _refined(setup: RunSetup, rung: Rung) -> bool:
 
 
 def _finer(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
-    """The model's own method, where it is of first order, at the finer step that errs least as far as it is fitted."""
+    """The model's own method, where it is of first order, at the finer step that promises to leave least.
+
+    Theta as another step had it makes up for that step's error, so that one step of theta is allowed each of them.
+    """
     if not first_order(setup.simulator) or not _refined(setup, best.rung):
         return
     windows, lin, current = best.windows, best.fitted.lin, best.fitted.projected
@@ -121,7 +124,8 @@ def _finer(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
         rung = Rung(windows.step / steps).like(best.rung)
         if rung.timestep < setup.simulator.timestep:
             rows, valid = replayed_rows(rung.of(setup.simulator), windows, lin.theta[None], lin.starts[None])
-            left = float(current.project(rows[0][..., None]).square().sum())
+            there = replace(current, residual=current.project(rows[0][..., None])[..., 0])
+            left = there.objective - bounded_step(setup.simulator, there, lin.theta, 0.0)[1]
             error[rung] = left if bool(valid.all()) else float("inf")
     rung = min(error, key=error.__getitem__, default=best.rung)
     if error.get(rung, float("inf")) < PROMISING_RATIO**2 * current.objective:

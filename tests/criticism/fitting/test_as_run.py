@@ -78,9 +78,10 @@ TURNING = """<mujoco><option timestep=".005"/><worldbody><body><joint name="shou
 <actuator><motor name="m1" joint="shoulder"/><motor name="m2" joint="elbow"/></actuator></mujoco>"""
 
 
-def turning(runs: int = 4, seconds: float = 2.0) -> Measurement:
+def turning(runs: int = 4, seconds: float = 2.0, timestep: float = 0.005) -> Measurement:
     """Two links that turn over, integrated by Euler's method at the file's own 5 ms."""
     model, rng, tables = mujoco.MjModel.from_xml_string(TURNING), np.random.default_rng(1), {}
+    model.opt.timestep, every = timestep, round(ROW / timestep)
     time = ROW * np.arange(round(seconds / ROW) + 1)
     for number in range(runs):
         data = mujoco.MjData(model)
@@ -89,7 +90,7 @@ def turning(runs: int = 4, seconds: float = 2.0) -> Measurement:
         angle = np.empty((len(time), 2))
         for row in range(len(time)):
             data.ctrl[:], angle[row] = torque[:, row], data.qpos + rng.normal(0, 1e-4, 2)
-            mujoco.mj_step(model, data, 2)
+            mujoco.mj_step(model, data, every)
         columns = {"time": time, "ctrl.m1": torque[0], "ctrl.m2": torque[1]}
         tables[f"run{number}"] = {**columns, "qpos.shoulder": angle[:, 0], "qpos.elbow": angle[:, 1]}
     signals = [Signal(f"qpos.{joint}", "rad", sd=1e-4) for joint in ("shoulder", "elbow")]
@@ -103,6 +104,23 @@ def test_the_own_step_is_fitted_where_one_step_of_theta_tells_nothing() -> None:
     assert grounds.as_run
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([0.05, 0.02], rel=1e-3)
+
+
+def test_the_finer_step_that_wrote_the_log_is_found_where_much_is_free() -> None:
+    """Theta that makes up for another step's error errs at this one: half of it was taken, and left more than noise."""
+    free = ParameterSpace(
+        {
+            **{f"joint.{joint}.damping": Parameter(0.0, 1.0) for joint in ("shoulder", "elbow")},
+            **{f"joint.{joint}.armature": Parameter(0.0, 0.1) for joint in ("shoulder", "elbow")},
+            **{f"actuator.{motor}.gear[0]": Parameter(0.3, 3.0) for motor in ("m1", "m2")},
+        }
+    )
+    model, log, rung = MujocoSimulator(TURNING, free, threads=1), turning(timestep=0.0005), Rung(0.0025, "runge_kutta")
+    windows = make_windows(rung.of(model), log, 1.0, MEMORY)
+    found = as_run(RunSetup(model, log, 1.0), AsRun(rung, windows, fit(rung.of(model), windows, model.nominal)))
+    assert found is not None
+    assert found.rung == Rung(0.0005)
+    assert misfit(found.fitted.projected) < 1.1
 
 
 CARRIAGE = """<mujoco><option timestep="{step}" integrator="implicitfast"/><worldbody><body name="carriage">
