@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.data.motion import check_runs
 from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.fitting.before_runs import idle_before, starts_read_otherwise
-from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
+from onlinebayes.criticism.fitting.closed_loops import RIGID, completed, tied_as_logged
 from onlinebayes.criticism.fitting.gaps import gaps_read_otherwise, held_over_gaps
 from onlinebayes.criticism.fitting.horizon import cut_to_runs, shortened, steady, within_runs
+from onlinebayes.criticism.fitting.readings import follows_far_better
 from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.criticism.replaying.clock import in_step, restepped
 from onlinebayes.criticism.replaying.scoped import scoped
@@ -33,6 +35,7 @@ class Task:
         fit_runs, held_runs: the measurement, parted.
         selection: how effects are judged.
         notes: what was changed to make it ready, a sentence each.
+        otherwise_tied: the base model with constraints that are soft in place of rigid, or rigid in place of soft.
     """
 
     simulator: Simulator
@@ -40,6 +43,7 @@ class Task:
     held_runs: Measurement
     selection: Selection
     notes: tuple[str, ...]
+    otherwise_tied: Simulator | None = None
 
     def slower(self, found: SearchResult, watch: Watch) -> Selection | None:
         """Longer windows over which more is left than over these; None without any."""
@@ -60,7 +64,18 @@ class Task:
             return self.with_gaps(held=not self.fit_runs.held_over_gaps)
         if starts_read_otherwise(found.final, self.fit_runs):
             return self.begun(idle=not self.fit_runs.idle_before)
-        return None
+        effects = [judged.effect for _, judged in found.accepted]
+        if self.otherwise_tied is None or not effects or found.changes:
+            return None  # the base model was fitted both ways
+        other = grown(self.otherwise_tied, effects)
+        return self.tied_otherwise() if follows_far_better(found.final, self.fit_runs, other) else None
+
+    def tied_otherwise(self) -> Task:
+        """The task with constraints the other way, and a note where they are rigid."""
+        assert self.otherwise_tied is not None
+        notes = tuple(note for note in self.notes if note != RIGID)
+        notes = notes if len(notes) < len(self.notes) else (*notes, RIGID)
+        return replace(self, simulator=self.otherwise_tied, otherwise_tied=self.simulator, notes=notes)
 
     def with_gaps(self, held: bool) -> Task:
         """The task with commands held over the log's gaps, or not."""
@@ -90,15 +105,17 @@ def prepare(
     stepped = in_step(given, fit_runs)
     within = within_runs(asked, fit_runs)
     used = steady(stepped, fit_runs, within)
-    stepped, softness = tied_as_logged(stepped, fit_runs, used.horizon_s)
+    stepped, other = tied_as_logged(stepped, fit_runs, used.horizon_s)
     notes = (
         *tied,
-        *softness,
+        *((RIGID,) if other is not None and stepped.with_rigid_constraints() is stepped else ()),
         *restepped(given, stepped, fit_runs),
         *cut_to_runs(asked, within),
         *shortened(within, used),
     )
-    task = Task(scoped(stepped, scope, measurement, fit_runs.runs), fit_runs, held_runs, used, notes)
+    model = scoped(stepped, scope, measurement, fit_runs.runs)
+    otherwise = None if other is None else scoped(other, scope, measurement, fit_runs.runs)
+    task = Task(model, fit_runs, held_runs, used, notes, otherwise)
     if held_over_gaps(stepped, fit_runs, used.horizon_s):
         task = task.with_gaps(held=True)
     return task.begun(idle=True) if idle_before(stepped, task.fit_runs, used.horizon_s) else task

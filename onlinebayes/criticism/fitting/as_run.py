@@ -90,6 +90,12 @@ def far_better(left: float) -> float:
     return max(NOISE_FLOORS, FAR_BETTER * left)
 
 
+def with_soft_friction(setup: RunSetup, judged: AsRun) -> AsRun | None:
+    """The model fitted on the same rung with MuJoCo's soft friction; None where it has none, or that leaves more."""
+    rung = next((rung for rung in _soft(setup, judged) if rung != judged.rung), None)
+    return None if rung is None else _better(setup, judged, rung, False)
+
+
 def _denser(setup: RunSetup, best: AsRun) -> Iterator[Rung]:
     if setup.simulator.with_scaled_moments() is not setup.simulator:
         yield replace(best.rung, scaled_moments=True)

@@ -77,10 +77,11 @@ def completed(simulator: Simulator, measurement: Measurement) -> tuple[Measureme
     return replace(measurement, data=more, signals=(*measurement.signals, *signals)), (note,)
 
 
-def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) -> tuple[Simulator, tuple[str, ...]]:
-    """The simulator with rigid constraints or with its own soft ones, whichever fits the log better, and a note.
+def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) -> tuple[Simulator, Simulator | None]:
+    """The simulator with rigid constraints or with its own soft ones, whichever fits the log better, and the other.
 
-    A machine is rigid where nobody said how soft it is. A log that MuJoCo wrote is as soft as MuJoCo.
+    There is no other where the model has no constraints that could be either. A machine is rigid where nobody said how
+    soft it is. A log that MuJoCo wrote is as soft as MuJoCo.
 
     Args:
         simulator: the base model.
@@ -89,6 +90,6 @@ def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) 
     """
     rigid = simulator.with_rigid_constraints()
     if rigid is simulator:
-        return simulator, ()
+        return simulator, None
     own, stiff = (settled_misfit(one, fit_runs, horizon) for one in (simulator, rigid))
-    return (simulator, ()) if own < stiff else (rigid, (RIGID,))
+    return (simulator, rigid) if own < stiff else (rigid, simulator)

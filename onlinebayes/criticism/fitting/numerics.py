@@ -24,7 +24,7 @@ from torch import Tensor
 from onlinebayes.criticism.data.grid import even_step, row_step
 from onlinebayes.criticism.data.noise import measured_floors
 from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
-from onlinebayes.criticism.fitting.as_run import AsRun, RunSetup, as_run
+from onlinebayes.criticism.fitting.as_run import NOISE_FLOORS, AsRun, RunSetup, as_run, with_soft_friction
 from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
 from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.initial_theta import from_elsewhere, starting_theta
@@ -122,6 +122,8 @@ def settle(
         begin, starts = grounds.fitted.theta, grounds.fitted.lin.starts
         if grounds.numerics.sufficient:
             break
+        if not last and (softer := _with_soft_friction(setup, grounds)) is not None:
+            return softer
     assert grounds is not None
     return _as_run(setup, grounds)
 
@@ -161,6 +163,28 @@ def _from(first: Rung, rungs: Sequence[Rung]) -> list[Rung]:
     """A rung and those below it; all where it is none of the ladder's, with its own friction and moments."""
     rungs = [rung.like(first) for rung in rungs]
     return rungs[rungs.index(first) :] if first in rungs else [first, *rungs]
+
+
+def _with_soft_friction(setup: RunSetup, coarse: Grounds) -> Grounds | None:
+    """The model settled with MuJoCo's soft friction, where that leaves noise and friction that sticks will not.
+
+    Asked on a rung that is too coarse, for friction that sticks takes far finer ones: what is left beside the error of
+    integration tells. None where the model goes on as it is.
+    """
+    if _beside_integration(coarse) <= NOISE_FLOORS:
+        return None
+    found = with_soft_friction(setup, AsRun(coarse.rung, coarse.windows, coarse.fitted))
+    softer = None if found is None else _checked(setup, found.rung, found.windows, found.fitted)
+    if softer is None or _beside_integration(softer) > NOISE_FLOORS:
+        return None
+    fitted, noise = softer.fitted, softer.windows.noise
+    soft = settle(setup.simulator, setup.measurement, setup.horizon, noise, fitted.theta, softer, fitted)
+    return soft if misfit(soft.fitted.projected) <= NOISE_FLOORS else None
+
+
+def _beside_integration(grounds: Grounds) -> float:
+    """What a fit leaves that is not the error of its step [floors]."""
+    return math.sqrt(max(0.0, misfit(grounds.fitted.projected) ** 2 - grounds.numerics.error_at_quarter_step**2))
 
 
 def _as_run(setup: RunSetup, grounds: Grounds) -> Grounds:
