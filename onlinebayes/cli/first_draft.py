@@ -1,7 +1,7 @@
 """A first problem file from a model and its logs.
 
 Columns are matched by name (:mod:`.matching`), by what is in them where names do not say (:mod:`.log_columns`);
-parameters are chosen by what the logs tell apart (:mod:`.freeing`); the last third of the runs is held out. What could
+parameters are chosen by what the logs tell apart (:mod:`.freeing`); the last runs are held out. What could
 not be matched stands in the file as a comment; with everything matched the file loads as it is.
 """
 
@@ -27,6 +27,7 @@ from onlinebayes.cli.log_columns import (
 from onlinebayes.cli.matching import Match, could_be, match
 from onlinebayes.cli.model import signal_units
 from onlinebayes.cli.servo_inputs import servo_inputs
+from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS
 from onlinebayes.criticism.fitting.closed_loops import completed, follow
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.measurements.formats import open_source
@@ -117,10 +118,16 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
 
 
 def _runs_and_columns(runs: Sequence[str], unused: Sequence[str]) -> dict[str, list[str]]:
-    """The runs held out, the last third, and columns that look like the model's and are not."""
-    held = {"holdout": list(runs[-(len(runs) // 3 or 1) :])} if len(runs) > 1 else {}
+    """The runs held out, and columns that look like the model's and are not."""
+    held = {"holdout": list(runs[-_held_out(len(runs)) :])} if len(runs) > 1 else {}
     ignored = [name for name in unused if name.startswith(LIKE_THE_MODEL)]
     return held | ({"ignore": ignored} if ignored else {})
+
+
+def _held_out(runs: int) -> int:
+    """How many of the last runs are held out: a third, or fewer that leave enough to be blocks of their own."""
+    third = max(1, runs // 3)
+    return min(third, runs - FEWEST_BLOCKS) if runs > FEWEST_BLOCKS else third
 
 
 def _few(names: Sequence[str], most: int = 6) -> str:
