@@ -8,7 +8,7 @@ model's own method is of first order those whose error a coarser one foretells. 
 taken while the residual is far above the sensors' noise, for they leave measured rows out. Where rows jitter, or
 commands change between them, the finer replay is driven on a finer clock: what averaged commands cost is in e, too. In
 the end the model as it was given, or its own soft friction, is preferred where it follows the log far better
-(:mod:`.as_run`).
+(:mod:`.as_run`); soft friction, which needs no such fine steps, where a rung is too coarse for friction that sticks.
 """
 
 from __future__ import annotations
