@@ -18,6 +18,7 @@ from onlinebayes.criticism.fitting.before_runs import commanded_at_once, remembe
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.search import enough_motion
 from onlinebayes.criticism.searching.stage import MUCH_PROMISED, refit
 from onlinebayes.runs import BadInput
 
@@ -35,6 +36,8 @@ def late_from_idle(base: Grounds, context: SearchContext) -> bool:
     fit_runs, tolerance = context.measurement, context.selection.tolerance
     model, left = base.fitted.simulator, misfit(base.fitted.projected)
     if left <= tolerance or not commanded_at_once(fit_runs) or remembers_commands(model):
+        return False
+    if not enough_motion(base, context.selection):
         return False
     proposed = propose(model, base.windows, context.candidates)
     late = [effect for effect in proposed if effect.has_command and effect.memory > 0]
