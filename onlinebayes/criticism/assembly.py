@@ -21,7 +21,7 @@ from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.log_notes import log_notes
 from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
 from onlinebayes.criticism.findings.ranking import rank, steps
-from onlinebayes.criticism.findings.reading_notes import gap_notes, start_notes
+from onlinebayes.criticism.findings.reading_notes import gap_notes, start_notes, tie_notes
 from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.fitting.blocks import Blocks
 from onlinebayes.criticism.fitting.fit import residual_correlation_time
@@ -234,6 +234,7 @@ def _notes(
     )
     return (
         *task.notes,
+        *tie_notes(simulator, task.otherwise_tied),
         *gap_notes(task.fit_runs),
         *start_notes(task.fit_runs, models.final.simulator),
         *fit_notes(

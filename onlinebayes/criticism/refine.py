@@ -162,7 +162,7 @@ def _read_otherwise(task: Task, found: SearchResult, context: SearchContext, mos
         other = task.read_otherwise(found)
         if other is not None:
             context.watch.say("reading the log otherwise")
-            again, fault = inquire(task.simulator, replace(context, measurement=other.fit_runs), most)
+            again, fault = inquire(other.simulator, replace(context, measurement=other.fit_runs), most)
             better = misfit(again.final.fitted.projected) < misfit(found.final.fitted.projected)
             again = again if better and fault is None else None
     return (task, found) if other is None or again is None else (other, again)

@@ -9,7 +9,7 @@ from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.data.motion import check_runs
 from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.fitting.before_runs import idle_before, starts_read_otherwise
-from onlinebayes.criticism.fitting.closed_loops import RIGID, completed, tied_as_logged
+from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
 from onlinebayes.criticism.fitting.gaps import gaps_read_otherwise, held_over_gaps
 from onlinebayes.criticism.fitting.horizon import cut_to_runs, shortened, steady, within_runs
 from onlinebayes.criticism.fitting.readings import follows_far_better
@@ -68,14 +68,9 @@ class Task:
         if self.otherwise_tied is None or not effects or found.changes:
             return None  # the base model was fitted both ways
         other = grown(self.otherwise_tied, effects)
-        return self.tied_otherwise() if follows_far_better(found.final, self.fit_runs, other) else None
-
-    def tied_otherwise(self) -> Task:
-        """The task with constraints the other way, and a note where they are rigid."""
-        assert self.otherwise_tied is not None
-        notes = tuple(note for note in self.notes if note != RIGID)
-        notes = notes if len(notes) < len(self.notes) else (*notes, RIGID)
-        return replace(self, simulator=self.otherwise_tied, otherwise_tied=self.simulator, notes=notes)
+        if not follows_far_better(found.final, self.fit_runs, other):
+            return None
+        return replace(self, simulator=self.otherwise_tied, otherwise_tied=self.simulator)
 
     def with_gaps(self, held: bool) -> Task:
         """The task with commands held over the log's gaps, or not."""
@@ -108,7 +103,6 @@ def prepare(
     stepped, other = tied_as_logged(stepped, fit_runs, used.horizon_s)
     notes = (
         *tied,
-        *((RIGID,) if other is not None and stepped.with_rigid_constraints() is stepped else ()),
         *restepped(given, stepped, fit_runs),
         *cut_to_runs(asked, within),
         *shortened(within, used),

@@ -1,4 +1,4 @@
-"""How the log was read where it does not say: what was commanded in its gaps, and before its runs."""
+"""What was taken where log and model do not say: commands in gaps and before runs, constraints rigid or soft."""
 
 from __future__ import annotations
 
@@ -18,11 +18,26 @@ def gap_notes(fit_runs: Measurement) -> tuple[str, ...]:
     return (f"{rows} to be missing in the log; commands are {read}: the model follows the log no better otherwise",)
 
 
+def tie_notes(simulator: Simulator, otherwise: Simulator | None) -> tuple[str, ...]:
+    """That constraints are rigid, where they could be soft.
+
+    Args:
+        simulator: the base model.
+        otherwise: the same with constraints that are soft in place of rigid, or rigid in place of soft.
+    """
+    if otherwise is None or simulator.with_rigid_constraints() is not simulator:
+        return ()
+    return (
+        "the model's <equality> constraints are taken as rigid: MuJoCo's own are soft where no solref and solimp are "
+        "given; the refined model keeps them so",
+    )
+
+
 def start_notes(fit_runs: Measurement, simulator: Simulator) -> tuple[str, ...]:
     """That no command was given before the runs, where the model remembers commands and that was found."""
     if not fit_runs.idle_before or not remembers_commands(simulator):
         return ()
     return (
         "the log does not say what was commanded before a run's first row; no command at all is taken: had the first "
-        "row's command been given before, too, the model would follow the log far worse",
+        "row's command been given before, too, the model would follow the log less well",
     )

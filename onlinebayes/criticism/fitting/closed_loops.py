@@ -18,11 +18,6 @@ from onlinebayes.criticism.fitting.numerics import settled_misfit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.simulators.base import Simulator
 
-RIGID = (
-    "the model's <equality> constraints are taken as rigid: MuJoCo's own are soft where no solref and solimp are "
-    "given; the refined model keeps them so"
-)
-
 
 def follow(simulator: Simulator, have: Collection[str]) -> set[str]:
     """The positions that constraints tie to those among ``have``, ``qpos.<joint>``, in the model's own pose."""

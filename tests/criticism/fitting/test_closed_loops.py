@@ -1,5 +1,8 @@
 """A slider-crank with one encoder, logged by an equation of motion of its own: right as it is, and with friction."""
 
+from dataclasses import replace
+from importlib import import_module
+
 import numpy as np
 import pytest
 import torch
@@ -9,11 +12,13 @@ from onlinebayes.criticism import Selection, compare
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.candidates.survey import survey
 from onlinebayes.criticism.data.noise import measured_floors
-from onlinebayes.criticism.fitting.closed_loops import RIGID, completed
+from onlinebayes.criticism.findings.reading_notes import tie_notes
+from onlinebayes.criticism.fitting.closed_loops import completed
 from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.fitting.readings import follows_far_better
-from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.search import SearchResult, ground
 from onlinebayes.criticism.searching.stage import refit
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.measurements import Measurement
@@ -21,6 +26,8 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.simulators.linkages import SLIDER_CRANK, driven_slider_crank, slider_crank
+
+searching = import_module("onlinebayes.criticism.refine")
 
 
 @pytest.fixture
@@ -90,10 +97,24 @@ def test_constraints_are_asked_of_the_log_again(simulator: MujocoSimulator, with
     wrong, right = (settle(model, log, 0.5, noise) for model in (rigid, simulator))
     assert follows_far_better(wrong, log, simulator)
     assert not follows_far_better(right, log, rigid)
-    given = Task(rigid, log, log, Selection(), ("kept", RIGID), simulator)
-    task = given.tied_otherwise()
-    assert (task.simulator, task.otherwise_tied, task.notes) == (simulator, rigid, ("kept",))
-    assert task.tied_otherwise() == given
+
+
+def test_the_search_goes_on_with_the_other_constraints(
+    simulator: MujocoSimulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    log, _ = completed(simulator, Measurement.from_runs(driven_slider_crank(0.0, runs=2, seconds=1.0)))
+    rigid, asked = simulator.with_rigid_constraints(), []
+    tied = Task(rigid, log, log, Selection(), (), simulator)
+    other = replace(tied, simulator=simulator, otherwise_tied=rigid)
+    monkeypatch.setattr(Task, "read_otherwise", lambda task, found: other)
+    monkeypatch.setattr(searching, "inquire", lambda model, *_: asked.append(model) or (found, None))
+    monkeypatch.setattr(searching, "misfit", lambda _: next(left))
+    left, base = iter([1.0, 3.0]), ground(rigid, log, Selection())
+    found = SearchResult(base, base)
+    context = SearchContext(log, Selection())
+    assert searching._read_otherwise(tied, found, context, 1) == (other, found)
+    assert asked == [simulator]
+    assert [len(tie_notes(task.simulator, task.otherwise_tied)) for task in (tied, other)] == [1, 0]
 
 
 @pytest.mark.slow
