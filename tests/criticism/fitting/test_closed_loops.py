@@ -27,7 +27,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.simulators.linkages import SLIDER_CRANK, driven_slider_crank, slider_crank
 
-searching = import_module("onlinebayes.criticism.refine")
+refining = import_module("onlinebayes.criticism.refine")
 
 
 @pytest.fixture
@@ -107,12 +107,12 @@ def test_the_search_goes_on_with_the_other_constraints(
     tied = Task(rigid, log, log, Selection(), (), simulator)
     other = replace(tied, simulator=simulator, otherwise_tied=rigid)
     monkeypatch.setattr(Task, "read_otherwise", lambda task, found: other)
-    monkeypatch.setattr(searching, "inquire", lambda model, *_: asked.append(model) or (found, None))
-    monkeypatch.setattr(searching, "misfit", lambda _: next(left))
+    monkeypatch.setattr(refining, "inquire", lambda model, *_: asked.append(model) or (found, None))
+    monkeypatch.setattr(refining, "misfit", lambda _: next(left))
     left, base = iter([1.0, 3.0]), ground(rigid, log, Selection())
     found = SearchResult(base, base)
     context = SearchContext(log, Selection())
-    assert searching._read_otherwise(tied, found, context, 1) == (other, found)
+    assert refining._read_otherwise(tied, found, context, 1) == (other, found)
     assert asked == [simulator]
     assert [len(tie_notes(task.simulator, task.otherwise_tied)) for task in (tied, other)] == [1, 0]
 
