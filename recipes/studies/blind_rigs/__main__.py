@@ -11,7 +11,6 @@ and rigs advance together, so that the table of a part, which says of how many, 
 
 from __future__ import annotations
 
-import hashlib
 import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -31,6 +30,7 @@ from recipes.studies.blind_rigs.workers import Done, work
 from recipes.studies.exits import status
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
+from recipes.studies.resumable import code_mark, kept, print_rows
 
 
 @dataclass(frozen=True)
@@ -92,8 +92,9 @@ def main(study: Study) -> int:
         raise BadInput(f"rig '{unknown.pop()}' is unknown", f"use some of {', '.join(RIGS)}")
     if study.processes < 1:
         raise BadInput(f"{study.processes} processes cannot judge anything", "use one or more")
-    wanted, code = study.jobs, code_mark(study.candidates)
-    found = {**read_published(study.published, wanted), **kept(study.cases, wanted)}
+    wanted, code = study.jobs, code_mark((onlinebayes, envs.rigs), *study.candidates)
+    before = kept(study.cases, (job.name for job in wanted), from_json)
+    found = {**read_published(study.published, wanted), **before}
     todo = [job for job in wanted if job.name not in found]
     print(f"{len(wanted)} cases, {len(found)} of them judged before (in {study.cases})", file=sys.stderr)
     if old := sum(judged.code != code for judged in found.values()):
@@ -105,10 +106,7 @@ def main(study: Study) -> int:
         print(f"stopped; {len(found)} of {len(wanted)} cases are kept; the same command goes on", file=sys.stderr)
         stopped = True
     table = tabulate(list(found.values()), len(wanted), study.name)
-    for row in table.rows:
-        held = {None: "", True: "holds", False: "MISSED"}[row.holds]
-        value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
-        print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
+    print_rows(table)
     ordered = sorted(found.values(), key=lambda judged: judged.name)
     write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(line, ordered)))
     print(f"written: {table.write(study.results)}")
@@ -128,17 +126,6 @@ def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str
             progress.update(len(found), _line(judged, fresh, left.values(), study.processes))
 
 
-def kept(folder: Path, wanted: Iterable[Job]) -> dict[str, Judged]:
-    """The wanted cases that were judged before, by name; a file that cannot be read is judged anew."""
-    found = {}
-    for job in wanted:
-        try:
-            found[job.name] = from_json((folder / f"{job.name}.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError, TypeError):
-            continue
-    return found
-
-
 def read_published(file: Path | None, wanted: Iterable[Job]) -> dict[str, Judged]:
     """The wanted cases of a published file, by name.
 
@@ -153,16 +140,6 @@ def read_published(file: Path | None, wanted: Iterable[Job]) -> dict[str, Judged
         raise BadInput(f"{file} holds no judged cases: {error}", "name a blind-rigs-cases.jsonl") from None
     names = {job.name for job in wanted}
     return {one.name: one for one in judged if one.name in names}
-
-
-def code_mark(candidates: Iterable[str]) -> str:
-    """A mark of the library, of the rigs and of what refine may try: one study has one mark."""
-    digest = hashlib.sha256(" ".join(candidates).encode())
-    for package in (onlinebayes, envs.rigs):
-        folder = Path(str(package.__file__)).parent
-        for file in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".xml")):
-            digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def _answered(done: Done[Job, Judged], code: str, most: float) -> Judged:

@@ -87,7 +87,7 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
         gain_se=first.score_gain_se if first else None,
         p=first.p_value if first else None,
         equal=equal,
-        refused=_refused(result.candidates, hidden),
+        refused=why_not(result.candidates, hidden),
         widened=tuple(result.widened),
         wiring=result.wiring.fault if result.wiring else "",
         before=in_floors(error.before, error.noise_floor),
@@ -121,7 +121,7 @@ def _spelt(made: BlindCase) -> tuple[str, ...]:
     return tuple(spelt(key, made.truth) for key in made.hidden)
 
 
-def _refused(candidates: Sequence[Candidate], hidden: Sequence[str]) -> dict[str, str]:
+def why_not(candidates: Sequence[Candidate], hidden: Sequence[str]) -> dict[str, str]:
     """Why each hidden effect was not accepted; nothing for those that were."""
     known = {candidate.effect: candidate for candidate in candidates}
     found = {}

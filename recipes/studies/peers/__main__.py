@@ -9,11 +9,9 @@ table, of the cases that all methods were tried on so far, says of how many.
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import os
 import sys
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,6 +19,7 @@ import tyro
 
 import envs.rigs
 import onlinebayes
+import recipes.studies.peers
 from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
@@ -30,6 +29,7 @@ from recipes.studies.peers.cases import jobs
 from recipes.studies.peers.judging import Judge, Trial, unanswered
 from recipes.studies.peers.record import COST, METHODS, Outcome, from_json
 from recipes.studies.peers.table import tabulate
+from recipes.studies.resumable import code_mark, kept, print_rows
 
 NEEDED = ("pysindy", "colorama", "tabulate", "yaml", "imageio", "plotly")
 
@@ -70,8 +70,8 @@ def main(study: Study) -> int:
         raise BadInput(f"{', '.join(missing)} not installed", "pip install -c constraints.txt -e '.[peers]'")
     if study.processes < 1 or study.cases < 0:
         raise BadInput(f"{study.processes} processes, {study.cases} cases", "use one process or more, no case or more")
-    wanted, code = study.trials, code_mark()
-    found = kept(study.kept, wanted)
+    wanted, code = study.trials, code_mark((onlinebayes, envs.rigs, recipes.studies.peers))
+    found = kept(study.kept, (trial.name for trial in wanted), from_json)
     print(f"{len(wanted)} trials, {len(found)} of them judged before (in {study.kept})", file=sys.stderr)
     if old := sum(outcome.code != code for outcome in found.values()):
         print(f"{old} of them by other code: remove their files to go anew", file=sys.stderr)
@@ -84,10 +84,7 @@ def main(study: Study) -> int:
     whole = study.cases == Study.cases
     command = "make versus-peers" if whole else f"python -m recipes.studies.peers --cases {study.cases}"
     table = tabulate(list(found.values()), command, len({trial.job.name for trial in wanted}))
-    for row in table.rows:
-        held = {None: "", True: "holds", False: "MISSED"}[row.holds]
-        value = row.value if isinstance(row.value, str) else f"{row.value:.3g}"
-        print(f"{row.name}: {value} | {row.spread or ''} | {row.unit} | {row.goal or ''} {held}".rstrip())
+    print_rows(table)
     print(f"written: {table.write(study.results)}")
     return 130 if stopped else 0
 
@@ -104,26 +101,6 @@ def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: 
             spent += done.seconds
             left = in_words(spent / number * (len(todo) - number) / study.processes)
             progress.update(len(found), f"{outcome.name}: {_told(outcome)}; about {left} to go")
-
-
-def kept(folder: Path, wanted: Iterable[Trial]) -> dict[str, Outcome]:
-    """The wanted trials that were judged before, by name; a file that cannot be read is judged anew."""
-    found = {}
-    for trial in wanted:
-        try:
-            found[trial.name] = from_json((folder / f"{trial.name}.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError, TypeError):
-            continue
-    return found
-
-
-def code_mark() -> str:
-    """A mark of the library, the rigs and the methods: one study has one mark."""
-    digest = hashlib.sha256()
-    for folder in (Path(str(onlinebayes.__file__)).parent, Path(str(envs.rigs.__file__)).parent, Path(__file__).parent):
-        for file in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".xml")):
-            digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
-    return digest.hexdigest()[:12]
 
 
 def _told(outcome: Outcome) -> str:
