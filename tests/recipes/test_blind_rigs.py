@@ -76,7 +76,10 @@ def test_every_rule_sees_its_fault() -> None:
     assert NAMED.share == pytest.approx(0.95)
     wrong = replace(NAMED, first="quadratic_drag@carriage", accepted=("quadratic_drag@carriage",))
     assert (wrong.right, wrong.first_right, wrong.innocent) == (True, False, ("quadratic_drag@carriage",))
-    assert replace(wrong, verdict="tie", equal=("dry_friction@carriage",)).first_or_tied
+    tied = replace(wrong, verdict="tie", equal=("dry_friction@carriage",))
+    assert (tied.first_or_tied, tied.innocent, tied.accused) == (True, wrong.innocent, ())
+    beside = replace(tied, accepted=(*tied.accepted, "cogging@carriage"))
+    assert (wrong.accused, beside.accused) == (wrong.innocent, ("cogging@carriage",))
     extra = replace(NAMED, accepted=("dry_friction@carriage", "cogging@carriage"))
     assert (extra.all_found, extra.innocent, extra.missed) == (True, ("cogging@carriage",), True)
     pair = replace(NAMED, hidden=("dry_friction@carriage", "constant_load@carriage"))

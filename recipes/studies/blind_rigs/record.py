@@ -155,8 +155,7 @@ class Judged:
     @property
     def first_or_tied(self) -> bool:
         """Whether the first-ranked candidate is right, or is said to be indistinguishable from what is hidden."""
-        tied = self.verdict == "tie" and any(key in answer.names for answer in self.answers for key in self.equal)
-        return self.first_right or tied
+        return self.first_right or self._tied_with_hidden()
 
     @property
     def all_found(self) -> bool:
@@ -174,6 +173,12 @@ class Judged:
         )
 
     @property
+    def accused(self) -> tuple[str, ...]:
+        """Those of them that are not said to be indistinguishable from what is hidden."""
+        said = self.accepted[:1] if self._tied_with_hidden() else ()
+        return tuple(key for key in self.innocent if key not in said)
+
+    @property
     def share(self) -> float | None:
         """Part of what the true effects give that refine gave, between 0 and 1; None where they give nothing."""
         if self.before is None or self.after is None or self.reference is None or self.reference >= self.before:
@@ -187,6 +192,10 @@ class Judged:
             return bool(self.innocent)
         named = self.kind != "effect" or (self.all_found and (len(self.hidden) > 1 or self.first_right))
         return not (self.right and named) or bool(self.innocent)
+
+    def _tied_with_hidden(self) -> bool:
+        """Whether the first accepted effect is said to be indistinguishable from one that is hidden."""
+        return self.verdict == "tie" and any(key in answer.names for answer in self.answers for key in self.equal)
 
     def _members(self) -> tuple[frozenset[str], frozenset[str]]:
         """Both sides of a tie, each in every spelling."""

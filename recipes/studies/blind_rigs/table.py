@@ -84,6 +84,7 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
     null, hiding = ([judged for judged in found if judged.kind == kind] for kind in ("null", "effect"))
     _share(table, "null: something accepted", null, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted", hiding, lambda judged: bool(judged.innocent))
+    _share(table, "effects: something else accepted, not tied with what hides", hiding, lambda j: bool(j.accused))
     for kind in RIGHT:
         mine = [judged for judged in found if judged.kind == kind and judged.counts]
         _share(table, f"{kind}: verdict right", mine, lambda judged: judged.right)
