@@ -6,7 +6,6 @@ may be what is slow: it is taken as uncorrelated then, and a round asks of its c
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,6 +15,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, opposites, trials
 from onlinebayes.criticism.candidates.cheaper_method import by_cheaper_method
+from onlinebayes.criticism.candidates.exclusion import exclusion_limit
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import (
     FEWEST_BLOCKS,
@@ -23,12 +23,10 @@ from onlinebayes.criticism.fitting.blocks import (
     flip_groups,
     independent_parts,
     make_blocks,
-    t_quantile,
 )
 from onlinebayes.criticism.fitting.fit import Fit, residual_correlation_time
 from onlinebayes.criticism.fitting.projection import noise_rows, per_noise, project
 from onlinebayes.criticism.fitting.sensitivities import columns
-from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import SHORT_WINDOWS, CrossValidated, cross_validate
 from onlinebayes.criticism.judging.screening import Column, Scores, block_scores, observed, p_values, promise
 from onlinebayes.criticism.replaying.scoped import ScopedSimulator
@@ -103,8 +101,8 @@ def screen(
     """z and p of every effect, by the fit's own method; the confounded ones last. ``groups`` flip together."""
     if not effects:
         return ()
-    tried = trials(effects)
-    horizons, raw, tried = _sensitivities(current, windows, groups, effects, tried)
+    in_all_runs = trials(effects)
+    horizons, raw, tried = _sensitivities(current, windows, groups, effects, in_all_runs)
     tests = [Column(trial.candidate, trial.two_sided) for trial in tried]
     z, p, best = p_values(horizons, tests, len(effects))
     by_column = observed(horizons, tests)
@@ -115,6 +113,7 @@ def screen(
             found.append(Screened(effect, None, None, {}, 0.0, _confounding(current, windows, raw[mine]), None))
             continue
         i = int(best[k])
+        own = [c for c, trial in enumerate(in_all_runs) if trial.candidate == k]
         starts = [
             starting_values(effect, tried[c], float(horizons[0].size[c]))
             for c in by_column.argsort(descending=True).tolist()
@@ -128,8 +127,7 @@ def screen(
                 starting_values(effect, tried[i], float(horizons[0].size[i])),
                 promise(horizons, i),
                 (),
-                # Of an effect that starts at its upper bound (a limit) the excluded distance would mean nothing.
-                _exclusion(horizons[0], i, int(groups.max()) + 1, tried[i], effect) if tried[i].reach > 0 else None,
+                exclusion_limit(horizons[0], int(groups.max()) + 1, effect, own, tried),
                 tuple(starts[:MORE_STARTS]) if effect.rugged else (),
             )
         )
@@ -238,22 +236,6 @@ def starting_values(effect: Effect, trial: Trial, size: float) -> dict[str, floa
     value = neutral + size * trial.reach
     value = min(max(value, bounds.low + 1e-3 * width), bounds.high - 1e-3 * width)
     return {**trial.values, first: value}
-
-
-def _exclusion(scores: Scores, column: int, groups: int, trial: Trial, effect: Effect) -> float | None:
-    """Smallest distance from neutral that would have been seen [SI of the first parameter]; None beyond its bounds.
-
-    What the groups' spread leaves possible at 95 %, and not less than what lowers the error by the 5 % that acceptance
-    asks for: |c~|^2 size^2 = |r|^2 (1 / .95^2 - 1).
-    """
-    size, g, norm = float(scores.size[column]), scores.g[:, column], float(scores.norm[column])
-    if groups < 2 or norm <= 0:
-        return None
-    se = math.sqrt(groups / (groups - 1) * float((g - g.mean()).square().sum())) / norm
-    seen = math.sqrt((1 / (1 - LEAST_FALL) ** 2 - 1) * scores.misfit / norm)
-    limit = abs(trial.reach) * max(abs(size) + t_quantile(0.975, groups) * se, seen)
-    bounds, neutral = effect.parameters[effect.magnitude], effect.neutral[effect.magnitude]
-    return limit if limit <= max(bounds.high - neutral, neutral - bounds.low) else None
 
 
 def _confounding(current: Fit, windows: Windows, raw: Float[Tensor, "W n S"]) -> tuple[str, ...]:

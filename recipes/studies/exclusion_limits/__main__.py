@@ -28,7 +28,7 @@ from recipes.studies.job import Job
 from recipes.studies.json_line import line
 from recipes.studies.resumable import code_mark, kept, print_rows
 
-REPORTED = 2400
+REPORTED = 2410
 """Seed of a rig's first reported record; none of these was looked at while the search was tuned."""
 
 
