@@ -63,9 +63,9 @@ screening: setup ## all candidates of six joints screened both ways, side by sid
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers
-cartpole: setup  ## Online BayesSim on CartPole, five seeds -> docs/results/cartpole.json
+cartpole: setup  ## Online BayesSim on CartPole, six truths with baselines (24 runs; goes on where it was stopped) -> docs/results/cartpole.json
 	$(BIN)/python -m recipes.cartpole --study
-pendulum: setup  ## Online BayesSim on Pendulum, five seeds -> docs/results/pendulum.json
+pendulum: setup  ## Online BayesSim on Pendulum, six truths with baselines (24 runs; goes on where it was stopped) -> docs/results/pendulum.json
 	$(BIN)/python -m recipes.pendulum --study
 
 effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)

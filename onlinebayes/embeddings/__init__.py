@@ -3,7 +3,7 @@
     reference = SimulatorReference(simulator, proposal.box.cross(), state=..., command=..., observe=...)
     features = TransitionFeatures(observation=4, action=2, reference=reference, sensitivities=2)
     embedding = JoinedEmbedding([LSTMEmbedding(features), SummaryEmbedding(features)])
-    embedding.fit(observation, action, following, mask)            # once a round: standardisation (the loss does it)
+    embedding.fit(observation, action, following, mask)  # once a round: standardisation (inference.fit does it)
     vector = embedding(observation, action, following, mask)       # (B, T, .) -> (B, embedding.size)
 
 Step by step, equal to the above (for collectors):

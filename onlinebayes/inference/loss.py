@@ -26,7 +26,9 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
     """Trajectories with their theta -> ``"loss_posterior"``, the mean negative log density in the box's coordinates.
 
     ``in_keys`` are those of ``keys`` (``"observation"``, ``"action"``, ``("next", "observation")``, ``"theta"``; and
-    ``"mask"`` where there is one); ``out_keys`` is ``["loss_posterior"]``.
+    ``"mask"`` where there is one); ``out_keys`` is ``["loss_posterior"]``. In a trainer of your own call
+    :meth:`standardise` on each round's trajectories before the first step: :func:`~onlinebayes.inference.fit` does it,
+    a call of the loss does not.
 
     Args:
         embedding: trajectory -> vector; trained.

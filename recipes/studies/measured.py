@@ -3,7 +3,7 @@
     ONLINEBAYES_DATA=/path/to/data python -m recipes.studies.measured [--sets xl330 ...]  -> docs/results/measured.json
 
 The sets are the modules of ``recipes.studies.measured_sets``; two run at a time, each command in a process of its own.
-Held out are whole runs. Rows of sets that are not run stay as the file has them: all sets take a quarter of an hour.
+Held out are whole runs. Rows of sets that are not run stay as the file has them: all sets take an hour.
 """
 
 from __future__ import annotations

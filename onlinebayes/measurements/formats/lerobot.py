@@ -8,7 +8,7 @@
 | features of one number                   | ``<feature>``                                         |
 
 Versions 2.x write one file an episode, 3.x several episodes a file; both are read by the columns, not by the files'
-names. Source: https://huggingface.co/docs/lerobot. Needs the extra ``onlinebayes[parquet]``.
+names. Source: https://huggingface.co/docs/lerobot. Needs the extra ``parquet``.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 The records are read one after the other, without the index, so that a log whose writer was killed is refused rather
 than half read. No chunk is unpacked beyond the size it declares, and none may declare more than ``LARGEST``.
-Source of the format: https://mcap.dev/spec. Needs the extra ``onlinebayes[mcap]``.
+Source of the format: https://mcap.dev/spec. Needs the extra ``mcap``.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def _library(path: Path) -> tuple[Any, Any]:
     except ImportError:
         raise BadInput(
             "reading MCAP needs mcap and mcap-protobuf-support",
-            "pip install 'onlinebayes[mcap]', or save the log as CSV",
+            "install the extra mcap (pip install -e '.[mcap]' in the repository), or save the log as CSV",
             where=str(path),
         ) from None
     return records, DecoderFactory()

@@ -17,7 +17,7 @@ from onlinebayes.runs import BadInput
 
 
 class ParquetSource(Source):
-    """A Parquet file of flat columns; reading it needs the extra ``onlinebayes[parquet]``.
+    """A Parquet file of flat columns; reading it needs the extra ``parquet``.
 
     Args:
         path: the file.
@@ -80,7 +80,7 @@ def open_parquet(path: Path, text: Sequence[str] = ()) -> Any:
     except ImportError:
         raise BadInput(
             "reading Parquet needs pyarrow",
-            "pip install 'onlinebayes[parquet]', or save the table as CSV",
+            "install the extra parquet (pip install -e '.[parquet]' in the repository), or save the table as CSV",
             where=str(path),
         ) from None
     try:

@@ -113,5 +113,5 @@ def test_a_missing_extra_says_what_to_install(tmp_path, monkeypatch, module, wri
     for name in [name for name in sys.modules if name.split(".")[0] == module]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(BadInput, match=rf"pip install 'onlinebayes\[{extra}\]'"):
+    with pytest.raises(BadInput, match=rf"install the extra {extra} \(pip install -e '\.\[{extra}\]'"):
         logs.reader(*logs.MCAP).read([tmp_path / "log"])
