@@ -10,7 +10,7 @@ import jaxtyping
 import pytest
 from jaxtyping import install_import_hook
 
-import tests.typecheck  # noqa: F401  (the hook looks the checker up as an attribute)
+import tests.typecheck
 
 install_import_hook(["onlinebayes", "envs"], "tests.typecheck.check")
 
@@ -24,6 +24,7 @@ torch.set_num_threads(1)
 @pytest.fixture(autouse=True)
 def _seed() -> None:
     seed_everything(0)
+    tests.typecheck.begin_test()
 
 
 @pytest.fixture

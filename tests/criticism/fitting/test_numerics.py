@@ -93,6 +93,7 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
     assert torch.allclose(exact.fitted.theta, euler.fitted.theta, rtol=2e-2)
 
 
+@pytest.mark.slow
 def test_a_gross_misfit_takes_one_evaluation_a_step_and_is_reported_by_the_models_own_method() -> None:
     friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
     measurement = measure({friction: (2.0,)}, runs=8, noise=1e-3, finer=4)
