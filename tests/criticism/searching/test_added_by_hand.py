@@ -19,6 +19,7 @@ DELAY = ActuatorDelay("motor", Parameter(0.0, 0.05, "s"))
 FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
 
 
+@pytest.mark.slow
 def test_cogging_added_by_hand_finds_its_poles() -> None:
     data = measure({COGGING: (1.0, 40.0, 0.7)}, runs=3, finer=16)
     (effect,) = propose(model(), make_windows(model(), data, 1.0), ["cogging@rail"])  # as the command line builds it

@@ -81,6 +81,7 @@ def test_a_law_is_no_change(hidden) -> None:
     assert [one.address for one in judged(measure(hidden, runs=9)) if not one.failed] == []
 
 
+@pytest.mark.slow
 def test_null_sets_stay_silent() -> None:
     """Five sets of six runs, level .015: more than one below it comes about in one of 450 such tests."""
     low = 0

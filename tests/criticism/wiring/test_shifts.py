@@ -68,6 +68,7 @@ def found_with(table: Measurement) -> Suspicion | None:
     return suspect(ground(simulator, table, selection), simulator, table, selection)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_read_under_the_next_command_is_found() -> None:
     measured = PENDULUM.measure()
     assert found_with(with_torque(measured, early=False)) is None
