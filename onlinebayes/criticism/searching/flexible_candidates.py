@@ -22,11 +22,10 @@ from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.fitting.fit import Fit, fit
+from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.fitting.projection import misfit
-from onlinebayes.criticism.judging.acceptance import Judged, choose, contained
-from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted, score_gain
+from onlinebayes.criticism.judging.acceptance import Judged, choose
 from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.per_run_parameters import HALF_LEVEL, may_change
@@ -88,7 +87,7 @@ def flexible_groups(current: Grounds, found: Sequence[Effect] = ()) -> tuple[Gro
     """What is left to try beyond all and ``found``, in groups, each with what is being looked for."""
     if found and misfit(current.fitted.projected) > MOST_FLOORS:
         return ()
-    return _without((*_effects(current), *_in_time(current)), {effect.key for effect in found})
+    return _without((*effect_groups(current), *_in_time(current)), {effect.key for effect in found})
 
 
 def _without(groups: Sequence[Group], keys: set[str]) -> tuple[Group, ...]:
@@ -97,7 +96,7 @@ def _without(groups: Sequence[Group], keys: set[str]) -> tuple[Group, ...]:
     return tuple((what, effects) for what, effects in left if effects)
 
 
-def _effects(current: Grounds) -> Iterator[Group]:
+def effect_groups(current: Grounds) -> Iterator[Group]:
     """The vocabulary's effects that are not among all, a group a name."""
     simulator, windows = current.fitted.simulator, current.windows
     for name, kind in {**EFFECTS, **simulator.own_effects}.items():
@@ -221,43 +220,3 @@ def _nearest(leads: Sequence[Added]) -> list[Added]:
     for lead in sorted(leads, key=lambda added: (len(added[1].failed), -added[1].gain.gain)):
         best.setdefault(lead[1].effect.key, lead)
     return list(best.values())[:MOST_LEADS]
-
-
-def find_one_for_several(
-    base: Grounds, current: Grounds, accepted: Sequence[Added], context: SearchContext, tried: set[str]
-) -> Added | None:
-    """The one effect that explains alone what several do; None without any.
-
-    One that contains an accepted one and predicts better (a steady wind is air drag and, to what is slow against it, a
-    constant load), or one that was found last and does no worse without those that mimicked it before; none that was
-    ``tried`` on the base model itself.
-    """
-    several = {judged.effect.key for _, judged in accepted}
-    if len(several) < 2:
-        return None
-    rivals = [judged.effect for _, judged in accepted if judged.effect.tried_last]
-    rivals += [effect for _, effects in _effects(base) for effect in effects if contained(effect) & several]
-    rivals = [effect for effect in rivals if effect.key not in tried]
-    if not rivals:
-        return None
-    selection = context.selection
-    context.watch.say(f"looking for one effect in place of {' and '.join(sorted(several))}")
-    windows, step = current.windows, current.windows.bin_step
-    screened = survey(
-        fit(current.rung.of(base.fitted.simulator), windows, base.fitted.theta), windows, rivals, selection.folds
-    )
-    refits = worth(screened, selection.alpha, EVERY_P)[:MOST_REFITS_OF_A_GROUP]
-    # Whether something is missing at all was decided before: screening's p, small or not, says nothing more.
-    stage = judged_stage(screened, refits, current.numerics, replace(selection, alpha=1.0), context.watch)
-    present = cross_validate(current.fitted, windows, stage.blocks)
-    quiet = [one for one in stage.judged if one.admissible and leaves_noise(one.fitted, windows, selection.tolerance)]
-    better = [one for one in quiet if _better(one, current.fitted, present, step)]
-    return (stage, choose(better, step)) if better else None
-
-
-def _better(one: Judged, several: Fit, present: CrossValidated, step: float) -> bool:
-    """Whether one effect predicts better with no more parameters than several, or no worse with fewer."""
-    gains = score_gain(one.scores, present, step).gain > 0
-    if parted(one.scores, present, step):
-        return gains and len(one.fitted.theta) <= len(several.theta)
-    return len(one.fitted.theta) < len(several.theta)

@@ -26,10 +26,10 @@ from onlinebayes.criticism.searching.flexible_candidates import (
     Group,
     best_of_groups,
     find_beside,
-    find_one_for_several,
     flexible_groups,
     try_groups,
 )
+from onlinebayes.criticism.searching.one_for_several import put_one_for_several
 from onlinebayes.criticism.searching.pairs import find_pair
 from onlinebayes.criticism.searching.parsimony import simplify
 from onlinebayes.criticism.searching.rival_swap import swap_in_better_rival
@@ -311,5 +311,4 @@ def _simplest(context: SearchContext, base: Grounds, working: WorkingModel, alon
     working = simplify(working, context)
     if working.changes or not context.everything:
         return working
-    one = find_one_for_several(base, working.grounds, working.accepted, context, alone)
-    return working if one is None else with_effects(working, [one], context, alone=True)
+    return put_one_for_several(base, working, context, alone) or working

@@ -16,7 +16,7 @@ from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.survey import Screened, Survey, survey
 from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, make_blocks
-from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
+from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time, still_promised
 from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.fitting.projection import misfit, project
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contained, judge
@@ -58,6 +58,9 @@ LEAST_REALISED = 0.1
 
 HALF_REALISED = 0.5
 """A limit's refit that realises less than this part of much that was promised may have stopped at its peaks."""
+
+STUCK = 0.1
+"""A refit that ends where one more step promises to lower its squared error by a larger share stopped on its way."""
 
 LEFT_OF_GROSS = 0.25
 """A candidate that leaves no more than this share of a gross misfit needs no p."""
@@ -237,7 +240,8 @@ def refit(
     :mod:`.fitting.inactive_effects`. Where there are ``others`` to begin from, the best of all these fits. The grown
     model contains the current one: a fit that ends above it, or realises next to nothing of much that screening
     ``promised`` (a share of the RMS), was led astray from where it began, and begins again half-way to nothing, and at
-    nothing.
+    nothing. One that is stuck on its way begins again at nothing and at the effect's own starting values (a weak spring
+    that rests far away, on its way to a stronger one that rests near).
 
     Returns:
         The fit, and the effect as it was fitted: a time that ended on its bound has a longer one (see
@@ -249,6 +253,8 @@ def refit(
     nearer = [_halved(effect, start), dict(effect.neutral)] if astray else []
     if _limits(effect) and promised >= MUCH_PROMISED and realised < HALF_REALISED * promised:
         nearer = [dict(other) for other in effect.starts]
+    elif not astray and fitted.converged and still_promised(fitted) > STUCK:
+        nearer = [dict(effect.neutral), *(dict(other) for other in effect.starts)]
     for other in (*nearer, *others):
         try:
             again = _fitted(current, windows, effect, other, min(hopeless, fitted.projected.objective))

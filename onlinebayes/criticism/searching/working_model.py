@@ -56,18 +56,15 @@ class WorkingModel:
         return misfit(self.grounds.fitted.projected) <= tolerance
 
 
-def with_effects(
-    working: WorkingModel, added: Sequence[Added], context: SearchContext, *, alone: bool = False
-) -> WorkingModel:
+def with_effects(working: WorkingModel, added: Sequence[Added], context: SearchContext) -> WorkingModel:
     """The model with these effects, the last of which was fitted with all the others.
 
     Args:
         working: the model.
         added: what enters.
         context: of the search.
-        alone: whether they take the place of what was accepted before.
     """
-    accepted = (*(() if alone else working.accepted), *added)
+    accepted = (*working.accepted, *added)
     model, best = grown(working.simulator, [judged.effect for _, judged in accepted]), added[-1][1].fitted
     before, horizon = working.grounds, context.selection.horizon_s
     noise = before.windows.noise
