@@ -95,7 +95,7 @@ def test_wind_on_a_pendulum() -> None:
     assert result.remainder.status == "noise"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_slippery_foot() -> None:
     mu, mass, noise, runs = 0.3, 2.0, 1e-4, []
     for r in range(9):

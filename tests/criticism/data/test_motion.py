@@ -136,7 +136,7 @@ def test_a_runs_past_is_known_from_its_speeds() -> None:
     assert torch.allclose(motion["q"][:rows, 0], middle[:rows], atol=0.01 * float(shown.abs().max()))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_that_remembers_is_tried_from_speeds_alone() -> None:
     hidden = tachometer({FRICTION: (1.5,)})
     result = diagnose(model(), hidden, candidates=["thermal_derating", "dry_friction"])

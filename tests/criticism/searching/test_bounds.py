@@ -51,7 +51,7 @@ def test_the_refined_problem_holds_the_wider_bounds(light) -> None:
     assert written["parameters"][MASS] == {"low": 0.5, "high": 5.0}
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_effect_that_drives_a_parameter_to_its_bound_is_still_an_effect() -> None:
     friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
     narrow = ParameterSpace({MASS: Parameter(2.4, 2.6, "kg"), DAMPING: Parameter(0.0, 1.5, "N s/m")})

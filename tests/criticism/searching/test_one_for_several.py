@@ -111,7 +111,7 @@ def test_a_drag_in_still_air_stays() -> None:
 @pytest.mark.parametrize(
     ("seed", "accepted"),
     [
-        pytest.param(2201, ("gravity_tilt@world.x",), marks=pytest.mark.slow),
+        pytest.param(2201, ("gravity_tilt@world.x",), marks=pytest.mark.long),
         pytest.param(2202, ("wind@ball.x",), marks=pytest.mark.long),
         pytest.param(2329, ("constant_load@y", "wind@ball.x"), marks=pytest.mark.long),
     ],
