@@ -23,9 +23,6 @@ from onlinebayes.simulators.effects.seen import Seen
 
 PERIODS = (1.0, 16.0)
 """Periods over the travel that ``scaled`` allows."""
-SMALL = 1e-3
-"""Of the largest force: an amplitude whose trace is in proportion to it. With twenty times as much a carriage's right
-period, 120 rad/m, showed a quarter of its trace, and was not tried."""
 SPACING = 0.4
 """Of a period over the travel: the widest spacing of starting values that misses none (three values missed 2.6)."""
 
@@ -85,7 +82,7 @@ class Cogging(Effect):
         """A grid of n, spaced by 0.4 periods over the travel of ``scaled``, and of two phases and their opposites."""
         steps = math.ceil((PERIODS[1] - PERIODS[0]) / SPACING - 1e-9)
         width = self.poles.high - self.poles.low
-        size = SMALL * self.amplitude.high
+        size = 0.02 * self.amplitude.high
         first = self.phase.low + (self.phase.high - self.phase.low) / 6
         phases = [first + quarter * math.pi / 2 for quarter in range(4)]
         phases = [phase for phase in phases if phase <= self.phase.high]

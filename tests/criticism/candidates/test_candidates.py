@@ -161,19 +161,6 @@ def test_of_two_opposite_starts_one_stands_for_both(windows: Windows) -> None:
     assert float((moved[0] + moved[1]).norm()) < 0.1 * float(moved[0].norm())
 
 
-def test_the_trace_of_cogging_is_in_proportion_to_the_amplitude_that_is_tried(windows: Windows) -> None:
-    # Twenty times the amplitude is not: 0.19 of the trace of 128 rad/m is another one then.
-    (cogging,) = propose(model(), windows, ["cogging@rail"])
-    simulator, theta = model(), torch.tensor([2.5, 1.4]).double()
-    tried = [trial for trial in trials([cogging]) if trial.values["amplitude"] > 0][::8]
-    smaller = [replace(trial, values={**trial.values, "amplitude": trial.values["amplitude"] / 10}) for trial in tried]
-    moved = torch.stack([grown_theta(simulator, theta, [cogging], trial) for trial in (*tried, *smaller)])
-    still = grown_theta(simulator, theta, [cogging])
-    raw, _ = columns(simulator.with_effect(cogging), windows, still, moved, windows.start)
-    full, tenth = raw[: len(tried)].flatten(1), 10 * raw[len(tried) :].flatten(1)
-    assert float(((full - tenth).norm(dim=1) / tenth.norm(dim=1)).max()) < 0.02
-
-
 def test_a_joint_that_sticks_has_the_bounds_of_one_that_does_not(windows: Windows) -> None:
     sticky = MujocoSimulator(SLIDE.replace('damping="1"', 'damping="1" frictionloss="3"'), FREE, threads=1)
     free, held = (target_scales(simulator, windows, "joint", "rail") for simulator in (model(), sticky))
