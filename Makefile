@@ -10,7 +10,7 @@ WORKERS ?= 2
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits cartpole pendulum emps measured cost screening versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -63,10 +63,8 @@ screening: setup ## all candidates of six joints screened both ways, side by sid
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers
-cartpole: setup  ## Online BayesSim on CartPole, six truths with baselines (24 runs; goes on where it was stopped) -> docs/results/cartpole.json
-	$(BIN)/python -m recipes.cartpole --study
-pendulum: setup  ## Online BayesSim on Pendulum, six truths with baselines (24 runs; goes on where it was stopped) -> docs/results/pendulum.json
-	$(BIN)/python -m recipes.pendulum --study
+online: setup    ## online learning beside a posterior first, the prior and an oracle (hours; goes on where it was stopped) -> docs/results/online.json
+	$(BIN)/python -m recipes.studies.online --out $(OUT)/online
 
 effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
 	$(BIN)/python -m recipes.studies.effect_pages

@@ -1,7 +1,6 @@
 """CartPole with unknown pole: Online BayesSim infers half the pole's length and its mass while PPO learns to balance.
 
-    python -m recipes.cartpole [--seed S] [--noise 0.01]     one run, about 2 minutes
-    make cartpole                                            all seeds -> docs/results/cartpole.json
+    python -m recipes.cartpole [--seed S] [--kind oracle]     one run, a minute or two; Ctrl-C and again goes on
 
 Prior U[.1, 1]^2 as in Table 5.1 of the thesis (log density there: 4.66). A policy trained on the prior alone balances
 CartPole too; what a posterior is worth to a policy shows on Pendulum.
@@ -10,18 +9,31 @@ CartPole too; what a posterior is worth to a policy shows on Pendulum.
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import torch
-import tyro
 from tensordict import TensorDict
 from torch import Tensor
 
 from envs.cartpole import CartPole, CartPoleTask
+from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import (
+    Belief,
+    BoxUniform,
+    MixtureEstimator,
+    NeuralEstimator,
+    NeuralPosteriorLoss,
+    PosteriorEstimator,
+    fit,
+)
 from onlinebayes.objectives import ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.trainers import Schedule
-from recipes.studies.online import Settings, main
-from recipes.studies.online_problem import Goals, Problem
+from onlinebayes.trainers import Problem, Sizes, online_trainer
+from recipes.common import Run, Settings, hidden_truth, main
+
+SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
+# Position and angle between their limits; velocities as a balancing policy sees them, within +-3 m/s, +-3 rad/s.
+RANGE = torch.tensor((2 * CartPoleTask.max_position, 6.0, 2 * CartPoleTask.max_angle, 6.0))
 
 
 def state(observation: Tensor) -> TensorDict:
@@ -30,21 +42,37 @@ def state(observation: Tensor) -> TensorDict:
     return TensorDict({"qpos": position, "qvel": velocity}, batch_size=observation.shape[:1])
 
 
-PROBLEM = Problem(
-    name="cartpole",
-    simulator=CartPole(ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})),
-    task=CartPoleTask(horizon=500),
-    state=state,
-    # Position and angle between their limits; velocities as a balancing policy sees them, within +-3 m/s, +-3 rad/s.
-    sensor_range=(2 * CartPoleTask.max_position, 6.0, 2 * CartPoleTask.max_angle, 6.0),
-    objective=ppo,
-    goals=Goals(log_density=9.0, score=475.0),
-    schedule=Schedule(steps=6, policy_batches=14, real_steps=50),
-    worlds=64,
-    batch_steps=64,
-)
+def estimator(problem: Problem, epochs: int, proposal: Belief) -> PosteriorEstimator:
+    """Transitions told beside the simulator at the proposal's centre -> their least-squares sums -> a mixture."""
+    task = problem.task
+    reference = SimulatorReference(
+        problem.simulator, proposal.box.cross(), state=state, command=task.command, observe=task.observe
+    )
+    features = TransitionFeatures(4, 2, reference=reference, sensitivities=len(SPACE))
+    embedding = SummaryEmbedding(features)
+    network = MixtureEstimator(SPACE, embedding.size, box=proposal.box)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
+
+
+def build(settings: Settings) -> Run:
+    """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
+    problem = Problem(CartPole(SPACE), CartPoleTask(), BoxUniform(SPACE), settings.noise * RANGE)
+    truth = hidden_truth(SPACE, settings.seed, {"length": 0.5, "mass": 0.1})
+    objective = ppo(*problem.specs)
+    steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 500, 25)
+    trainer = online_trainer(
+        problem,
+        objective,
+        estimator=partial(estimator, problem, epochs),
+        real=problem.hidden(truth, settings.seed + 2000),
+        schedule=settings.schedule(steps, batches, real_steps=50),
+        sizes=Sizes(worlds=64, batch_steps=64, simulations=simulations, groups=64),
+        worlds=settings.worlds(problem, truth),
+        seed=settings.seed,
+    )
+    return Run(problem, trainer, truth)
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)
-    sys.exit(main(PROBLEM, tyro.cli(Settings, description=__doc__)))
+    sys.exit(main("cartpole", build, __doc__))

@@ -1,7 +1,6 @@
 """Pendulum of unknown length and mass: Online BayesSim infers both while SAC learns to swing up and hold.
 
-    python -m recipes.pendulum [--seed S] [--noise 0.01]     one run, about 2 minutes
-    make pendulum                                            all seeds -> docs/results/pendulum.json
+    python -m recipes.pendulum [--seed S] [--kind oracle]     one run, a minute or two; Ctrl-C and again goes on
 
 Prior U[.1, 1]^2 as in Table 5.1 of the thesis (log density there: 4.076). Here a posterior pays: what swings up a light
 pendulum leaves a heavy one hanging, and a policy trained on the prior alone has to find one way for all.
@@ -13,16 +12,27 @@ import sys
 from functools import partial
 
 import torch
-import tyro
 from tensordict import TensorDict
 from torch import Tensor
 
 from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
+from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import (
+    Belief,
+    BoxUniform,
+    MixtureEstimator,
+    NeuralEstimator,
+    NeuralPosteriorLoss,
+    PosteriorEstimator,
+    fit,
+)
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.trainers import Schedule
-from recipes.studies.online import Settings, main
-from recipes.studies.online_problem import Goals, Problem
+from onlinebayes.trainers import Problem, Sizes, online_trainer
+from recipes.common import Run, Settings, hidden_truth, main
+
+SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
+RANGE = torch.tensor((2.0, 2.0, 2 * MAX_SPEED))  # of cos, sin and rate, to which sensor noise is relative
 
 
 def state(observation: Tensor) -> TensorDict:
@@ -31,22 +41,41 @@ def state(observation: Tensor) -> TensorDict:
     return TensorDict({"qpos": torch.atan2(sin, cos), "qvel": rate}, batch_size=observation.shape[:1])
 
 
-PROBLEM = Problem(
-    name="pendulum",
-    simulator=Pendulum(ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})),
-    task=PendulumTask(horizon=200),
-    state=state,
-    sensor_range=(2.0, 2.0, 2 * MAX_SPEED),
-    # A tenth of the reward: with the whole of it the Q networks are still growing into their scale, and exploration has
-    # died down, when the worlds have narrowed. The memory is some 20 batches: old worlds fade within an outer step.
-    objective=partial(sac, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=16, memory=20_000),
-    goals=Goals(log_density=7.0, regret=25.0, default_score=-200.0),
-    schedule=Schedule(steps=6, policy_batches=20, real_steps=50),
-    worlds=64,
-    batch_steps=16,
-)
+def estimator(problem: Problem, epochs: int, proposal: Belief) -> PosteriorEstimator:
+    """Transitions told beside the simulator at the proposal's centre -> their least-squares sums -> a mixture."""
+    task = problem.task
+    reference = SimulatorReference(
+        problem.simulator, proposal.box.cross(), state=state, command=task.command, observe=task.observe
+    )
+    features = TransitionFeatures(3, 1, reference=reference, sensitivities=len(SPACE))
+    embedding = SummaryEmbedding(features)
+    network = MixtureEstimator(SPACE, embedding.size, box=proposal.box)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
+
+
+def build(settings: Settings) -> Run:
+    """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
+    problem = Problem(Pendulum(SPACE), PendulumTask(), BoxUniform(SPACE), settings.noise * RANGE)
+    truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 1.0})
+    # A tenth of the reward: with the whole of it the critics are still growing into their scale, and exploration has
+    # died down, when the worlds have narrowed. The buffer is some 20 batches: old worlds fade within an outer step.
+    objective = sac(
+        *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=16, memory=20_000
+    )
+    steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 500, 25)
+    trainer = online_trainer(
+        problem,
+        objective,
+        estimator=partial(estimator, problem, epochs),
+        real=problem.hidden(truth, settings.seed + 2000),
+        schedule=settings.schedule(steps, batches, real_steps=50),
+        sizes=Sizes(worlds=64, batch_steps=16, simulations=simulations, groups=64),
+        worlds=settings.worlds(problem, truth),
+        seed=settings.seed,
+    )
+    return Run(problem, trainer, truth)
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)
-    sys.exit(main(PROBLEM, tyro.cli(Settings, description=__doc__)))
+    sys.exit(main("pendulum", build, __doc__))

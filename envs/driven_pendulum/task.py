@@ -16,7 +16,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, TensorSpec
 
-from onlinebayes.simulators.env import Task
+from onlinebayes.simulators import Task
 
 
 class BalanceTask(Task):

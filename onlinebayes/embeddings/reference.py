@@ -8,6 +8,7 @@ theta_0 is a box's centre, the others lie on either side of it, two a parameter.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from jaxtyping import Float
@@ -26,7 +27,7 @@ class SimulatorReference:
             (``box.cross()`` of ``onlinebayes.inference``) [units].
         state: observations (M, O) -> complete states of batch size (M,), the inverse of ``observe``.
         command: actions (M, A) -> commands (M, U).
-        observe: states of batch size (M,) -> observations (M, O).
+        observe: states of batch size (M,) -> observations (M, O); a task's, if it gives one observation.
     """
 
     def __init__(
@@ -36,7 +37,7 @@ class SimulatorReference:
         *,
         state: Callable[[Tensor], TensorDictBase],
         command: Callable[[Tensor], Tensor],
-        observe: Callable[[TensorDictBase], Tensor],
+        observe: Callable[[TensorDictBase], Any],
     ) -> None:
         self.simulator, self.points = simulator, points
         self.state, self.command, self.observe = state, command, observe

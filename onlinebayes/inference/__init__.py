@@ -22,20 +22,29 @@ Every name is a part on its own; none knows of a trainer.
 """
 
 from onlinebayes.inference import calibration, proposals
+from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
-from onlinebayes.inference.fit import FitReport, fit
+from onlinebayes.inference.fit import fit
+from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.loss import NeuralPosteriorLoss
+from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.trajectories import TrajectoryKeys
 
 __all__ = [
+    "Belief",
     "Box",
     "BoxUniform",
+    "Decision",
+    "Density",
     "FitReport",
+    "Gate",
     "MixtureEstimator",
+    "NeuralEstimator",
     "NeuralPosteriorLoss",
     "Posterior",
+    "PosteriorEstimator",
     "TrajectoryKeys",
     "TruncatedMixture",
     "calibration",

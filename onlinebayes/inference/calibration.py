@@ -11,26 +11,13 @@ by parameter, are uniform for an exact posterior (simulation-based calibration, 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float, Int
 from tensordict import TensorDictBase
 from torch import Tensor
 
-
-@runtime_checkable
-class Density(Protocol):
-    """What calibration needs of a posterior."""
-
-    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
-        """Draw theta (*shape, *batch, P)."""
-        ...
-
-    def log_prob(self, theta: Tensor) -> Tensor:
-        """Log density at theta."""
-        ...
-
+from onlinebayes.inference.base import Density
 
 LEVELS = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 
@@ -55,7 +42,14 @@ def credibility(
         samples: posterior draws by which a region's credibility is found.
         generator: for those draws.
     """
-    posterior = posterior_for(trajectories)
+    return credibility_of(posterior_for(trajectories), thetas, samples=samples, generator=generator)
+
+
+@torch.no_grad()
+def credibility_of(
+    posterior: Density, thetas: Float[Tensor, "B P"], *, samples: int = 1000, generator: torch.Generator | None = None
+) -> Float[Tensor, " B"]:
+    """alpha of each pair, for B posteriors as one batch; see :func:`credibility`."""
     draws = posterior.sample((samples,), generator)
     truth = posterior.log_prob(thetas)
     return (posterior.log_prob(draws) >= truth).double().mean(0)

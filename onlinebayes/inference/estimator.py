@@ -10,6 +10,8 @@ reach over an edge, and cannot run away from the box, where it would be nothing 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from jaxtyping import Float
 from tensordict import TensorDictBase
@@ -17,6 +19,7 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
 from onlinebayes.inference.distributions import Box, TruncatedMixture
+from onlinebayes.inference.distributions.algebra import doubled, product, union, widened
 from onlinebayes.parameters import ParameterSpace
 
 SHARPEST, BROADEST, REACH = 1e-4, 2.0, 0.75
@@ -88,6 +91,14 @@ class MixtureEstimator(TensorDictModuleBase):
     def distribution(self, embedding: Float[Tensor, "B E"]) -> TruncatedMixture:
         """The batch of mixtures that the embeddings stand for."""
         return TruncatedMixture(*self.parameters_of(embedding), self.box)
+
+    def united(self, factors: Sequence[TruncatedMixture]) -> TruncatedMixture:
+        """The union of n batches (*G,)."""
+        return union([doubled(mixture) for mixture in factors])
+
+    def multiplied(self, factors: Sequence[TruncatedMixture], widening: float = 1.0) -> TruncatedMixture:
+        """The product of n batches (*G,), their scales times ``widening`` before."""
+        return product([widened(doubled(mixture), widening) for mixture in factors])
 
 
 def _held(x: Tensor) -> Tensor:

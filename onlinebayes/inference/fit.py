@@ -12,33 +12,16 @@ import copy
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from typing import cast
 
 import torch
 from tensordict import TensorDictBase
 
+from onlinebayes.inference.base import FitReport, Widenable
 from onlinebayes.inference.loss import NeuralPosteriorLoss
+from onlinebayes.runs import heed
 
 WIDENINGS = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0)
-
-
-@dataclass
-class FitReport:
-    """What a fit did: mean negative log densities (in the box's coordinates) an epoch.
-
-    Attributes:
-        train: training loss of each epoch.
-        validation: validation loss of each epoch.
-        best: the epoch whose weights were kept, from 0.
-        widening: factor on the components' scales, found on the held-out trajectories.
-        seconds: time taken [s].
-    """
-
-    train: list[float] = field(default_factory=list)
-    validation: list[float] = field(default_factory=list)
-    best: int = 0
-    widening: float = 1.0
-    seconds: float = 0.0
 
 
 def fit(
@@ -74,7 +57,7 @@ def fit(
         ValueError: fewer than two trajectories, or a loss that is not finite from the first epoch on.
     """
     start = time.monotonic()
-    loss.estimator.widening.fill_(1.0)
+    _set_widening(loss, 1.0)
     rows, held_out = _prepared(loss, trajectories, validation, generator)
     optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate)
     report, best, best_state = FitReport(), math.inf, copy.deepcopy(loss.state_dict())
@@ -125,6 +108,7 @@ def _epoch(
     order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
     total = 0.0
     for index in order.split(batch_size):
+        heed()
         value = loss.each(rows[index]).mean()
         optimiser.zero_grad(set_to_none=True)
         value.backward()
@@ -138,10 +122,18 @@ def _epoch(
 @torch.no_grad()
 def _widen(loss: NeuralPosteriorLoss, held_out: TensorDictBase) -> float:
     """Set the estimator's widening to the factor with the lowest loss on the held-out rows, and return it."""
+    if not hasattr(loss.estimator, "widening"):
+        return 1.0
     values = []
     for factor in WIDENINGS:
-        loss.estimator.widening.fill_(factor)
+        _set_widening(loss, factor)
         values.append(float(loss.each(held_out).mean()))
-    best = min(range(len(values)), key=values.__getitem__)
-    loss.estimator.widening.fill_(WIDENINGS[best])
-    return WIDENINGS[best]
+    best = WIDENINGS[min(range(len(values)), key=values.__getitem__)]
+    _set_widening(loss, best)
+    return best
+
+
+def _set_widening(loss: NeuralPosteriorLoss, factor: float) -> None:
+    """Widen the estimator's densities, where it can."""
+    if hasattr(loss.estimator, "widening"):
+        cast(Widenable, loss.estimator).widening.fill_(factor)

@@ -12,14 +12,20 @@ Embedding and estimator are trained together; the loss embeds raw trajectories a
 
 from __future__ import annotations
 
+from typing import cast
+
 from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
-from torch import Tensor
+from torch import Tensor, nn
 
 from onlinebayes.embeddings import Embedding
-from onlinebayes.inference.estimator import MixtureEstimator
+from onlinebayes.inference.base import ConditionalDensity
 from onlinebayes.inference.trajectories import TrajectoryKeys
+from onlinebayes.runs import BadInput
+
+ROUNDING = 1e-3
+"""How far outside its box z may lie [widths of the box]: single precision of theta in a box a thousandth wide."""
 
 
 class NeuralPosteriorLoss(TensorDictModuleBase):
@@ -32,11 +38,11 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
     Args:
         embedding: trajectory -> vector; trained.
-        estimator: vector -> mixture; trained.
+        estimator: vector -> density, an ``nn.Module``; trained.
         keys: where the trajectories lie in the TensorDict.
     """
 
-    def __init__(self, embedding: Embedding, estimator: MixtureEstimator, keys: TrajectoryKeys | None = None) -> None:
+    def __init__(self, embedding: Embedding, estimator: ConditionalDensity, keys: TrajectoryKeys | None = None) -> None:
         super().__init__()
         self.embedding, self.estimator = embedding, estimator
         self.keys = keys if keys is not None else TrajectoryKeys()
@@ -46,7 +52,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
     @property
     def weight(self) -> Tensor:
         """Some weight of the estimator: its dtype and device are the networks'."""
-        return next(self.estimator.parameters())
+        return next(cast(nn.Module, self.estimator).parameters())
 
     def standardise(self, trajectories: TensorDictBase) -> None:
         """Fit the embedding's means and standard deviations on these trajectories."""
@@ -55,9 +61,22 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
         """Features, mask and z of theta: all that does not depend on a weight, computed once before training."""
         *values, mask = self.keys.read(trajectories, self.weight)
-        z = self.estimator.box.to_frame(self.keys.read_theta(trajectories)).to(self.weight)
+        z = self._frame(self.keys.read_theta(trajectories)).to(self.weight)
         features = self.embedding.features(*values)
         return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
+
+    def _frame(self, theta: Float[Tensor, "B P"]) -> Float[Tensor, "B P"]:
+        """z of theta, refused where it is no number or outside the estimator's box by more than rounding."""
+        z = self.estimator.box.to_frame(theta)
+        wrong = ~((z >= -ROUNDING) & (z <= 1 + ROUNDING)).all(-1)
+        if bool(wrong.any()):
+            row = int(wrong.nonzero()[0])
+            raise BadInput(
+                f"theta = {[float(f'{x:.4g}') for x in theta[row].tolist()]} of trajectory {row}"
+                f" ({int(wrong.sum())} such) lies outside the estimator's box",
+                "train on simulations drawn inside the box, or leave the others out",
+            )
+        return z.clamp(0, 1)
 
     def each(self, prepared: TensorDictBase) -> Float[Tensor, " B"]:
         """The loss of each row that :meth:`prepare` made."""

@@ -3,10 +3,11 @@
 One trajectory x gives q(theta | x). Several, of the same system:
 
     union      1/n sum_i q(theta | x_i)                          cautious: narrow proposals on this
-    product    prop. to prod_i q(theta | x_i) / p(theta)^(n-1)   what they say together, p uniform on the box
+    product    prop. to prod_i q_w(theta | x_i) / p(theta)^(n-1)   what they say together, p uniform on the box
 
 The product is right if each q is; a slightly overconfident q is overconfident n times in it (in the first rounds of a
-sequential run the truth lost 35 nats that way), so the union is the default.
+sequential run the truth lost 35 nats that way), so the union is the default. q_w is q with every scale times a factor
+w; :class:`~onlinebayes.inference.NeuralEstimator` finds the w that held-out groups of trajectories ask for.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from jaxtyping import Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from onlinebayes.inference.distributions import BoxUniform, TruncatedMixture
-from onlinebayes.inference.distributions.algebra import product, union
+from onlinebayes.inference.base import Belief, DensityBatch
+from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.distributions.marginal import Marginal
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 
@@ -36,32 +37,29 @@ class Posterior:
     def __init__(self, loss: NeuralPosteriorLoss) -> None:
         self._loss = copy.deepcopy(loss).eval().requires_grad_(False)
         self.space = self._loss.estimator.space
-        self.distribution: TruncatedMixture | BoxUniform = BoxUniform(self.space, self._loss.estimator.box)
+        self.distribution: Belief = BoxUniform(self.space, self._loss.estimator.box)
 
-    def condition(self, trajectories: TensorDictBase, *, combine: str = "union") -> Posterior:
+    def condition(self, trajectories: TensorDictBase, *, combine: str = "union", widening: float = 1.0) -> Posterior:
         """The posterior given trajectories (B, T) of one system.
 
         Args:
             trajectories: with the loss's keys but theta; B = 1 for a single one.
             combine: ``"union"`` or ``"product"``, see the module; the same for B = 1.
+            widening: factor w on the scales of each factor of a product.
 
         Raises:
             ValueError: another ``combine``, or values that are not finite.
         """
         if combine not in ("union", "product"):
             raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
-        batch = self.each(trajectories)
-        singles = [
-            TruncatedMixture(
-                batch.log_weights[i].double(), batch.mean[i].double(), batch.scale_tril[i].double(), batch.box
-            )
-            for i in range(batch.batch_shape[0])
-        ]
-        return self._with(union(singles) if combine == "union" else product(singles))
+        batch, estimator = self.each(trajectories), self._loss.estimator
+        factors = [batch[i] for i in range(trajectories.shape[0])]
+        united = combine == "union"
+        return self._with(estimator.united(factors) if united else estimator.multiplied(factors, widening))
 
     @torch.no_grad()
-    def each(self, trajectories: TensorDictBase) -> TruncatedMixture:
-        """One mixture a trajectory, as a batch (B,): for calibration, where each has a theta of its own."""
+    def each(self, trajectories: TensorDictBase) -> DensityBatch:
+        """One density a trajectory, as a batch (B,): for calibration, where each has a theta of its own."""
         *values, mask = self._loss.keys.read(trajectories, self._loss.weight)
         return self._loss.estimator.distribution(self._loss.embedding(*values, mask))
 
@@ -76,7 +74,9 @@ class Posterior:
         return self.distribution.log_prob(theta)
 
     def marginal(self, names: Sequence[str]) -> Marginal:
-        """The distribution of some of the parameters, the others integrated out."""
+        """The distribution of some of the parameters, the others integrated out; of a mixture or a uniform one."""
+        if not isinstance(self.distribution, TruncatedMixture | BoxUniform):
+            raise ValueError(f"{type(self.distribution).__name__} has no marginals in closed form; use its draws")
         return Marginal(self.distribution, names)
 
     def mean(self, samples: int = 10_000) -> Float[Tensor, " P"]:
@@ -91,7 +91,12 @@ class Posterior:
     def _fixed(self, samples: int) -> Tensor:
         return self.sample((samples,), torch.Generator().manual_seed(0))
 
-    def _with(self, distribution: TruncatedMixture) -> Posterior:
+    @property
+    def box(self) -> Box:
+        """The box outside of which the density is zero."""
+        return self.distribution.box
+
+    def _with(self, distribution: Belief) -> Posterior:
         result = copy.copy(self)
         result.distribution = distribution
         return result

@@ -14,12 +14,14 @@ kept with probability c / q_w(u); whichever accepted more in a trial.
 from __future__ import annotations
 
 import math
-from typing import Protocol, runtime_checkable
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from onlinebayes.inference.base import Belief
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.distributions.algebra import in_box, widened
 from onlinebayes.inference.posterior import Posterior
@@ -82,6 +84,43 @@ class TruncatedProposal:
         )
         self.log_volume = min(0.0, log_share + outer.log_volume)
 
+    @property
+    def mixture(self) -> TruncatedMixture:
+        """q_w."""
+        return self._mixture
+
+    @property
+    def within(self) -> Region | None:
+        """The region that this one is a part of."""
+        return self._within
+
+    def values(self) -> dict[str, Any]:
+        """What, with the mixture and the outer region, makes up the proposal; for a checkpoint."""
+        return {
+            "threshold": self._threshold,
+            "known": self._known,
+            "sides": torch.stack((self._low, self._high)),
+            "box": torch.stack((self.box.low, self.box.high)),
+            "use_box": self._use_box,
+            "acceptance": self.acceptance,
+            "log_volume": self.log_volume,
+        }
+
+    @classmethod
+    def restored(cls, mixture: TruncatedMixture, within: Region | None, values: Mapping[str, Any]) -> TruncatedProposal:
+        """The proposal of which :meth:`values` were saved; no trial is run again."""
+        self = cls.__new__(cls)
+        self.space, self._mixture, self._within = mixture.space, mixture, within
+        self._threshold, self._known = values["threshold"], values["known"]
+        self._low, self._high = values["sides"]
+        self.box = Box(mixture.space, *values["box"])
+        self._use_box, self.acceptance, self.log_volume = (
+            values["use_box"],
+            values["acceptance"],
+            values["log_volume"],
+        )
+        return self
+
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
         """Whether theta lies in the region."""
         return self._inside(self._mixture.box.to_frame(theta))
@@ -143,7 +182,7 @@ class TruncatedProposal:
 
 
 def truncated(
-    posterior: Posterior,
+    posterior: Belief,
     within: Region | None = None,
     *,
     generator: torch.Generator,
@@ -155,7 +194,8 @@ def truncated(
     """The next proposal from a posterior (conditioned on the union of the real trajectories).
 
     Args:
-        posterior: what is known; an unconditioned one gives its own box back.
+        posterior: what is known; an unconditioned one gives its own box back, and of one that is no mixture the box
+            around its draws is taken.
         within: the proposal that the posterior was trained on, if the next is to be a part of it: the posterior has
             seen nothing elsewhere. Where the two have nothing in common it is left out.
         generator: for the region's threshold and its sampler's trial.
@@ -174,9 +214,53 @@ def truncated(
         raise ValueError(
             f"mass = {mass}, dilation = {dilation}, growth = {growth}: needs 0 < mass < 1, dilation >= 1, growth >= 0"
         )
-    if isinstance(posterior.distribution, BoxUniform):
-        return posterior.distribution
-    wide = widened(in_box(posterior.distribution, _grown(posterior.distribution.box, growth)), dilation)
+    mixture = posterior.distribution if isinstance(posterior, Posterior) else posterior
+    if isinstance(mixture, BoxUniform):
+        return mixture
+    if not isinstance(mixture, TruncatedMixture):
+        return _box_around(mixture, dilation, samples)
+    return _cut(widened(in_box(mixture, grown(mixture.box, growth)), dilation), within, generator, mass, samples)
+
+
+def _box_around(belief: Belief, dilation: float, samples: int) -> BoxUniform:
+    """The box around a belief's draws, each side ``dilation`` times as long, inside the unit cube."""
+    u = belief.space.to_unit(belief.sample((samples,)))
+    low, high = u.amin(0), u.amax(0)
+    margin = (dilation - 1) / 2 * (high - low) + TINY
+    return BoxUniform(
+        belief.space, Box(belief.space, (low - margin).clamp(0, 1 - TINY), (high + margin).clamp(TINY, 1))
+    )
+
+
+def wider(
+    proposal: Belief,
+    *,
+    generator: torch.Generator,
+    dilation: float = 1.5,
+    growth: float = 0.25,
+    mass: float = 0.99,
+    samples: int = 20_000,
+) -> TruncatedProposal | BoxUniform:
+    """A proposal that holds this one and a margin around it.
+
+    Args:
+        proposal: any; of a region's mixture the components are widened, a box's sides move out.
+        generator: for the region's threshold and its sampler's trial.
+        dilation: factor on the components' scales.
+        growth: how far each side of the box moves out [widths of the box].
+        mass, samples: as for :func:`truncated`.
+    """
+    if not isinstance(proposal, TruncatedProposal):
+        return BoxUniform(proposal.space, grown(proposal.box, growth))
+    mixture = proposal.mixture
+    wide = widened(in_box(mixture, grown(mixture.box, growth)), dilation)
+    return _cut(wide, None, generator, mass, samples)
+
+
+def _cut(
+    wide: TruncatedMixture, within: Region | None, generator: torch.Generator, mass: float, samples: int
+) -> TruncatedProposal:
+    """The highest-density region of a mixture that holds ``mass`` of it, cut to another region where they meet."""
     points = wide.sample_frame((samples,), generator)
     log_q = wide.log_prob_frame(points)
     threshold = float(torch.quantile(log_q, 1 - mass))
@@ -187,7 +271,7 @@ def truncated(
     return TruncatedProposal(wide, threshold, points, generator, within)
 
 
-def _grown(box: Box, growth: float) -> Box:
+def grown(box: Box, growth: float) -> Box:
     """The box with every side moved out by ``growth`` of its width, inside the unit cube."""
     margin = growth * (box.high - box.low)
     return Box(box.space, (box.low - margin).clamp(min=0), (box.high + margin).clamp(max=1))

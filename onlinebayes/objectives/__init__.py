@@ -1,8 +1,37 @@
 """Policies and how they learn: specs -> policy, loss module, buffer."""
 
 from onlinebayes.objectives.base import Objective
+from onlinebayes.objectives.buffer import TransitionBuffer
+from onlinebayes.objectives.ddpg import DDPG, Exploration, ddpg
+from onlinebayes.objectives.deterministic_loss import DeterministicLoss
+from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
+from onlinebayes.objectives.inputs import Inputs, inputs_of
 from onlinebayes.objectives.networks import action_value, state_value, stochastic_policy
+from onlinebayes.objectives.normalisation import RunningNormalization
 from onlinebayes.objectives.ppo import PPO, ppo
 from onlinebayes.objectives.sac import SAC, sac
+from onlinebayes.objectives.soft_loss import SoftLoss
+from onlinebayes.objectives.targets import Follower
 
-__all__ = ["PPO", "SAC", "Objective", "action_value", "ppo", "sac", "state_value", "stochastic_policy"]
+__all__ = [
+    "DDPG",
+    "PPO",
+    "SAC",
+    "DeterministicLoss",
+    "EpisodeReplay",
+    "Exploration",
+    "Follower",
+    "Hindsight",
+    "Inputs",
+    "Objective",
+    "RunningNormalization",
+    "SoftLoss",
+    "TransitionBuffer",
+    "action_value",
+    "ddpg",
+    "inputs_of",
+    "ppo",
+    "sac",
+    "state_value",
+    "stochastic_policy",
+]

@@ -3,24 +3,26 @@
     pi(a | s) = Categorical(softmax f(s))                              a discrete action, one-hot or an index
     pi(a | s) = low + (high - low) (1 + tanh u) / 2,  u ~ N(f(s), sigma(s)^2)   a bounded action
 
-f is a multilayer perceptron on ``"observation"``. Any TensorDict module with the same keys may stand in its place.
+f is a multilayer perceptron on the observed keys. Any TensorDict module with the same keys may stand in its place.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import torch
 from jaxtyping import Float
+from tensordict import NestedKey
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torch.distributions import Categorical as CategoricalDistribution
 from torchrl.data import Bounded, Categorical, OneHot, TensorSpec
 from torchrl.modules import MLP, OneHotCategorical, ProbabilisticActor, TanhNormal, ValueOperator
 
+from onlinebayes.objectives.inputs import KEYS, Inputs, inputs_of
 from onlinebayes.runs import BadInput
 
-OBSERVATION, ACTION = "observation", "action"
 LOG_SCALE = (-5.0, 2.0)
 """Bounds of log sigma: a narrower policy gives gradients that explode, a wider one is uniform after the tanh."""
 
@@ -34,26 +36,54 @@ class LocationScale(nn.Module):
         return location, log_scale.clamp(*LOG_SCALE).exp()
 
 
+class Network(nn.Module):
+    """A body on the observed values of a world.
+
+    Args:
+        inputs: the values as one row; may be shared by several networks.
+        body: row (..., F) -> what is wanted.
+        extra: number of further arguments (an action), appended to the row as they are.
+    """
+
+    def __init__(self, inputs: Inputs, body: nn.Module, extra: int = 0) -> None:
+        super().__init__()
+        self.inputs, self.body, self._extra = inputs, body, extra
+
+    def forward(self, *values: Tensor) -> Any:
+        """The body's answer."""
+        if not self._extra:
+            return self.body(self.inputs(*values))
+        row = self.inputs(*values[: -self._extra])
+        return self.body(torch.cat([row, *(value.to(row) for value in values[-self._extra :])], dim=-1))
+
+
 def stochastic_policy(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
     widths: Sequence[int] = (64, 64),
     *,
+    in_keys: Sequence[NestedKey] = KEYS,
     activation: type[nn.Module] = nn.Tanh,
     log_prob: bool = False,
+    inputs: Inputs | None = None,
+    action_key: NestedKey = "action",
 ) -> ProbabilisticActor:
-    """A policy pi(a | s) from the leaf specs of one world (no batch axes).
+    """A policy pi(a | s) from the specs of one world (no batch axes).
 
     Args:
-        observation_spec: shape (O,).
+        observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``OneHot`` (A,), ``Categorical`` () or ``Bounded`` (A,).
         widths: units of each hidden layer.
+        in_keys: what the policy sees, joined in order.
         activation: between the layers.
         log_prob: whether each call also writes ``"action_log_prob"``, which importance ratios need.
+        inputs: shared with other networks; built from the spec without it.
+        action_key: where the action goes.
 
     Raises:
-        BadInput: an action of another kind.
+        BadInput: an action of another kind, or a key that the spec lacks.
     """
+    inputs = inputs if inputs is not None else inputs_of(observation_spec, in_keys)
     if isinstance(action_spec, OneHot | Categorical):
         outputs, head, keys = action_spec.space.n, [], ["logits"]
         kind = OneHotCategorical if isinstance(action_spec, OneHot) else CategoricalDistribution
@@ -62,16 +92,13 @@ def stochastic_policy(
         outputs, head, keys = 2 * action_spec.shape[-1], [LocationScale()], ["loc", "scale"]
         kind, settings = TanhNormal, {"low": action_spec.space.low, "high": action_spec.space.high}
     else:
-        raise BadInput(
-            f"an action spec of type {type(action_spec).__name__} and shape {tuple(action_spec.shape)}",
-            "give the leaf spec of one world: OneHot (A,), Categorical () or Bounded (A,)",
-        )
-    network = mlp(observation_spec.shape[-1], outputs, widths, activation, observation_spec.device)
-    module = TensorDictModule(nn.Sequential(network, *head), [OBSERVATION], keys)
+        raise unsupported(action_spec, "OneHot (A,), Categorical () or Bounded (A,)")
+    body = mlp(inputs.width, outputs, widths, activation, observation_spec.device)
+    module = TensorDictModule(Network(inputs, nn.Sequential(body, *head)), list(inputs.keys), keys)
     return ProbabilisticActor(
         module,
         in_keys=keys,
-        out_keys=[ACTION],
+        out_keys=[action_key],
         spec=action_spec,
         distribution_class=kind,
         distribution_kwargs=settings,
@@ -80,11 +107,17 @@ def stochastic_policy(
 
 
 def state_value(
-    observation_spec: TensorSpec, widths: Sequence[int] = (64, 64), *, activation: type[nn.Module] = nn.Tanh
+    observation_spec: TensorSpec,
+    widths: Sequence[int] = (64, 64),
+    *,
+    in_keys: Sequence[NestedKey] = KEYS,
+    activation: type[nn.Module] = nn.Tanh,
+    inputs: Inputs | None = None,
 ) -> ValueOperator:
-    """V(s): ``"observation"`` (..., O) -> ``"state_value"`` (..., 1)."""
-    network = mlp(observation_spec.shape[-1], 1, widths, activation, observation_spec.device)
-    return ValueOperator(network, in_keys=[OBSERVATION])
+    """V(s): observed values -> ``"state_value"`` (..., 1)."""
+    inputs = inputs if inputs is not None else inputs_of(observation_spec, in_keys)
+    body = mlp(inputs.width, 1, widths, activation, observation_spec.device)
+    return ValueOperator(Network(inputs, body), in_keys=list(inputs.keys))
 
 
 def action_value(
@@ -92,12 +125,23 @@ def action_value(
     action_spec: TensorSpec,
     widths: Sequence[int] = (64, 64),
     *,
+    in_keys: Sequence[NestedKey] = KEYS,
     activation: type[nn.Module] = nn.ReLU,
+    inputs: Inputs | None = None,
+    action_key: NestedKey = "action",
 ) -> ValueOperator:
-    """Q(s, a): ``"observation"`` (..., O), ``"action"`` (..., A) -> ``"state_action_value"`` (..., 1)."""
-    inputs = observation_spec.shape[-1] + action_spec.shape[-1]
-    network = mlp(inputs, 1, widths, activation, observation_spec.device)
-    return ValueOperator(network, in_keys=[OBSERVATION, ACTION])
+    """Q(s, a): observed values, ``"action"`` (..., A) -> ``"state_action_value"`` (..., 1)."""
+    inputs = inputs if inputs is not None else inputs_of(observation_spec, in_keys)
+    body = mlp(inputs.width + action_spec.shape[-1], 1, widths, activation, observation_spec.device)
+    return ValueOperator(Network(inputs, body, extra=1), in_keys=[*inputs.keys, action_key])
+
+
+def unsupported(action_spec: TensorSpec, wanted: str) -> BadInput:
+    """The error for an action that an objective has no policy for."""
+    return BadInput(
+        f"an action spec of type {type(action_spec).__name__} and shape {tuple(action_spec.shape)}",
+        f"give the leaf spec of one world: {wanted}",
+    )
 
 
 def mlp(

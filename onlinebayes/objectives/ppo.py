@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import nn
 from torch.nn.utils import clip_grad_norm_
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement, TensorSpec
@@ -27,6 +27,7 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
+from onlinebayes.objectives.inputs import KEYS, Inputs, inputs_of
 from onlinebayes.objectives.networks import state_value, stochastic_policy
 
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
@@ -38,6 +39,7 @@ class PPO:
 
     Args:
         policy: stochastic policy that writes ``"action_log_prob"``.
+        inputs: what policy and critic see.
         loss: holds the policy and the critic.
         advantage: writes ``"advantage"`` and ``"value_target"``.
         buffer: holds one batch of the collector and deals it out without replacement.
@@ -48,6 +50,7 @@ class PPO:
     """
 
     policy: ProbabilisticActor
+    inputs: Inputs
     loss: ClipPPOLoss
     advantage: GAE
     buffer: ReplayBuffer
@@ -58,7 +61,9 @@ class PPO:
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
         """One PPO pass over a collector's batch (N, T); returns the losses' means."""
-        data = data.select(*self.loss.in_keys, ("next", "observation"))
+        self.inputs.observe(data)
+        following = [("next", *(key if isinstance(key, tuple) else (key,))) for key in self.inputs.keys]
+        data = data.select(*self.loss.in_keys, *following)
         data["next", "reward"] = self.reward_scale * data["next", "reward"]
         with torch.no_grad():
             data = self.advantage(data)
@@ -96,6 +101,8 @@ def ppo(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
     *,
+    in_keys: Sequence[NestedKey] = KEYS,
+    normalise: bool = False,
     frames_per_batch: int = 4096,
     minibatch: int = 512,
     epochs: int = 4,
@@ -108,11 +115,13 @@ def ppo(
     learning_rate: float = 1e-3,
     max_grad_norm: float = 0.5,
 ) -> PPO:
-    """PPO with a policy and a critic built from the leaf specs of one world.
+    """PPO with a policy and a critic built from the specs of one world.
 
     Args:
-        observation_spec: shape (O,).
+        observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``OneHot``, ``Categorical`` or ``Bounded``.
+        in_keys: what policy and critic see.
+        normalise: whether that is normalised by its running mean and standard deviation.
         frames_per_batch: most frames N x T of one :meth:`PPO.update`.
         minibatch: frames of one gradient step.
         epochs: passes over each batch.
@@ -125,8 +134,11 @@ def ppo(
         learning_rate: Adam's.
         max_grad_norm: bound on each network's gradient.
     """
-    policy = stochastic_policy(observation_spec, action_spec, widths, activation=activation, log_prob=True)
-    critic = state_value(observation_spec, widths, activation=activation)
+    inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
+    policy = stochastic_policy(
+        observation_spec, action_spec, widths, activation=activation, log_prob=True, inputs=inputs
+    )
+    critic = state_value(observation_spec, widths, activation=activation, inputs=inputs)
     loss = ClipPPOLoss(
         policy, critic, clip_epsilon=clip, entropy_coeff=entropy, critic_coeff=1.0, normalize_advantage=True
     )
@@ -138,4 +150,4 @@ def ppo(
         batch_size=minibatch,
     )
     optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate, eps=1e-5, fused=True)
-    return PPO(policy, loss, advantage, buffer, optimiser, epochs, 1 - gamma, max_grad_norm)
+    return PPO(policy, inputs, loss, advantage, buffer, optimiser, epochs, 1 - gamma, max_grad_norm)

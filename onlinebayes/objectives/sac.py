@@ -4,34 +4,31 @@
     actor      minimise  E[alpha log pi(a | s) - min_i Q_i(s, a)]
     alpha      such that the policy's entropy is -A nats;      Q' follows Q with rate tau
 
-Haarnoja et al., Soft Actor-Critic Algorithms and Applications (2018). The loss is TorchRL's ``SACLoss``.
+Haarnoja et al., Soft Actor-Critic Algorithms and Applications (2018); the losses stand in ``soft_loss``.
 
-The buffer is a short memory on purpose: the worlds that data comes from narrow as the posterior does, and transitions
-of worlds that were ruled out should fade.
-
-Where an update's time goes (64 x 64 networks, batch 256, one core): of 5-6 ms some 4 ms are ``SACLoss``'s bookkeeping
-(parameters swapped into modules, TensorDicts split and stacked), independent of the batch, and 1 ms is backward. Fused
-Adam saves 1 ms against the default; looping over the two Q networks costs what vmap costs, and ``torch.compile`` gives
-up on the functional calls. Width is dear (256 x 256: 12 ms), batch is cheap: prefer few updates of large batches.
+The memory is short on purpose: the worlds that data comes from narrow as the posterior does, and transitions of worlds
+that were ruled out should fade.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import torch
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import nn
-from torchrl.data import LazyTensorStorage, ReplayBuffer, TensorSpec
+from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor
-from torchrl.objectives import SACLoss, SoftUpdate, ValueEstimators
 
-from onlinebayes.objectives.networks import action_value, stochastic_policy
-
-LOSSES = ("loss_actor", "loss_qvalue", "loss_alpha")
+from onlinebayes.objectives.buffer import TransitionBuffer
+from onlinebayes.objectives.ensemble import EnsembleMLP
+from onlinebayes.objectives.inputs import KEYS, Inputs, inputs_of
+from onlinebayes.objectives.networks import stochastic_policy, unsupported
+from onlinebayes.objectives.soft_loss import SoftLoss
+from onlinebayes.objectives.targets import Follower
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,48 +37,69 @@ class SAC:
 
     Args:
         policy: stochastic policy on a bounded action.
-        loss: holds the policy, two Q networks, their targets and alpha.
+        inputs: what policy and critics see.
+        loss: holds the policy, two critics, their targets and alpha.
         target: moves the target networks.
-        buffer: the memory; its size says how soon old worlds fade.
-        optimiser: over the loss's parameters.
+        buffer: transitions; its size says how soon old worlds fade.
+        optimiser: over what learns in the loss.
+        minibatch: transitions of one gradient step.
         frames_per_update: fresh frames for which one gradient step is taken.
         reward_scale: factor on the reward.
     """
 
     policy: ProbabilisticActor
-    loss: SACLoss
-    target: SoftUpdate
-    buffer: ReplayBuffer
+    inputs: Inputs
+    loss: SoftLoss
+    target: Follower[EnsembleMLP]
+    buffer: TransitionBuffer
     optimiser: torch.optim.Optimizer
+    minibatch: int
     frames_per_update: int
     reward_scale: float
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
         """Remember a collector's batch (N, T) and take its share of gradient steps; returns the losses' means."""
+        self.inputs.observe(data)
         fresh = data.select(*self.loss.in_keys).reshape(-1)
         fresh["next", "reward"] = self.reward_scale * fresh["next", "reward"]
         self.buffer.extend(fresh)
         steps = max(1, fresh.numel() // self.frames_per_update)
-        sums: dict[str, float] = defaultdict(float)
+        sums: dict[str, Any] = defaultdict(float)
         for _ in range(steps):
-            losses = self.loss(self.buffer.sample())
-            (losses["loss_actor"] + losses["loss_qvalue"] + losses["loss_alpha"]).backward()
-            self.optimiser.step()
-            self.optimiser.zero_grad()
-            self.target.step()
-            for name in (*LOSSES, "alpha", "entropy"):
-                sums[name] += float(losses[name].detach())
-        return {name: value / steps for name, value in sums.items()}
+            for name, value in self.step().items():
+                sums[name] += value
+        return {name: float(value) / steps for name, value in sums.items()}
+
+    def step(self) -> dict[str, torch.Tensor]:
+        """One gradient step on a minibatch of the buffer; the losses, detached."""
+        rows = self.buffer.draw(self.minibatch)
+        keys = self.inputs.keys
+        row = self.inputs(*(rows[key] for key in keys))
+        following = self.inputs(*(rows["next", *(key if isinstance(key, tuple) else (key,))] for key in keys))
+        actor, qvalue, alpha, entropy = self.loss.losses(
+            row, rows[self.loss.action_key], rows["next", "reward"], rows["next", "terminated"], following
+        )
+        self.optimiser.zero_grad()
+        (actor + qvalue + alpha).backward()
+        self.optimiser.step()
+        self.target.step()
+        return {
+            "loss_actor": actor.detach(),
+            "loss_qvalue": qvalue.detach(),
+            "loss_alpha": alpha.detach(),
+            "alpha": self.loss.log_alpha.detach().exp(),
+            "entropy": entropy,
+        }
 
     def state_dict(self) -> dict[str, Any]:
-        """Weights, optimiser state and memory."""
+        """Weights, optimiser state and buffer."""
         return {
             "loss": self.loss.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "buffer": self.buffer.state_dict(),
         }
 
-    def load_state_dict(self, state: dict[str, Any]) -> None:
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
         self.loss.load_state_dict(state["loss"])
         self.optimiser.load_state_dict(state["optimiser"])
@@ -92,6 +110,8 @@ def sac(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
     *,
+    in_keys: Sequence[NestedKey] = KEYS,
+    normalise: bool = False,
     memory: int = 20_000,
     minibatch: int = 256,
     frames_per_update: int = 8,
@@ -103,27 +123,37 @@ def sac(
     alpha: float = 1.0,
     reward_scale: float = 1.0,
 ) -> SAC:
-    """SAC with a policy and two Q networks built from the leaf specs of one world.
+    """SAC with a policy and two critics built from the specs of one world.
 
     Args:
-        observation_spec: shape (O,).
+        observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``Bounded``, shape (A,).
+        in_keys: what policy and critics see.
+        normalise: whether that is normalised by its running mean and standard deviation.
         memory: transitions kept; old ones are overwritten.
         minibatch: transitions of one gradient step.
         frames_per_update: fresh frames for which one gradient step is taken.
         widths: units of the hidden layers.
         activation: between the layers.
         gamma: discount factor.
-        tau: share of Q in its target at each step.
+        tau: share of the critics in their targets at each step.
         learning_rate: Adam's.
         alpha: the entropy's weight to begin with; it is learnt.
         reward_scale: factor on the reward; values of order 1 to 100 learn best.
+
+    Raises:
+        BadInput: an action that is not bounded, or a key that the spec lacks.
     """
-    policy = stochastic_policy(observation_spec, action_spec, widths, activation=activation)
-    value = action_value(observation_spec, action_spec, widths, activation=activation)
-    loss = SACLoss(policy, value, action_spec=action_spec, alpha_init=alpha, loss_function="l2")
-    loss.make_value_estimator(ValueEstimators.TD0, gamma=gamma)
-    target = SoftUpdate(loss, tau=tau)
-    buffer = ReplayBuffer(storage=LazyTensorStorage(memory, device=observation_spec.device), batch_size=minibatch)
-    optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate, fused=True)
-    return SAC(policy, loss, target, buffer, optimiser, frames_per_update, reward_scale)
+    if not isinstance(action_spec, Bounded) or action_spec.ndim != 1:
+        raise unsupported(action_spec, "Bounded (A,)")
+    inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
+    policy = stochastic_policy(observation_spec, action_spec, widths, activation=activation, inputs=inputs)
+    actor, device = policy.get_submodule("module.0.module").body, observation_spec.device
+    critics = EnsembleMLP(2, inputs.width + action_spec.shape[-1], 1, widths, activation, device)
+    target = Follower(critics, tau)
+    bounds = (action_spec.space.low, action_spec.space.high)
+    loss = SoftLoss(inputs, actor, critics, target.network, *bounds, gamma=gamma, alpha=alpha)
+    learning = [weight for weight in loss.parameters() if weight.requires_grad]
+    optimiser = torch.optim.Adam(learning, lr=learning_rate, fused=True)
+    buffer = TransitionBuffer(memory, device=device)
+    return SAC(policy, inputs, loss, target, buffer, optimiser, minibatch, frames_per_update, reward_scale)

@@ -1,12 +1,15 @@
 """What every long piece of work needs: errors, atomic files, progress, interruption, seeds, result tables, TOML."""
 
+from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
 from onlinebayes.runs.names import nearest, similar
 from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
+from onlinebayes.runs.random_state import random_state, set_random_state
 from onlinebayes.runs.results import ResultTable, Row
+from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, seed_everything
 from onlinebayes.runs.threads import one_torch_thread
 from onlinebayes.runs.toml import to_toml
@@ -15,10 +18,13 @@ from onlinebayes.runs.watch import UNWATCHED, Watch
 __all__ = [
     "UNWATCHED",
     "BadInput",
+    "Checkpoint",
+    "Checkpoints",
     "Interrupt",
     "Progress",
     "ResultTable",
     "Row",
+    "RunFolder",
     "Stopped",
     "Watch",
     "atomic_path",
@@ -27,7 +33,9 @@ __all__ = [
     "nearest",
     "one_line",
     "one_torch_thread",
+    "random_state",
     "seed_everything",
+    "set_random_state",
     "similar",
     "to_toml",
     "write_atomic",

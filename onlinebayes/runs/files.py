@@ -46,8 +46,35 @@ def atomic_path(destination: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def write_atomic(destination: str | Path, content: str | bytes) -> None:
-    """Write ``content`` (text as UTF-8) to ``destination`` atomically; errors as :func:`atomic_path`."""
+def write_atomic(destination: str | Path, content: str | bytes, *, durable: bool = False) -> None:
+    """Write ``content`` (text as UTF-8) to ``destination`` atomically; errors as :func:`atomic_path`.
+
+    Args:
+        destination, content: what goes where.
+        durable: return only when the file is on the disk, so that it survives a power cut.
+
+    Raises:
+        BadInput: as :func:`atomic_path`, or the disk is full.
+    """
     data = content.encode() if isinstance(content, str) else content
-    with atomic_path(destination) as temporary:
-        temporary.write_bytes(data)
+    try:
+        with atomic_path(destination) as temporary, temporary.open("wb") as file:
+            file.write(data)
+            if durable:
+                file.flush()
+                os.fsync(file.fileno())
+        if durable:
+            _flush_folder(Path(destination).parent)
+    except OSError as error:
+        raise BadInput(
+            f"cannot be written: {error.strerror}", "make room, or choose another folder", where=str(destination)
+        ) from error
+
+
+def _flush_folder(folder: Path) -> None:
+    """Let the disk know of a renamed file."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

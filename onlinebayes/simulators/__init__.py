@@ -1,8 +1,9 @@
 """Simulators: many worlds at once, each with its own physical parameters."""
 
 from onlinebayes.simulators.base import Simulator
-from onlinebayes.simulators.env import SimulatorEnv, Task
+from onlinebayes.simulators.env import SimulatorEnv
 from onlinebayes.simulators.stepping import Actuator, Joint
+from onlinebayes.simulators.task import GoalTask, Task
 from onlinebayes.simulators.torch import TorchSimulator
 
-__all__ = ["Actuator", "Joint", "Simulator", "SimulatorEnv", "Task", "TorchSimulator"]
+__all__ = ["Actuator", "GoalTask", "Joint", "Simulator", "SimulatorEnv", "Task", "TorchSimulator"]

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -147,6 +147,20 @@ class Simulator(ABC):
     @abstractmethod
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance every world that has not failed by ``dt`` and return the complete state of all."""
+
+    def snapshot(self) -> dict[str, Any]:
+        """Everything that decides what :meth:`step` gives next, as plain tensors in dictionaries.
+
+        By default theta and state; a simulator that remembers more (a solver's warm start, who failed) adds it, or a
+        run that goes on from a checkpoint is not the same to the last bit.
+        """
+        state = dict(self.state.flatten_keys(".").items())
+        return {"theta": self.theta, "state": state}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Stand where a snapshot was taken."""
+        state = TensorDict(dict(snapshot["state"]), batch_size=(self.worlds,)).unflatten_keys(".")
+        self.reset(snapshot["theta"], state)
 
     @abstractmethod
     def rollout(

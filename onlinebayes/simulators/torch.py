@@ -12,7 +12,7 @@ import itertools
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import torch
 from jaxtyping import Bool, Float
@@ -176,6 +176,28 @@ class TorchSimulator(Simulator):
                 self._any_failed = bool(self._failed.any())
         self._values = self._name(self._theta)
         return self._state(self._q, self._v, self._hidden)
+
+    def snapshot(self) -> dict[str, Any]:
+        """Where all worlds stand; see :meth:`Simulator.snapshot`."""
+        hidden = {key: dict(value.flatten_keys(".").clone().items()) for key, value in self._hidden.items()}
+        return {
+            "theta": self._theta.clone(),
+            "q": self._q.clone(),
+            "v": self._v.clone(),
+            "hidden": hidden,
+            "failed": self._failed.clone(),
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Stand where a snapshot was taken; see :meth:`Simulator.restore`."""
+        self._theta, self._q, self._v = (snapshot[key].clone() for key in ("theta", "q", "v"))
+        self._hidden = {
+            key: TensorDict(dict(value), batch_size=(self.worlds,), device=self.device).unflatten_keys(".").clone()
+            for key, value in snapshot["hidden"].items()
+        }
+        self._failed = snapshot["failed"].clone()
+        self._any_failed = bool(self._failed.any())
+        self._values = self._name(self._theta)
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance every world that has not failed by ``dt``."""

@@ -1,18 +1,38 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
-from onlinebayes.trainers.online import OnlineState, OnlineTrainer, Proposal, Record, Schedule, improve
-from onlinebayes.trainers.trajectories import HiddenSystem, Policy, RealSystem, returns, trajectories
+from onlinebayes.trainers.checkpoint import Saver
+from onlinebayes.trainers.improve import improve
+from onlinebayes.trainers.online import OnlineTrainer
+from onlinebayes.trainers.problem import Problem, Sizes, collector_of, online_trainer
+from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
+from onlinebayes.trainers.schedule import Schedule, Turn
+from onlinebayes.trainers.session import run_in_folder
+from onlinebayes.trainers.simulations import Listed, Point, Simulations
+from onlinebayes.trainers.state import OnlineState, Record
+from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, returns, trajectories
 
 __all__ = [
-    "HiddenSystem",
+    "Background",
+    "GrowingFolder",
+    "Listed",
     "OnlineState",
     "OnlineTrainer",
+    "Point",
     "Policy",
-    "Proposal",
+    "Problem",
+    "RealEnvironment",
     "RealSystem",
     "Record",
+    "Saver",
     "Schedule",
+    "Simulations",
+    "Sizes",
+    "TrajectoryFormat",
+    "Turn",
+    "collector_of",
     "improve",
+    "online_trainer",
     "returns",
+    "run_in_folder",
     "trajectories",
 ]

@@ -1,12 +1,12 @@
-"""Online BayesSim: policy and posterior learnt in turns, each from what the other has become.
+"""Online BayesSim: one policy and one belief, learnt in turns, each from what the other has become.
 
     for t = 1, 2, ...
         worlds:      theta ~ p_{t-1}(theta);  pi learns in them             policy steps
-        simulate:    x_i ~ simulator(theta_i, pi),  theta_i ~ proposal, for pi and its last few predecessors
-        infer:       maximise sum_i log q(theta_i | embedding(x_i))         embedding and mixture together
         measure:     x_real ~ the real system under pi
-        condition:   p_t(theta) = q(theta | x_real's)
-        narrow:      proposal = last proposal cut to the region of p_t
+        simulate:    x_i ~ simulator(theta_i, pi),  theta_i ~ proposal, for pi and some of its predecessors
+        infer:       maximise sum_i log q(theta_i | x_i)
+        condition:   p_t(theta) = q(theta | all x_real so far)              the belief, which is reported
+        gate:        the next proposal: narrower where the belief holds held-out truths, else wider
 
 Algorithm 1 of R. C. Possas, Reinforcement Learning in the Real World; Possas et al., Online BayesSim for Combined
 Simulator Parameter Inference and Policy Improvement (IROS 2020). The proposals are truncated (Deistler, Goncalves and
@@ -17,109 +17,27 @@ The trainer owns the order of these steps and nothing else: every part is built 
 
 from __future__ import annotations
 
-import copy
-import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass
 
 import torch
-from tensordict import TensorDict, TensorDictBase
 
-from onlinebayes.inference import Box, FitReport, NeuralPosteriorLoss, Posterior
+from onlinebayes.inference import Belief, FitReport, Gate, PosteriorEstimator
+from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.objectives import Objective
 from onlinebayes.runs import Interrupt, Progress
-from onlinebayes.trainers.trajectories import Policy, RealSystem
+from onlinebayes.trainers.clock import Clock
+from onlinebayes.trainers.improve import Batches, improve
+from onlinebayes.trainers.real import RealSystem, measured, united
+from onlinebayes.trainers.schedule import Schedule, spread
+from onlinebayes.trainers.simulations import Simulations
+from onlinebayes.trainers.state import OnlineState, frozen
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
-
-@runtime_checkable
-class Proposal(Distribution, Protocol):
-    """Where parameters are drawn for simulations, and a box around it."""
-
-    box: Box
-
-
-@runtime_checkable
-class Batches(Protocol):
-    """Fresh data without end, as a TorchRL ``Collector`` gives it."""
-
-    def reset(self) -> None:
-        """Begin a new episode in every world."""
-
-    def next(self) -> TensorDictBase | None:
-        """The next batch (N, T)."""
-
-
-@dataclass(frozen=True)
-class Schedule:
-    """How much of each step.
-
-    Args:
-        steps: outer steps, each with one real trajectory.
-        policy_batches: collector batches that the policy learns from in an outer step.
-        real_steps: length of a real trajectory.
-        remember: real trajectories that the posterior is conditioned on, the latest ones. Each is read by an estimator
-            that has seen simulations under the very policy that made it, so as many policies are remembered.
-    """
-
-    steps: int = 6
-    policy_batches: int = 12
-    real_steps: int = 50
-    remember: int = 3
-
-
-@dataclass(frozen=True)
-class Record:
-    """One outer step, for tables and plots.
-
-    Attributes:
-        step: counted from 1.
-        frames: simulated frames that the policy has learnt from so far.
-        seconds: spent in this step [s].
-        losses: means of the policy's losses in the last batch.
-        fit: how the training of embedding and estimator went.
-    """
-
-    step: int
-    frames: int
-    seconds: float
-    losses: dict[str, float]
-    fit: FitReport
-
-
-@dataclass
-class OnlineState:
-    """Where a run stands; with the objective's ``state_dict`` it is all that a later session needs to go on.
-
-    Attributes:
-        proposal: where the next simulations are drawn; the prior at first.
-        posterior: p_t, None before the first outer step is complete.
-        real: the real trajectories (n, T), None before the first.
-        policies: the policies that made the latest of them, frozen.
-        records: one for each complete outer step.
-        frames: simulated frames that the policy has learnt from.
-        interrupted: whether the run was stopped before its last step.
-    """
-
-    proposal: Proposal
-    posterior: Posterior | None = None
-    real: TensorDict | None = None
-    policies: list[Policy] = field(default_factory=list)
-    records: list[Record] = field(default_factory=list)
-    frames: int = 0
-    interrupted: bool = False
-
-    @property
-    def step(self) -> int:
-        """Number of complete outer steps."""
-        return len(self.records)
-
-    def kept(self) -> str:
-        """What the run has, in words."""
-        trajectories = 0 if self.real is None else len(self.real)
-        posterior = f"the posterior of {trajectories} real trajectories" if self.posterior else "no posterior yet"
-        return f"{self.step} outer steps, {posterior}, a policy after {self.frames} frames"
+Checkpoint = Callable[[OnlineState, bool], None]
+"""(state, whether to save now or when it is time again): called wherever the run could go on from."""
+PRIOR_LOSS = -0.02
+"""A validation loss above it [nats] says that the estimator knows no more than its box: 0 is the uniform density's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,98 +48,149 @@ class OnlineTrainer:
         objective: the policy and the way it learns.
         collector: gives the policy's batches (N, T), from worlds that ``randomization`` draws.
         randomization: the transform of the collector's environment.
-        simulate: (policy, proposal) -> trajectories (M, T) with their theta.
-        estimator: proposal -> a fresh loss (embedding and mixture) in the proposal's box.
-        fit: trains the loss on trajectories.
-        narrow: (posterior, the proposal it was trained on) -> the next proposal.
+        simulations: gives the trajectories of a fit.
+        held_out: gives the groups by which the belief is judged.
+        estimator: proposal -> a fresh estimator in the proposal's box.
+        gate: decides on the next proposal.
         real: the system in question.
-        schedule: how much of each step.
+        schedule: how much of each step, and in which order.
+        generator: of the fits and the gate.
+        worlds: where the policy's worlds come from; the belief without it.
     """
 
     objective: Objective
     collector: Batches
     randomization: ParameterRandomization
-    simulate: Callable[[Policy, Proposal], TensorDict]
-    estimator: Callable[[Proposal], NeuralPosteriorLoss]
-    fit: Callable[[NeuralPosteriorLoss, TensorDictBase], FitReport]
-    narrow: Callable[[Posterior, Proposal], Proposal]
+    simulations: Simulations
+    held_out: Simulations
+    estimator: Callable[[Belief], PosteriorEstimator]
+    gate: Gate
     real: RealSystem
     schedule: Schedule
+    generator: torch.Generator
+    worlds: Distribution | None = None
 
-    def run(self, state: OnlineState, on_step: Callable[[OnlineState], None] | None = None) -> OnlineState:
+    def run(
+        self,
+        state: OnlineState,
+        *,
+        on_step: Callable[[OnlineState], None] | None = None,
+        checkpoint: Checkpoint | None = None,
+    ) -> OnlineState:
         """Take outer steps until the schedule's number is complete or Ctrl-C asks for a stop.
 
         Args:
-            state: ``OnlineState(prior)``, or where an earlier run stood.
+            state: ``OnlineState.begin(prior)``, or where an earlier run stood.
             on_step: called after each complete outer step; only a caller who knows the truth can judge here.
+            checkpoint: called wherever the run could go on from.
 
         Returns:
-            ``state``, brought forward. A step that Ctrl-C cut short leaves the policy as far as it got and everything
-            else as it was after the step before.
+            ``state``, brought forward. A step that Ctrl-C cut short leaves the policy as far as it got, what was
+            measured, and the belief of the step before.
         """
-        with Interrupt() as interrupt, Progress("online", self.schedule.steps) as progress:
-            while state.step < self.schedule.steps and not interrupt.requested:
-                self._step(state, interrupt, progress)
-                if on_step is not None and not interrupt.requested:
-                    on_step(state)
-            state.interrupted = state.step < self.schedule.steps
+        save = checkpoint if checkpoint is not None else _keep_nothing
+        turns = self.schedule.turns
+        message = "stopping after the work in hand; Ctrl-C again to stop at once"
+        with Interrupt(message) as interrupt, Progress("online", len(turns)) as progress:
+            while state.step < len(turns) and not interrupt.requested:
+                if self._step(state, interrupt, progress, save):
+                    if on_step is not None:
+                        on_step(state)
+                    save(state, True)
+            state.interrupted = state.step < len(turns)
             if state.interrupted:
                 progress.update(state.step, f"stopped; kept: {state.kept()}")
         return state
 
-    def _step(self, state: OnlineState, interrupt: Interrupt, progress: Progress) -> None:
-        start, remember = time.monotonic(), self.schedule.remember
-        losses = self._improve(state, interrupt, progress)
+    def _step(self, state: OnlineState, interrupt: Interrupt, progress: Progress, save: Checkpoint) -> bool:
+        """One outer step; False where it was cut short."""
+        turn, clock = self.schedule.turns[state.step], Clock()
+        if state.batches < turn.policy_batches:
+            with clock("policy"):
+                self._improve(state, turn.policy_batches, interrupt, progress, save)
+            save(state, True)
         if interrupt.requested:
-            return
-        progress.update(state.step, "simulating and fitting")
-        policy = copy.deepcopy(self.objective.policy).requires_grad_(False)
-        policies = [*state.policies, policy][-remember:]
-        loss = self.estimator(state.proposal)
-        report = self.fit(loss, torch.cat([self.simulate(each, state.proposal) for each in policies]))
-        if interrupt.requested:
-            return
-        measured = self.real.run(policy, self.schedule.real_steps)
-        real = measured if state.real is None else torch.cat([state.real, measured])
-        posterior = Posterior(loss).condition(real[-remember:])
-        state.proposal, state.posterior = self.narrow(posterior, state.proposal), posterior
-        state.real, state.policies = real, policies
-        state.records.append(Record(state.step + 1, state.frames, time.monotonic() - start, losses, report))
-        progress.update(state.step, f"posterior mean {[round(x, 3) for x in posterior.mean().tolist()]}")
+            return False
+        fit: FitReport | None = None
+        coverage: float | None = None
+        if turn.infers:
+            if not state.measured:
+                with clock("real"):
+                    progress.update(state.step, "measuring")
+                    self._measure(state)
+                save(state, True)
+            if state.real is not None and not interrupt.requested:
+                fit, coverage = self._infer(state, clock, interrupt, progress)
+            if interrupt.requested:
+                return False
+        state.complete(dict(clock.seconds), fit, coverage)
+        return True
 
-    def _improve(self, state: OnlineState, interrupt: Interrupt, progress: Progress) -> dict[str, float]:
-        """Policy steps in worlds of the present posterior."""
-        self.randomization.set_distribution(state.posterior or state.proposal)
+    def _improve(
+        self, state: OnlineState, batches: int, interrupt: Interrupt, progress: Progress, save: Checkpoint
+    ) -> None:
+        """Policy steps in worlds of the present belief."""
+        self.randomization.set_distribution(self.worlds if self.worlds is not None else state.belief)
 
-        def after(batch: int, frames: int) -> bool:
+        def after(done: int, frames: int, losses: dict[str, float]) -> bool:
+            state.batches, state.losses = done, losses
             state.frames += frames
-            progress.update(state.step, f"policy {batch}/{self.schedule.policy_batches}")
+            progress.update(state.step, f"policy {done}/{batches}")
+            if done < batches and not interrupt.requested:
+                save(state, False)
             return not interrupt.requested
 
-        return improve(self.objective, self.collector, self.schedule.policy_batches, after)
+        state.notes += improve(self.objective, self.collector, batches, after, begin=state.batches)
+
+    def _measure(self, state: OnlineState) -> None:
+        """Ask the real system for trajectories under the present policy."""
+        policy = frozen(self.objective.policy)
+        found, note = measured(self.real, policy, self.schedule.real_steps, self.simulations.form)
+        if found is not None:
+            state.real = found if state.real is None else united([state.real, found])
+            state.policies.append(policy)
+            state.made_by += [len(state.policies) - 1] * len(found)
+        state.notes += [note] if note else []
+        state.measured = True
+
+    def _infer(
+        self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress
+    ) -> tuple[FitReport | None, float | None]:
+        """Simulate, fit, condition, and decide where to simulate next; the state changes at the end only."""
+        with clock("simulate"):
+            progress.update(state.step, "simulating")
+            makers = [state.policies[i] for i in spread(len(state.policies), self.schedule.behaviours)]
+            simulated = self.simulations.draw(makers, state.proposal)
+            members = [state.policies[state.made_by[i]] for i in spread(len(state.made_by), self.schedule.group)]
+            groups = self.held_out.groups(members, state.proposal)
+        if interrupt.requested:
+            return None, None
+        with clock("fit"), interrupt.giving_up():
+            progress.update(state.step, "fitting")
+            estimator = self.estimator(state.proposal)
+            report = estimator.fit(simulated, groups, generator=self.generator)
+        if interrupt.requested:
+            return None, None
+        with clock("gate"):
+            belief = estimator.condition(state.real)
+            theta = groups.get(self.held_out.form.theta)[:, 0, 0]
+            alpha = credibility_of(estimator.each(groups), theta, generator=self.generator)
+            decision = self.gate.decide(belief, state.proposal, alpha, generator=self.generator)
+        state.belief, state.proposal = belief, decision.proposal
+        state.simulated += simulated.numel() + groups.numel()
+        state.notes += [*_doubts(report), decision.reason]
+        return report, decision.coverage
 
 
-def improve(
-    objective: Objective,
-    collector: Batches,
-    batches: int,
-    after: Callable[[int, int], bool] | None = None,
-) -> dict[str, float]:
-    """Let a policy learn from fresh episodes in the collector's worlds; returns the last batch's losses.
+def _doubts(report: FitReport) -> list[str]:
+    """What a fit that learnt nothing is told by."""
+    if not report.validation or min(report.validation) <= PRIOR_LOSS:
+        return []
+    return [
+        f"the estimator learnt nothing (validation loss {min(report.validation):.2f} nats, 0 for the uniform density):"
+        " the embedding collapsed, or the trajectories do not depend on theta"
+    ]
 
-    Args:
-        objective: the policy that the collector runs, and its learning.
-        collector: gives batches (N, T).
-        batches: how many to learn from.
-        after: told the number of batches so far and the frames of the last one; False ends it early.
-    """
-    collector.reset()
-    losses: dict[str, float] = {}
-    for batch in range(1, batches + 1):
-        data = collector.next()
-        if data is None:
-            raise ValueError(f"the collector ended after {batch - 1} of {batches} batches; give it total_frames=-1")
-        losses = objective.update(data)
-        if after is not None and not after(batch, data.numel()):
-            break
-    return losses
+
+def _keep_nothing(_state: OnlineState, _now: bool) -> None:
+    """Without a run folder there is nothing to save to."""

@@ -9,32 +9,42 @@ from __future__ import annotations
 
 import torch
 from jaxtyping import Float
-from tensordict import TensorDictBase
+from tensordict import NestedKey, TensorDictBase
 from torch import Tensor
 from torchrl.envs import Transform
 
 
 class SensorNoise(Transform):
-    """Add independent Gaussian noise to ``"observation"``.
+    """Add independent Gaussian noise to an observation.
 
     Args:
         sd: standard deviation of each observed value (O,), in that value's unit; zeros add nothing.
         seed: of the noise.
+        key: of the observation.
     """
 
-    def __init__(self, sd: Float[Tensor, " O"], *, seed: int = 0) -> None:
-        super().__init__(in_keys=["observation"], out_keys=["observation"])
+    def __init__(self, sd: Float[Tensor, " O"], *, seed: int = 0, key: NestedKey = "observation") -> None:
+        super().__init__(in_keys=[key], out_keys=[key])
+        self.key = key
         self.register_buffer("sd", sd)
         self._generator = torch.Generator(sd.device).manual_seed(seed)
+
+    def get_extra_state(self) -> Tensor:
+        """State of the noise's random numbers."""
+        return self._generator.get_state()
+
+    def set_extra_state(self, state: Tensor) -> None:
+        """Draw on from there."""
+        self._generator.set_state(state)
 
     def _apply_transform(self, obs: Tensor) -> Tensor:
         noise = torch.randn(obs.shape, dtype=obs.dtype, device=obs.device, generator=self._generator)
         return obs + self.get_buffer("sd").to(obs) * noise
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
-        fresh = self._apply_transform(tensordict_reset.get("observation"))
-        reset, seen = tensordict.get("_reset", None), tensordict.get("observation", None)
+        fresh = self._apply_transform(tensordict_reset.get(self.key))
+        reset, seen = tensordict.get("_reset", None), tensordict.get(self.key, None)
         if reset is not None and seen is not None:
             # Worlds that go on have been seen already; a second draw would contradict what the policy was told.
             fresh = torch.where(reset.reshape(*fresh.shape[:-1], 1), fresh, seen)
-        return tensordict_reset.set("observation", fresh)
+        return tensordict_reset.set(self.key, fresh)

@@ -8,12 +8,15 @@ draw happens before the environment's own reset and reaches it on the leaf ``"th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Protocol, runtime_checkable
 
 import torch
-from tensordict import TensorDict, TensorDictBase
+from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
-from torchrl.envs import Transform
+from torchrl.envs import EnvBase, Transform, TransformedEnv
+
+from onlinebayes.runs import BadInput
 
 
 @runtime_checkable
@@ -28,17 +31,27 @@ class Distribution(Protocol):
 class ParameterRandomization(Transform):
     """Draw theta for the worlds that reset.
 
-    The environment below must read ``"theta"`` in its reset and carry it in every step, as ``SimulatorEnv`` does.
-    As a module (:meth:`forward`) it writes a fresh draw for every element of a tensordict.
+    The environment below must read theta in its reset and carry it in every step, as ``SimulatorEnv`` and
+    ``Parameterized`` do. As a module (:meth:`forward`) it writes a fresh draw for every element of a tensordict.
+
+    Draws come from torch's global random numbers, until the environment's ``set_seed`` is called: from then on they
+    are decided by that seed alone.
 
     Args:
         distribution: where theta comes from; replaceable with :meth:`set_distribution`, which takes effect world by
             world as they reset.
+        theta_key: of the parameters.
+
+    Raises:
+        BadInput: the environment below does not read theta, at the first reset.
     """
 
-    def __init__(self, distribution: Distribution) -> None:
+    def __init__(self, distribution: Distribution, *, theta_key: NestedKey = "theta") -> None:
         super().__init__()
-        self._distribution = distribution
+        self._distribution, self.theta_key = distribution, theta_key
+        self._seeding: object = None
+        self._random: Tensor | None = None
+        self._checked = False
 
     @property
     def distribution(self) -> Distribution:
@@ -51,24 +64,59 @@ class ParameterRandomization(Transform):
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write a fresh draw for every element."""
-        return tensordict.set("theta", self._draw(tensordict.numel()).reshape(*tensordict.batch_size, -1))
+        return tensordict.set(self.theta_key, self._draw(tensordict.numel()).reshape(*tensordict.batch_size, -1))
+
+    def get_extra_state(self) -> dict[str, Tensor | None]:
+        """State of the random numbers that the environment's seed decides; None before it was set."""
+        return {"random": self._random}
+
+    def set_extra_state(self, state: Mapping[str, Tensor | None]) -> None:
+        """Draw on from there."""
+        self._random = state["random"]
 
     def _draw(self, number: int) -> Tensor:
         with torch.no_grad():
-            return self._distribution.sample((number,))
+            if self._random is None:
+                return self._distribution.sample((number,))
+            outside = torch.get_rng_state()
+            try:
+                torch.set_rng_state(self._random)
+                drawn = self._distribution.sample((number,))
+                self._random = torch.get_rng_state()
+            finally:
+                torch.set_rng_state(outside)
+            return drawn
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         return next_tensordict
 
     def _reset_env_preprocess(self, tensordict: TensorDictBase | None) -> TensorDictBase:
+        parent = self.parent
+        self._look_at(parent)
         if tensordict is None:
-            parent = self.parent
             tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
         batch = tensordict.batch_size
         reset = tensordict.get("_reset", None)
         if reset is None:
-            return tensordict.set("theta", self._draw(batch.numel()).reshape(*batch, -1))
+            return tensordict.set(self.theta_key, self._draw(batch.numel()).reshape(*batch, -1))
         rows = reset.reshape(-1).nonzero().squeeze(-1)
         drawn = self._draw(len(rows)).to(reset.device)
         theta = drawn.new_zeros(batch.numel(), drawn.shape[-1]).index_copy_(0, rows, drawn)
-        return tensordict.set("theta", theta.reshape(*batch, -1))
+        return tensordict.set(self.theta_key, theta.reshape(*batch, -1))
+
+    def _look_at(self, parent: EnvBase) -> None:
+        """Refuse an environment that would ignore theta; follow its seed."""
+        base = parent.base_env if isinstance(parent, TransformedEnv) else parent
+        if not self._checked:
+            if self.theta_key not in base.full_observation_spec.keys(True, True):
+                raise BadInput(
+                    f"{type(base).__name__} does not read {self.theta_key!r} at reset: nothing would be randomised",
+                    "wrap it with onlinebayes.simulators.Parameterized, or use a SimulatorEnv",
+                )
+            self._checked = True
+        seeding = getattr(base, "seeding", None)
+        if seeding is not None and seeding != self._seeding:
+            outside = torch.get_rng_state()
+            torch.manual_seed(seeding[0])
+            self._random, self._seeding = torch.get_rng_state(), seeding
+            torch.set_rng_state(outside)

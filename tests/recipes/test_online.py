@@ -1,120 +1,62 @@
+"""The recipes' short forms, and the table of the study made from their logs."""
+
 from __future__ import annotations
 
-import json
-from dataclasses import replace
+import csv
+from pathlib import Path
 
 import pytest
-import torch
-from torchrl.data import TensorSpec
 
-from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import ppo
 from onlinebayes.runs import BadInput
-from onlinebayes.trainers import OnlineState, Schedule
-from onlinebayes.transforms import ParameterRandomization
-from recipes.cartpole import PROBLEM as CARTPOLE
-from recipes.pendulum import PROBLEM as PENDULUM
-from recipes.studies import online
-from recipes.studies.online import NOISES, SEEDS, Outcome, Settings, truth_of
-from recipes.studies.online_problem import Point, learner, score, worlds
-from recipes.studies.online_problem import online as run_online
+from recipes import cartpole, pendulum
+from recipes.common import Settings, run
+from recipes.studies.online import Study, _frames_to, tabulate
 
-
-@pytest.mark.parametrize("problem", [CARTPOLE, PENDULUM])
-def test_the_state_behind_an_observation(problem):
-    env = worlds(problem, 16, ParameterRandomization(BoxUniform(problem.space)), 0.0, 0)
-    observation = env.rollout(5)["observation"][:, -1]
-    again = problem.task.observe(problem.state(observation))
-    torch.testing.assert_close(again, observation, atol=2e-6, rtol=0)
-
-
-def test_the_truths_are_the_published_points():
-    points = [truth_of(CARTPOLE, seed).tolist() for seed in SEEDS]
-    unit = [[0.5, 0.5], [0.75, 0.25], [0.25, 0.75], [0.375, 0.375], [0.875, 0.875]]
-    assert points[0] == [0.5, 0.1]
-    assert truth_of(PENDULUM, 0).tolist() == [1.0, 1.0]
-    for point, u in zip(points[1:], unit, strict=True):
-        assert point == pytest.approx([0.1 + 0.9 * x for x in u])
-
-
-def test_noise_is_that_share_of_the_range_and_consistent_over_resets():
-    drawn = ParameterRandomization(BoxUniform(CARTPOLE.space))
-    quiet, loud = (worlds(CARTPOLE, 256, drawn.clone(), noise, 3).reset()["observation"] for noise in (0.0, 0.01))
-    # 256 draws: the estimate of sd has a relative standard error of 4.4 %, 5 of them are allowed.
-    spread = (loud - quiet).std(0) / torch.tensor(CARTPOLE.sensor_range)
-    torch.testing.assert_close(spread, torch.full((4,), 0.01), rtol=0.22, atol=0)
-    data = worlds(CARTPOLE, 32, drawn.clone(), 0.01, 3).rollout(60, break_when_any_done=False)
-    going_on = ~data["next", "done"][:, :-1, 0]
-    assert going_on.float().mean() < 1, "some worlds reset"
-    seen, acted_on = data["next", "observation"][:, :-1][going_on], data["observation"][:, 1:][going_on]
-    assert torch.equal(seen, acted_on)
-
-
-def outcome(kind: str, seed: int, noise: float) -> Outcome:
-    return Outcome(kind, seed, noise, (1.0, 8.0 + seed) if kind == "online" else (), 480.0 + seed, 470.0, 1000)
-
-
-def test_the_table_has_every_seed_and_judges_medians():
-    outcomes = [outcome("online", seed, noise) for seed in SEEDS for noise in NOISES]
-    outcomes += [outcome(kind, seed, 0.0) for seed in SEEDS for kind in ("oracle", "prior")]
-    table = online.tabulate(CARTPOLE, outcomes)
-    assert table.holds
-    assert sum("log density of the truth" in row.name for row in table.rows) == len(SEEDS) * len(NOISES)
-    judged = {row.name: row for row in table.rows if row.goal}
-    assert judged["no noise, median of seeds 1-5: log density"].value == 11.0
-    worse = [replace(o, log_density=(1.0, 8.9)) if o.kind == "online" else o for o in outcomes]
-    assert not online.tabulate(CARTPOLE, worse).holds
-    json.loads(table.to_json())
-
-
-def test_a_study_goes_on_from_its_finished_runs(tmp_path, monkeypatch, capsys):
-    asked = []
-
-    def in_processes(problem, jobs, processes):
-        for number, job in enumerate(jobs):
-            if len(asked) == 5 and number == 5:
-                raise KeyboardInterrupt
-            asked.append(job)
-            yield outcome(*job)
-
-    monkeypatch.setattr(online, "_in_processes", in_processes)
-    settings = Settings(study=True, out=str(tmp_path / "out"), results=str(tmp_path / "results"))
-    assert online.study(CARTPOLE, settings) == 130
-    assert "5 of 24 runs are kept" in capsys.readouterr().out
-    assert not (tmp_path / "results").exists()
-    assert online.study(CARTPOLE, settings) == 0
-    assert len(asked) == len(set(asked)) == 24
-    assert (tmp_path / "results" / "cartpole.json").exists()
-
-
-def test_a_run_cut_short_is_no_result(monkeypatch):
-    def stopped(problem, truth, noise, seed, on_step):
-        return OnlineState(BoxUniform(problem.space), interrupted=True), learner(problem)
-
-    monkeypatch.setattr(online, "online", stopped)
-    with pytest.raises(KeyboardInterrupt):
-        online.run(CARTPOLE, "online", 1, 0.0)
-
-
-def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(BadInput, match="noise"):
-        online.main(CARTPOLE, Settings(noise=1.5))
+BUILDS = {"cartpole": cartpole.build, "pendulum": pendulum.build}
+checked_elsewhere = pytest.mark.usefixtures("without_shape_checks")
 
 
 @pytest.mark.slow
-def test_cartpole_at_a_fraction_of_the_effort():
-    """Three outer steps: the posterior beats the thesis's figure for thirty, the policy balances."""
+@checked_elsewhere
+@pytest.mark.parametrize("name", sorted(BUILDS))
+def test_a_short_run_writes_its_folder_and_holds_the_truth_better_than_the_prior(name: str, tmp_path: Path) -> None:
+    """Seeds are fixed: no false failures on one machine."""
+    assert run(name, BUILDS[name], Settings(short=True, out=str(tmp_path))) == 0
+    folder = tmp_path / f"{name}-online-0-short"
+    assert (folder / "corner.png").stat().st_size > 10_000
+    with (folder / "log.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["step"] for row in rows] == ["1", "2"]
+    assert all("narrowed" in row["notes"] or "widened" in row["notes"] for row in rows)
 
-    def objective(observation: TensorSpec, action: TensorSpec):
-        return ppo(observation, action)
 
-    problem = replace(CARTPOLE, objective=objective, schedule=Schedule(3, 12, 50), simulations=400)
-    truth, densities = truth_of(problem, 1), []
-    _, learnt = run_online(
-        problem, truth, 0.0, 1, lambda state, _: densities.append(float(state.posterior.log_prob(truth)))
-    )
-    assert densities[-1] > 4.66
-    drawn = ParameterRandomization(Point(truth))
-    assert score(problem, learnt.policy, truth, 0.0) > 300
-    assert score(problem, learner(problem).policy, truth, 0.0) < 100
-    assert drawn.distribution.sample((2,)).shape == (2, 2)
+@pytest.mark.parametrize(("seed", "noise"), [(-1, 0.0), (0, -0.1), (0, 1.0)])
+def test_settings_out_of_bounds_are_refused(seed: int, noise: float) -> None:
+    with pytest.raises(BadInput, match="needs seed >= 0"):
+        Settings(seed=seed, noise=noise)
+
+
+def test_frames_count_from_where_the_share_is_kept() -> None:
+    assert _frames_to(0.95, (1, 2, 3, 4), (0.99, 0.5, 0.96, 1.0)) == 3
+    assert _frames_to(0.95, (1, 2), (1.0, 0.9)) == float("inf")
+
+
+def test_the_table_measures_each_run_by_its_oracle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("recipes.studies.online._untrained", lambda task, seed: -100.0)
+    for kind, returns in (
+        ("online", (-40, -1)),
+        ("posterior-first", (-90, -5)),
+        ("prior", (-80, -70)),
+        ("oracle", (-9, 0)),
+    ):
+        folder = tmp_path / f"pendulum-{kind}-1"
+        folder.mkdir()
+        lines = ["frames,figure/return,figure/log density of the truth", "0,-100,1"]
+        lines += [f"{1000 * (i + 1)},{value},{2 + i}" for i, value in enumerate(returns)]
+        (folder / "log.csv").write_text("\n".join(lines))
+    rows = {row.name: row for row in tabulate(Study(tasks=("pendulum",), seeds=(1,), out=str(tmp_path))).rows}
+    online = rows["pendulum, online: share of the oracle's return"]
+    assert (online.value, online.holds) == (0.99, True)
+    assert rows["pendulum, prior: share of the oracle's return"].value == pytest.approx(0.3)
+    assert rows["pendulum, online: frames to 0.95 of the oracle's return"].value == 2000
+    assert rows["pendulum, online: log density of the truth"].value == 3

@@ -9,7 +9,7 @@ from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.inference import BoxUniform
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import SimulatorEnv
-from onlinebayes.trainers import HiddenSystem, returns, trajectories
+from onlinebayes.trainers import RealEnvironment, returns, trajectories
 from onlinebayes.transforms import ParameterRandomization
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
@@ -52,11 +52,11 @@ def test_a_return_counts_the_first_episode_only():
 
 
 def test_a_hidden_system_gives_a_trajectory_and_nothing_else():
-    system = HiddenSystem(env(1))
+    system = RealEnvironment(env(1))
     data = system.run(push_right, 50)
     assert data.shape == (1, 50)
     assert "theta" not in data.keys(True)
     assert {"observation", "action", "mask"} <= set(data.keys())
-    assert [name for name in dir(system) if not name.startswith("_")] == ["run"]
+    assert [name for name in dir(system) if not name.startswith("_")] == ["load_state_dict", "run", "state_dict"]
     with pytest.raises(AttributeError):
         system.theta = torch.zeros(2)  # type: ignore[attr-defined]

@@ -87,3 +87,10 @@ def _shared_box(mixtures: Sequence[TruncatedMixture]) -> Box:
         if mixture.space != box.space or not same:
             raise ValueError("the mixtures live in different boxes; bring them into one with in_box first")
     return box
+
+
+def doubled(mixture: TruncatedMixture) -> TruncatedMixture:
+    """The mixture in double precision."""
+    return TruncatedMixture(
+        mixture.log_weights.double(), mixture.mean.double(), mixture.scale_tril.double(), mixture.box
+    )

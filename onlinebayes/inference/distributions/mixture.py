@@ -48,6 +48,10 @@ class TruncatedMixture:
         """Shape of the batch of mixtures; empty for a single one."""
         return self.log_weights.shape[:-1]
 
+    def __getitem__(self, index: int) -> TruncatedMixture:
+        """One mixture of the batch, or a batch of one axis less."""
+        return TruncatedMixture(self.log_weights[index], self.mean[index], self.scale_tril[index], self.box)
+
     @property
     def log_masses(self) -> Float[Tensor, "*batch K"]:
         """log Z_k of each component."""

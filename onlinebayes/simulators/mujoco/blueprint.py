@@ -15,6 +15,7 @@ from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.mujoco.closure import rigid
 from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.packing import packed, unpacked
 from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.variants import gravity_compensated, laden, with_option
@@ -131,9 +132,27 @@ class Remakable(Simulator):
             return self
         return self._remade(model=source, sensors=tuple(sensors))
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        """A simulator of its own that stands where this one does."""
+        copied = self._remade()
+        copied.restore(self.snapshot())
+        return copied
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """For processes of their own: the model as text with its files, the other arguments, and where it stands."""
+        arguments = {**vars(self._blueprint), "model": packed(self._blueprint.model)}
+        return _remake, (type(self), arguments, self.snapshot())
+
     def _integrated(self, integrator: mujoco.mjtIntegrator) -> Self:
         return self._remade(model=with_option(self._blueprint.model, "integrator", integrator))
 
     def _remade(self, **changes: Any) -> Self:
         """This simulator anew, with what is given in place of its own; see :class:`.Blueprint`."""
         return type(self)(**vars(replace(self._blueprint, **changes)))
+
+
+def _remake(kind: type[Remakable], arguments: dict[str, Any], snapshot: dict[str, Any]) -> Remakable:
+    """The simulator that was taken apart for a pickle."""
+    made = kind(**{**arguments, "model": unpacked(arguments["model"])})
+    made.restore(snapshot)
+    return made

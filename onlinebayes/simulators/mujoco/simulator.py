@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import mujoco
 import numpy as np
@@ -182,6 +182,20 @@ class MujocoSimulator(Remakable):
         self._worlds.write_theta(to_host(self._theta[rows]), ids)
         self._worlds.write_state(state, ids)
         return self.state
+
+    def snapshot(self) -> dict[str, Any]:
+        """Where all worlds stand, the engine's warm start included; see :meth:`Simulator.snapshot`."""
+        hidden = {key: dict(value.flatten_keys(".").clone().items()) for key, value in self._hidden.items()}
+        return {"theta": self._theta.clone(), "hidden": hidden, **self._worlds.snapshot()}
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Stand where a snapshot was taken; see :meth:`Simulator.restore`."""
+        self._theta = snapshot["theta"].clone()
+        for key, value in snapshot["hidden"].items():
+            flat = TensorDict(dict(value), batch_size=(self.worlds,))
+            self._hidden[key] = flat.unflatten_keys(".").clone()
+        self._worlds.write_theta(to_host(self._theta))
+        self._worlds.restore(snapshot)
 
     def step(self, inputs: TensorDictBase) -> TensorDict:
         """Advance every world that has not failed by ``dt``."""

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 import mujoco
 import mujoco.batch
@@ -101,6 +102,21 @@ class Worlds:
             limited[:, i] = np.where(active, model.actuator_forcelimited[i], 1)
             bounds[:, i] = np.where(active[:, None], self._range[:, i], 0.0)
         self._on, self._all_on = on.copy(), bool(on.all())
+
+    def snapshot(self) -> dict[str, torch.Tensor]:
+        """Rows of all worlds, who failed, and which actuators are on."""
+        return {
+            "rows": torch.from_numpy(self.batch.state.copy()),
+            "failed": torch.from_numpy(self.failed.copy()),
+            "on": torch.from_numpy(self._on.copy()),
+        }
+
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Write rows, failures and switches; theta is written before."""
+        self.batch.state[:] = snapshot["rows"].numpy()
+        self.batch.warning[:] = 0
+        self.failed[:] = snapshot["failed"].numpy()
+        self.write_enable(snapshot["on"].numpy().astype(float))
 
     # --- reading ------------------------------------------------------------------------------------------------
 

@@ -1,0 +1,83 @@
+"""What every posterior estimator must do, for the tests of those you write yourself.
+
+    check_estimator(lambda: MyEstimator(space), simulate, BoxUniform(space))
+
+| check     | what it asks                                                                             |
+|-----------|------------------------------------------------------------------------------------------|
+| learns    | after a fit the truth is denser than under the prior, on trajectories it has not seen    |
+| density   | one over the box to a per cent, zero outside, finite where it draws                      |
+| draws     | lie in the box, have the asked-for shape, and repeat with a generator's seed             |
+| each      | groups as one batch give what ``condition`` gives one by one                             |
+| leaves    | conditioning changes neither the estimator nor an earlier belief                         |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from onlinebayes.inference.base import PosteriorEstimator
+from onlinebayes.inference.distributions import BoxUniform
+
+Simulate = Callable[[Tensor, torch.Generator], TensorDict]
+"""(theta (B, P), generator) -> trajectories (B, T) with their theta."""
+
+
+def check_estimator(
+    make: Callable[[], PosteriorEstimator], simulate: Simulate, prior: BoxUniform, *, simulations: int = 400
+) -> None:
+    """Run every check.
+
+    Args:
+        make: a fresh estimator over the prior's box.
+        simulate: see :data:`Simulate`; what theta does must show in the trajectories.
+        prior: where theta is drawn.
+        simulations: for the fit.
+
+    Raises:
+        AssertionError: of the first check that fails.
+    """
+    generator = torch.Generator().manual_seed(0)
+    estimator = make()
+    assert isinstance(estimator, PosteriorEstimator), f"{type(estimator).__name__} lacks a member of the protocol"
+    theta = prior.sample((simulations,), generator)
+    held = prior.sample((20,), generator)
+    groups = torch.stack([simulate(held, generator) for _ in range(2)], dim=1)
+    estimator.fit(simulate(theta, generator), groups, generator=generator)
+    fresh = prior.sample((40,), generator)
+    pairs = torch.stack([simulate(fresh, generator) for _ in range(2)], dim=1)
+    _check_learns(estimator, pairs, fresh, prior)
+    _check_density(estimator, pairs[0].exclude("theta"), prior)
+    _check_each(estimator, pairs[:3].exclude("theta"), prior)
+
+
+def _check_learns(estimator: PosteriorEstimator, pairs: TensorDict, theta: Tensor, prior: BoxUniform) -> None:
+    gain = estimator.each(pairs).log_prob(theta) - prior.log_prob(theta)
+    assert gain.shape == theta.shape[:1], f"log_prob of {len(theta)} posteriors has shape {tuple(gain.shape)}"
+    assert gain.mean() > 0.1, f"the truth gains {float(gain.mean()):.2f} nats over the prior"
+
+
+def _check_density(estimator: PosteriorEstimator, trajectories: TensorDict, prior: BoxUniform) -> None:
+    belief = estimator.condition(trajectories)
+    draws = belief.sample((300,), torch.Generator().manual_seed(1))
+    assert draws.shape == (300, len(prior.space)), f"300 draws have shape {tuple(draws.shape)}"
+    assert bool(estimator.box.contains(draws).all()), "a draw lies outside the box"
+    assert torch.equal(draws, belief.sample((300,), torch.Generator().manual_seed(1))), "a seed does not repeat draws"
+    assert bool(torch.isfinite(belief.log_prob(draws)).all()), "the density is not finite where it draws"
+    everywhere = prior.sample((20_000,), torch.Generator().manual_seed(2))
+    mass = torch.exp(belief.log_prob(everywhere) - prior.log_prob(everywhere)).mean()
+    assert abs(float(mass) - 1) < 0.2, f"the density integrates to {float(mass):.2f} over the box"
+    outside = prior.space.high + (prior.space.high - prior.space.low)
+    assert float(belief.log_prob(outside.double())) == -torch.inf, "the density is not zero outside the bounds"
+
+
+def _check_each(estimator: PosteriorEstimator, groups: TensorDict, prior: BoxUniform) -> None:
+    theta = prior.sample((len(groups),), torch.Generator().manual_seed(3))
+    first = estimator.condition(groups[0])
+    before = first.log_prob(theta)
+    single = torch.stack([estimator.condition(group).log_prob(theta[i]) for i, group in enumerate(groups.unbind(0))])
+    torch.testing.assert_close(estimator.each(groups).log_prob(theta).double(), single.double(), rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(first.log_prob(theta), before, rtol=0, atol=0)

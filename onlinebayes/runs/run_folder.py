@@ -1,0 +1,114 @@
+"""One folder a run: its checkpoints, its log, its recording; held by one process at a time.
+
+with RunFolder("out/pendulum", "pendulum") as folder:
+    checkpoint = folder.checkpoints.load()          # None in a new folder
+    folder.checkpoints.save(state)
+    folder.path("run.rrd")
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any
+
+from onlinebayes.runs.checkpoints import Checkpoints
+from onlinebayes.runs.errors import BadInput
+from onlinebayes.runs.files import write_atomic
+
+ABOUT, LOCK = "run.json", ".lock"
+
+
+class RunFolder:
+    """A run's folder; as a context it is held by this process.
+
+    The lock belongs to the process and ends with it, however it ends.
+
+    Args:
+        folder: made if it is missing.
+        recipe: which kind of run.
+        settings: what the run was begun with; a run goes on only with the same.
+        keep: how many checkpoints are kept.
+
+    Raises:
+        BadInput: the folder cannot be made or written, is a file, is held by another process, or is that of another
+            recipe or of other settings.
+    """
+
+    def __init__(
+        self, folder: str | Path, recipe: str, *, settings: Mapping[str, Any] | None = None, keep: int = 3
+    ) -> None:
+        self.folder, self.recipe = Path(folder), recipe
+        self.settings = dict(settings) if settings is not None else {}
+        self.checkpoints = Checkpoints(self.folder, recipe, keep=keep)
+        self._lock: IO[str] | None = None
+
+    def __enter__(self) -> RunFolder:
+        if self.folder.exists() and not self.folder.is_dir():
+            raise BadInput("is a file", "give the name of a folder", where=str(self.folder))
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = (self.folder / LOCK).open("a+")
+        except OSError as error:
+            raise BadInput(
+                f"cannot write here: {error.strerror}", "choose a folder you may write to", where=str(self.folder)
+            ) from error
+        try:
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._lock.seek(0)
+            holder = self._lock.read().strip() or "another process"
+            self._lock.close()
+            self._lock = None
+            raise BadInput(
+                f"the run folder is in use by {holder}", "wait for it, or choose another folder", where=str(self.folder)
+            ) from error
+        self._lock.truncate(0)
+        self._lock.write(f"process {os.getpid()}")
+        self._lock.flush()
+        try:
+            self._claim()
+        except BaseException:
+            self.__exit__(None, None, None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._lock is not None:
+            self._lock.close()
+            self._lock = None
+
+    def path(self, name: str) -> Path:
+        """Where a file of the run lies."""
+        return self.folder / name
+
+    def _claim(self) -> None:
+        """Write down whose folder it is, or see that it is ours."""
+        about = self.folder / ABOUT
+        mine = json.loads(json.dumps({"recipe": self.recipe, "settings": self.settings}, default=str))
+        if not about.exists():
+            write_atomic(about, json.dumps(mine, indent=1) + "\n")
+            return
+        try:
+            theirs = json.loads(about.read_text("utf-8"))
+            recipe, settings = theirs["recipe"], theirs["settings"]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise BadInput(f"{ABOUT} cannot be read", "choose another folder", where=str(self.folder)) from error
+        if recipe != self.recipe:
+            raise BadInput(
+                f"the folder holds a run of '{recipe}', not of '{self.recipe}'",
+                "choose another folder",
+                where=str(self.folder),
+            )
+        other = sorted(key for key in {*settings, *mine["settings"]} if settings.get(key) != mine["settings"].get(key))
+        if other:
+            told = ", ".join(f"{key} = {settings.get(key)} (now {mine['settings'].get(key)})" for key in other)
+            raise BadInput(
+                f"the run was begun with {told}", "give the same settings, or another folder", where=str(self.folder)
+            )

@@ -1,0 +1,77 @@
+"""A task: what is observed, rewarded and ended, whatever simulates the worlds.
+
+    s_0 ~ start(theta),   o_k = observe(s_k),   r_k = reward(s_k, a_k, s_{k+1}),   over at ``terminated`` or ``horizon``
+
+A task with goals also says which goal a state has reached, and what a step is worth for any goal, so that an episode
+can be told again as if what it reached had been its goal (Andrychowicz et al. 2017, Hindsight Experience Replay).
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from typing import Protocol, runtime_checkable
+
+from jaxtyping import Bool, Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Generator, Tensor
+from torchrl.data import TensorSpec
+
+
+class Task(ABC):
+    """What is observed, rewarded and ended; knows nothing of how the worlds are simulated.
+
+    Attributes:
+        observation_size: width O of an observation.
+        observation_sizes: key -> width, for a task whose :meth:`observe` gives several; empty for one observation.
+        action_spec: TorchRL spec of one world's action, without a batch size.
+        horizon: steps after which an episode is truncated.
+    """
+
+    observation_size: int
+    observation_sizes: Mapping[str, int] = {}
+    action_spec: TensorSpec
+    horizon: int
+
+    @abstractmethod
+    def start(self, theta: Float[Tensor, "n P"], generator: Generator) -> TensorDict:
+        """Initial states of n worlds, batch size (n,): ``"qpos"`` and ``"qvel"`` in theta's dtype and device.
+
+        Leaves under ``"task"`` (a goal) stay as they are within an episode, and stand in every state that the task is
+        shown.
+        """
+
+    @abstractmethod
+    def observe(self, state: TensorDictBase) -> Float[Tensor, "N O"] | dict[str, Tensor]:
+        """What the policy sees of a state, in float32: one observation, or one for each of the keys."""
+
+    @abstractmethod
+    def command(self, action: Tensor) -> Float[Tensor, "N U"]:
+        """The simulator's commands for an action (N, ...)."""
+
+    @abstractmethod
+    def reward(self, state: TensorDictBase, action: Tensor, after: TensorDictBase) -> Float[Tensor, " N"]:
+        """Reward of the step from ``state`` to ``after``."""
+
+    @abstractmethod
+    def terminated(self, state: TensorDictBase) -> Bool[Tensor, " N"]:
+        """Whether a state ends the episode."""
+
+
+@runtime_checkable
+class GoalTask(Protocol):
+    """What a task with goals offers besides :class:`Task`.
+
+    Attributes:
+        goal_size: width G of a goal.
+    """
+
+    goal_size: int
+
+    def goal_reward(self, achieved: Float[Tensor, "*batch G"], desired: Float[Tensor, "*batch G"]) -> Tensor:
+        """Reward (*batch) of a step that ends where ``achieved`` is reached, for any desired goal."""
+        ...
+
+    def success(self, achieved: Float[Tensor, "*batch G"], desired: Float[Tensor, "*batch G"]) -> Tensor:
+        """Whether ``achieved`` is as good as ``desired`` (*batch)."""
+        ...

@@ -1,0 +1,106 @@
+"""All that a run needs to go on as if it had never been stopped, to the last bit on the same machine and threads.
+
+| part          | what it holds                                                                        |
+|---------------|--------------------------------------------------------------------------------------|
+| ``online``    | belief, proposal, real trajectories, the policies that made them, records, clocks    |
+| ``objective`` | networks, optimisers, replay memory                                                  |
+| ``collector`` | the worlds that the policy learns in, and the step each of them stands at            |
+| ``simulations``, ``held_out``, ``real`` | worlds and sensors of the simulations, and of the system, if it can tell |
+| ``generator``, ``random`` | every random number's state                                              |
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Any, Protocol, runtime_checkable
+
+from torchrl.collectors import Collector
+
+from onlinebayes.runs import BadInput, Checkpoints, one_line, random_state, set_random_state
+from onlinebayes.trainers.env_state import collector_state, env_state, load_collector_state, load_env_state
+from onlinebayes.trainers.online import OnlineTrainer
+from onlinebayes.trainers.state import OnlineState
+
+
+@runtime_checkable
+class Stateful(Protocol):
+    """A part that can say where it stands."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Plain values."""
+        ...
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> Any:
+        """Stand there again."""
+        ...
+
+
+class Saver:
+    """Saves a run wherever its trainer says that it could go on from.
+
+    Args:
+        trainer: whose parts are saved.
+        checkpoints: where they go.
+        every: least time between two saves in the middle of a step [s].
+    """
+
+    def __init__(self, trainer: OnlineTrainer, checkpoints: Checkpoints, *, every: float = 30.0) -> None:
+        self.trainer, self.checkpoints, self.every = trainer, checkpoints, every
+        self._last = time.monotonic()
+
+    def __call__(self, state: OnlineState, now: bool) -> None:
+        """Save now, or if it is time again."""
+        if now or time.monotonic() - self._last >= self.every:
+            self.checkpoints.save(run_state(self.trainer, state))
+            self._last = time.monotonic()
+
+    def resume(self, state: OnlineState) -> bool:
+        """Bring state and trainer to the newest whole checkpoint; False where there is none.
+
+        Raises:
+            BadInput: no checkpoint is whole, or they are of other networks, worlds or parameters.
+        """
+        found = self.checkpoints.load()
+        if found is None:
+            return False
+        try:
+            load_run_state(self.trainer, state, found.state)
+        except BadInput:
+            raise
+        except (RuntimeError, KeyError, ValueError) as error:
+            raise BadInput(
+                f"the checkpoint does not fit this run: {one_line(str(error))[:300]}",
+                "go on with the settings that began it, or choose another folder",
+                where=str(found.path),
+            ) from error
+        return True
+
+
+def run_state(trainer: OnlineTrainer, state: OnlineState) -> dict[str, Any]:
+    """See the module."""
+    collector = trainer.collector
+    return {
+        "online": state.state_dict(),
+        "objective": trainer.objective.state_dict(),
+        "collector": collector_state(collector) if isinstance(collector, Collector) else None,
+        "simulations": env_state(trainer.simulations.env),
+        "held_out": env_state(trainer.held_out.env),
+        "real": trainer.real.state_dict() if isinstance(trainer.real, Stateful) else None,
+        "generator": trainer.generator.get_state(),
+        "random": random_state(),
+    }
+
+
+def load_run_state(trainer: OnlineTrainer, state: OnlineState, saved: Mapping[str, Any]) -> None:
+    """Bring a trainer and a state that were built anew to where the run stood."""
+    trainer.objective.load_state_dict(saved["objective"])
+    state.load_state_dict(saved["online"], trainer.objective.policy)
+    if saved["collector"] is not None and isinstance(trainer.collector, Collector):
+        load_collector_state(trainer.collector, saved["collector"])
+    load_env_state(trainer.simulations.env, saved["simulations"])
+    load_env_state(trainer.held_out.env, saved["held_out"])
+    if saved["real"] is not None and isinstance(trainer.real, Stateful):
+        trainer.real.load_state_dict(saved["real"])
+    trainer.generator.set_state(saved["generator"].cpu())
+    set_random_state(saved["random"])

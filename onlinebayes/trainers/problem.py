@@ -1,0 +1,154 @@
+"""What a run is made of, built once: worlds behind sensors, a collector, simulations, and the trainer over them.
+
+    problem = Problem(simulator, task, prior, sensor_sd)
+    trainer = online_trainer(problem, objective, estimator=..., real=..., schedule=..., sizes=..., seed=0)
+    trainer.run(OnlineState.begin(problem.prior))
+
+Every part can be built by hand instead and given to :class:`~onlinebayes.trainers.OnlineTrainer`; nothing here knows a
+particular system.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from jaxtyping import Float
+from torch import Tensor
+from torchrl.collectors import Collector
+from torchrl.data import Composite, TensorSpec
+from torchrl.envs import EnvBase, TransformedEnv
+
+from onlinebayes.inference import Belief, Gate, PosteriorEstimator
+from onlinebayes.objectives import Objective
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import generator
+from onlinebayes.simulators import Simulator, SimulatorEnv, Task
+from onlinebayes.trainers.improve import Batches
+from onlinebayes.trainers.online import OnlineTrainer
+from onlinebayes.trainers.real import RealEnvironment, RealSystem
+from onlinebayes.trainers.schedule import Schedule
+from onlinebayes.trainers.simulations import Point, Simulations
+from onlinebayes.trainers.trajectories import Policy, returns
+from onlinebayes.transforms import Distribution, ParameterRandomization, SensorNoise
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A system with unknown parameters, its task and its sensors.
+
+    Args:
+        simulator: the system; any number of worlds.
+        task: observation, reward and ending.
+        prior: over the simulator's parameters.
+        sensor_sd: standard deviation of each observed value's sensor (O,) [its unit]; None for perfect sensors.
+    """
+
+    simulator: Simulator
+    task: Task
+    prior: Belief
+    sensor_sd: Float[Tensor, " O"] | None = None
+
+    @property
+    def space(self) -> ParameterSpace:
+        """The unknown parameters."""
+        return self.simulator.parameters
+
+    @property
+    def specs(self) -> tuple[Composite, TensorSpec]:
+        """Observation and action spec of one world, which objectives are built from."""
+        env = SimulatorEnv(self.simulator.with_worlds(1), self.task)
+        return env.observation_spec_unbatched, env.action_spec_unbatched
+
+    def worlds(self, number: int, drawn: ParameterRandomization, seed: int) -> TransformedEnv:
+        """``number`` worlds, their theta drawn by a transform, seen through the sensors."""
+        env = TransformedEnv(SimulatorEnv(self.simulator.with_worlds(number), self.task, seed=seed), drawn)
+        if self.sensor_sd is not None and bool((self.sensor_sd > 0).any()):
+            env.append_transform(SensorNoise(self.sensor_sd, seed=seed))
+        return env
+
+    def simulations(self, number: int, steps: int, seed: int) -> Simulations:
+        """``number`` worlds that are asked for trajectories of ``steps`` steps."""
+        drawn = ParameterRandomization(self.prior)
+        return Simulations(self.worlds(number, drawn, seed), drawn, steps)
+
+    def hidden(self, truth: Float[Tensor, " P"], seed: int) -> RealEnvironment:
+        """One world with these parameters, in the place of a real system."""
+        return RealEnvironment(self.worlds(1, ParameterRandomization(Point(truth)), seed))
+
+    def score(self, policy: Policy, truth: Float[Tensor, " P"], episodes: int = 64, seed: int = 999) -> float:
+        """Mean return of a policy's deterministic action in worlds with these parameters, behind the sensors."""
+        env = self.worlds(episodes, ParameterRandomization(Point(truth)), seed)
+        return float(returns(env, policy, self.task.horizon).mean())
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """How many worlds of each kind.
+
+    Args:
+        worlds: that the policy learns in.
+        batch_steps: steps of each of them in one batch.
+        simulations: trajectories for a fit, of each policy that it has to know.
+        groups: held-out thetas by which the belief is judged.
+    """
+
+    worlds: int = 64
+    batch_steps: int = 64
+    simulations: int = 500
+    groups: int = 64
+
+
+def collector_of(env: EnvBase, policy: Policy, steps: int) -> Batches:
+    """Batches (N, ``steps``) of a policy in an environment of N worlds, without end."""
+    return Collector(
+        env,
+        policy,
+        frames_per_batch=env.batch_size.numel() * steps,
+        total_frames=-1,
+        trust_policy=True,
+        track_traj_ids=False,
+        auto_register_policy_transforms=False,
+    )
+
+
+def online_trainer(
+    problem: Problem,
+    objective: Objective,
+    *,
+    estimator: Callable[[Belief], PosteriorEstimator],
+    real: RealSystem,
+    schedule: Schedule,
+    sizes: Sizes,
+    gate: Gate | None = None,
+    worlds: Distribution | None = None,
+    seed: int = 0,
+) -> OnlineTrainer:
+    """The trainer over worlds of one problem.
+
+    Args:
+        problem: system, task, prior and sensors.
+        objective: policy and learning, built from :attr:`Problem.specs`.
+        estimator: proposal -> a fresh estimator in its box.
+        real: the system in question.
+        schedule: how much of each step, and in which order.
+        sizes: how many worlds of each kind.
+        gate: decides on the next proposal.
+        worlds: where the policy's worlds come from; the belief without it.
+        seed: of worlds, sensors, fits and proposals.
+    """
+    drawn = ParameterRandomization(problem.prior)
+    env = problem.worlds(sizes.worlds, drawn, seed)
+    return OnlineTrainer(
+        objective=objective,
+        collector=collector_of(env, objective.policy, sizes.batch_steps),
+        randomization=drawn,
+        simulations=problem.simulations(sizes.simulations, schedule.real_steps, seed + 1000),
+        held_out=problem.simulations(sizes.groups, schedule.real_steps, seed + 3000),
+        estimator=estimator,
+        gate=gate if gate is not None else Gate(),
+        real=real,
+        schedule=schedule,
+        generator=generator(seed, "online"),
+        worlds=worlds,
+    )

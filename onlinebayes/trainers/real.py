@@ -1,0 +1,188 @@
+"""The system in question, whatever gives its trajectories: an environment, a folder of logs, a robot.
+
+It may have nothing new, fail, or give rubbish. None of this ends a run: what is usable is kept, and a note says why
+the rest was left out.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import torch
+from tensordict import TensorDict, TensorDictBase, is_tensor_collection
+from torchrl.envs import EnvBase
+
+from onlinebayes.runs import one_line
+from onlinebayes.trainers.env_state import env_state, load_env_state
+from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
+
+
+@runtime_checkable
+class RealSystem(Protocol):
+    """The system the physics of which are in question: it runs a policy and gives what its sensors saw."""
+
+    def run(self, policy: Policy, steps: int) -> TensorDict | None:
+        """Trajectories of batch size (n, T), with the keys of a simulated one but no theta; None if nothing is new."""
+
+
+class RealEnvironment:
+    """Any TorchRL environment as the real system: a simulator's, a wrapped Gymnasium environment, a robot's driver.
+
+    Args:
+        env: batch size () or (n,).
+        form: which keys make up a trajectory.
+    """
+
+    __slots__ = ("_load", "_run", "_state")
+
+    def __init__(self, env: EnvBase, form: TrajectoryFormat | None = None) -> None:
+        form = form if form is not None else TrajectoryFormat()
+
+        def run(policy: Policy, steps: int) -> TensorDict:
+            seen = trajectories(env, policy, steps, form).exclude(form.theta)
+            return seen if seen.ndim == 2 else seen.unsqueeze(0)
+
+        self._run, self._state, self._load = run, lambda: env_state(env), lambda state: load_env_state(env, state)
+
+    def run(self, policy: Policy, steps: int) -> TensorDict:
+        """One trajectory from each world; neither the environment nor its theta can be had from here."""
+        return self._run(policy, steps)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the environment stands, for a checkpoint."""
+        return self._state()
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Stand there again."""
+        self._load(state)
+
+
+class GrowingFolder:
+    """A folder to which something else adds logs; each call gives the trajectories of files that are new.
+
+    Args:
+        folder: where the logs appear; it may not exist yet.
+        read: file -> trajectory (T,) or trajectories (n, T).
+        pattern: of the files' names.
+    """
+
+    def __init__(self, folder: str | Path, read: Callable[[Path], TensorDict], pattern: str = "*.csv") -> None:
+        self.folder, self.pattern, self._read = Path(folder), pattern, read
+        self._seen: set[str] = set()
+
+    def run(self, policy: Policy, steps: int) -> TensorDict | None:
+        """What is new, padded to one length; a file that cannot be read now is tried again at the next call."""
+        found, unreadable = [], None
+        for path in sorted(self.folder.glob(self.pattern)):
+            if path.name in self._seen:
+                continue
+            try:
+                data = self._read(path)
+            except Exception as error:  # whoever writes the file may not have ended yet
+                unreadable = error
+                continue
+            self._seen.add(path.name)
+            found.append(data if data.ndim == 2 else data.unsqueeze(0))
+        if not found and unreadable is not None:
+            raise unreadable
+        return united(found) if found else None
+
+    def state_dict(self) -> dict[str, Any]:
+        """Names of the files that were read."""
+        return {"seen": sorted(self._seen)}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Do not read these again."""
+        self._seen = set(state["seen"])
+
+
+class Background:
+    """A slow real system that delays nothing: it runs beside the learning, and what it saw is picked up later.
+
+    Args:
+        system: run in a thread of its own, one call at a time.
+    """
+
+    def __init__(self, system: RealSystem) -> None:
+        self._system = system
+        self._thread: threading.Thread | None = None
+        self._result: list[TensorDict | BaseException | None] = []
+
+    def run(self, policy: Policy, steps: int) -> TensorDict | None:
+        """What the last call has brought by now; begins the next one where none is under way."""
+        if self._thread is not None and self._thread.is_alive():
+            return None
+        result = self._result.pop() if self._result else None
+        self._thread = threading.Thread(target=self._work, args=(policy, steps), daemon=True)
+        self._thread.start()
+        if isinstance(result, BaseException):
+            raise result
+        return result
+
+    def _work(self, policy: Policy, steps: int) -> None:
+        try:
+            self._result.append(self._system.run(policy, steps))
+        except BaseException as error:  # told to whoever asks next
+            self._result.append(error)
+
+
+def measured(system: RealSystem, policy: Policy, steps: int, form: TrajectoryFormat) -> tuple[TensorDict | None, str]:
+    """What can be used of one call to the system, and a note on the rest; nothing that it does ends a run.
+
+    Args:
+        system: the real system.
+        policy, steps: what is asked of it.
+        form: which keys a trajectory has.
+    """
+    try:
+        data = system.run(policy, steps)
+    except Exception as error:
+        return None, one_line(f"the real system failed ({type(error).__name__}: {error}); the belief stays as it was")
+    if data is None:
+        return None, "the real system gave nothing new; the belief stays as it was"
+    if not is_tensor_collection(data) or data.ndim != 2:
+        return None, "the real system gave no TensorDict of batch size (n, T); the belief stays as it was"
+    keys = [key for key in form.keys if key != ("next", "reward")]
+    missing = [key for key in keys if data.get(key, None) is None]
+    if missing:
+        return None, f"the real trajectories lack {missing[0]!r}; the belief stays as it was"
+    if "mask" not in data:
+        data = data.set("mask", torch.ones(data.shape, dtype=torch.bool))
+    return _usable(data, keys)
+
+
+def _usable(data: TensorDict, keys: Iterable[Any]) -> tuple[TensorDict | None, str]:
+    """The trajectories with at least one step and finite values in every step."""
+    mask = data["mask"]
+    finite = torch.ones(data.shape[:1], dtype=torch.bool)
+    for key in keys:
+        values = data.get(key).double().flatten(2)
+        finite &= (torch.isfinite(values).all(-1) | ~mask).all(-1)
+    keep = finite & mask.any(-1)
+    if bool(keep.all()):
+        return data, ""
+    empty, broken = int((~mask.any(-1)).sum()), int((~finite).sum())
+    note = f"left out of {len(keep)} real trajectories: {empty} empty, {broken} with values that are no numbers"
+    return (data[keep] if bool(keep.any()) else None), note
+
+
+def united(parts: Iterable[TensorDictBase]) -> TensorDict:
+    """Trajectories (n_i, T_i) one behind the other, padded with zeros outside the mask to the longest T."""
+    parts = list(parts)
+    longest = max(part.shape[1] for part in parts)
+    return torch.cat([_padded(part, longest) for part in parts])
+
+
+def _padded(data: TensorDictBase, length: int) -> TensorDictBase:
+    if "mask" not in data:
+        data = data.set("mask", torch.ones(data.shape, dtype=torch.bool))
+    if data.shape[1] == length:
+        return data
+
+    def pad(x: torch.Tensor) -> torch.Tensor:
+        return torch.cat([x, x.new_zeros(x.shape[0], length - x.shape[1], *x.shape[2:])], dim=1)
+
+    return data.apply(pad, batch_size=[data.shape[0], length])

@@ -1,0 +1,79 @@
+"""In which order policy and posterior learn: in turns, one after the other, or the policy alone.
+
+| order               | what happens                                                                            |
+|---------------------|-----------------------------------------------------------------------------------------|
+| ``online``          | each step: the policy learns in worlds of the belief, then the belief learns (Algorithm 1) |
+| ``posterior-first`` | all inference under the untrained policy, then all policy steps in worlds of the belief |
+| ``policy-only``     | policy steps only: a baseline in worlds of the prior, or of the truth (an oracle)       |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from onlinebayes.runs import BadInput
+
+Order = Literal["online", "posterior-first", "policy-only"]
+
+
+@dataclass(frozen=True)
+class Turn:
+    """One outer step.
+
+    Attributes:
+        policy_batches: collector batches that the policy learns from.
+        infers: whether a trajectory is measured and the belief learns.
+    """
+
+    policy_batches: int
+    infers: bool
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """How much of each step.
+
+    Args:
+        steps: outer steps with policy batches; as many real trajectories unless the policy learns alone.
+        policy_batches: collector batches that the policy learns from in an outer step.
+        real_steps: length of a real trajectory.
+        order: see the module.
+        behaviours: how many of the policies so far make the simulations of a fit.
+        group: most trajectories of one theta in a held-out group.
+
+    Raises:
+        BadInput: a number below 1 (``policy_batches`` below 0), or an unknown order.
+    """
+
+    steps: int = 6
+    policy_batches: int = 12
+    real_steps: int = 50
+    order: Order = "online"
+    behaviours: int = 3
+    group: int = 8
+
+    def __post_init__(self) -> None:
+        if min(self.steps, self.real_steps, self.behaviours, self.group) < 1 or self.policy_batches < 0:
+            raise BadInput(f"{self}", "every number must be at least 1, policy_batches at least 0")
+        if self.order not in ("online", "posterior-first", "policy-only"):
+            raise BadInput(f"order = '{self.order}'", "use online, posterior-first or policy-only")
+
+    @property
+    def turns(self) -> tuple[Turn, ...]:
+        """The outer steps in order."""
+        learn, infer = Turn(self.policy_batches, False), Turn(0, True)
+        if self.order == "online":
+            return (Turn(self.policy_batches, True),) * self.steps
+        return (
+            (infer,) * self.steps + (learn,) * self.steps if self.order == "posterior-first" else (learn,) * self.steps
+        )
+
+
+def spread(number: int, most: int) -> list[int]:
+    """Indices of at most ``most`` of ``number`` things in order, evenly spread, the last one always among them."""
+    if number <= most:
+        return list(range(number))
+    if most == 1:
+        return [number - 1]
+    return [round(i * (number - 1) / (most - 1)) for i in range(most)]

@@ -1,0 +1,71 @@
+"""Trajectories of simulated worlds under a policy: for a fit, and in groups of one theta to hold the belief against.
+
+x_i ~ simulator(theta_i, pi),   theta_i ~ proposal                            (B, T)
+x_gj ~ simulator(theta_g, pi_j),   theta_g ~ proposal, j = 1 ... n            (G, n, T)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.envs import EnvBase
+
+from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
+from onlinebayes.transforms import Distribution, ParameterRandomization
+
+
+@dataclass(frozen=True)
+class Point:
+    """The distribution that always gives the same theta (P,)."""
+
+    theta: Float[Tensor, " P"]
+
+    def sample(self, shape: tuple[int, ...], /) -> Tensor:
+        """Theta (*shape, P)."""
+        return self.theta.expand(*shape, -1)
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Gives the rows of a table (N, P) in order; an episode that begins beyond it gets the first rows again."""
+
+    theta: Float[Tensor, "N P"]
+
+    def sample(self, shape: tuple[int, ...], /) -> Tensor:
+        """Theta (*shape, P)."""
+        index = torch.arange(torch.Size(shape).numel()) % len(self.theta)
+        return self.theta[index].reshape(*shape, -1)
+
+
+class Simulations:
+    """Worlds that are asked for trajectories.
+
+    Args:
+        env: batch size (N,), below the transform ``randomization``.
+        randomization: draws their theta.
+        steps: length T of a trajectory.
+        form: which keys make up a trajectory.
+    """
+
+    def __init__(
+        self, env: EnvBase, randomization: ParameterRandomization, steps: int, form: TrajectoryFormat | None = None
+    ) -> None:
+        self.env, self.steps = env, steps
+        self.form = form if form is not None else TrajectoryFormat()
+        self._randomization = randomization
+
+    def draw(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
+        """N trajectories (N, T) under each policy, every one with a theta of its own from the proposal."""
+        self._randomization.set_distribution(proposal)
+        return torch.cat([trajectories(self.env, policy, self.steps, self.form) for policy in policies])
+
+    def groups(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
+        """N groups (N, n, T): the same theta under each of the n policies."""
+        theta = proposal.sample((self.env.batch_size.numel(),))
+        self._randomization.set_distribution(Listed(theta))
+        return torch.stack([trajectories(self.env, policy, self.steps, self.form) for policy in policies], dim=1)

@@ -1,0 +1,157 @@
+"""Where a run stands, and what each outer step did."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.inference import Belief, FitReport
+from onlinebayes.inference.saving import from_state, to_state
+from onlinebayes.trainers.trajectories import Policy
+
+
+@dataclass(frozen=True)
+class Record:
+    """One outer step, for tables, plots and recordings.
+
+    Attributes:
+        step: counted from 1.
+        frames: simulated frames that the policy has learnt from so far.
+        simulated: simulated frames that the belief has learnt from so far.
+        seconds: spent in each part of this step [s]: ``"policy"``, ``"real"``, ``"simulate"``, ``"fit"``, ``"gate"``.
+        losses: means of the policy's losses in the last batch; empty where it did not learn.
+        fit: how the training of the estimator went; None where there was none.
+        coverage: share of held-out truths in the belief's 95 % region; None where there was no fit.
+        notes: what went wrong or was decided, one line each.
+        belief: mean and standard deviation of each parameter [SI].
+        figures: what a judge said of the step, by name.
+    """
+
+    step: int
+    frames: int
+    simulated: int
+    seconds: dict[str, float]
+    losses: dict[str, float]
+    fit: FitReport | None = None
+    coverage: float | None = None
+    notes: tuple[str, ...] = ()
+    belief: dict[str, tuple[float, float]] = field(default_factory=dict)
+    figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class OnlineState:
+    """Where a run stands.
+
+    Attributes:
+        belief: what is known of theta from all real trajectories; the prior at first. This is what is reported.
+        proposal: where the next simulations are drawn; the prior at first.
+        real: the real trajectories (n, T) with their ``"mask"``, None before the first.
+        policies: frozen copies of the policies that made them.
+        made_by: for each real trajectory the index of its policy.
+        records: one for each complete outer step.
+        batches: policy batches done in the outer step under way.
+        measured: whether the real system has been asked in it.
+        notes: on what happened in it.
+        frames: simulated frames that the policy has learnt from.
+        simulated: simulated frames that the belief has learnt from.
+        losses: of the last policy batch.
+        interrupted: whether the run was stopped before its last step.
+    """
+
+    belief: Belief
+    proposal: Belief
+    real: TensorDict | None = None
+    policies: list[Policy] = field(default_factory=list)
+    made_by: list[int] = field(default_factory=list)
+    records: list[Record] = field(default_factory=list)
+    batches: int = 0
+    measured: bool = False
+    notes: list[str] = field(default_factory=list)
+    frames: int = 0
+    simulated: int = 0
+    losses: dict[str, float] = field(default_factory=dict)
+    interrupted: bool = False
+
+    @classmethod
+    def begin(cls, prior: Belief) -> OnlineState:
+        """Nothing is known yet but the prior."""
+        return cls(belief=prior, proposal=prior)
+
+    @property
+    def step(self) -> int:
+        """Number of complete outer steps."""
+        return len(self.records)
+
+    def complete(self, seconds: dict[str, float], fit: FitReport | None, coverage: float | None) -> None:
+        """Write the record of the outer step under way and begin the next."""
+        losses = dict(self.losses) if self.batches else {}
+        clock = (self.step + 1, self.frames, self.simulated)
+        self.records.append(
+            Record(*clock, seconds, losses, fit, coverage, tuple(self.notes), belief=moments(self.belief))
+        )
+        self.batches, self.measured, self.notes = 0, False, []
+
+    def kept(self) -> str:
+        """What the run has, in words."""
+        measured = 0 if self.real is None else len(self.real)
+        belief = f"the belief from {measured} real trajectories" if measured else "the prior as belief"
+        return f"{self.step} outer steps, {belief}, a policy after {self.frames} frames"
+
+    def state_dict(self) -> dict[str, Any]:
+        """All of it as plain values; the policies by their weights."""
+        return {
+            "belief": to_state(self.belief),
+            "proposal": to_state(self.proposal),
+            "real": None if self.real is None else dict(self.real.flatten_keys(".").items()),
+            "policies": [policy.state_dict() for policy in self.policies],
+            "made_by": list(self.made_by),
+            "records": [asdict(record) for record in self.records],
+            "clock": [self.batches, self.measured, self.frames, self.simulated],
+            "notes": list(self.notes),
+            "losses": dict(self.losses),
+        }
+
+    def load_state_dict(self, state: Mapping[str, Any], policy: Policy) -> None:
+        """Stand where :meth:`state_dict` was taken.
+
+        Args:
+            state: what it gave.
+            policy: any policy of the run's kind, copied for each that is remembered.
+        """
+        space = self.belief.space
+        self.belief, self.proposal = from_state(space, state["belief"]), from_state(space, state["proposal"])
+        real = state["real"]
+        if real is not None:
+            self.real = TensorDict(dict(real), batch_size=real["mask"].shape[:2]).unflatten_keys(".")
+        self.policies = [frozen(policy, weights) for weights in state["policies"]]
+        self.made_by = list(state["made_by"])
+        self.records = [_record(values) for values in state["records"]]
+        self.batches, self.measured, self.frames, self.simulated = state["clock"]
+        self.notes = list(state["notes"])
+        self.losses = dict(state["losses"])
+
+
+def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:
+    """A copy of a policy that learns no more, with other weights where they are given."""
+    copied = copy.deepcopy(policy).requires_grad_(False)
+    if weights is not None:
+        copied.load_state_dict(weights)
+    return copied
+
+
+def moments(belief: Belief) -> dict[str, tuple[float, float]]:
+    """Mean and standard deviation of each parameter [SI], by draws with a fixed seed."""
+    draws = belief.sample((4000,), torch.Generator().manual_seed(0))
+    each = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
+    return dict(zip(belief.space.names, each, strict=True))
+
+
+def _record(values: Mapping[str, Any]) -> Record:
+    fit = values["fit"]
+    return Record(**{**values, "fit": None if fit is None else FitReport(**fit), "notes": tuple(values["notes"])})

@@ -1,0 +1,128 @@
+"""What the recipes share: their settings, the hidden truths, and how a run is begun, gone on with and judged."""
+
+from __future__ import annotations
+
+import logging
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Literal
+
+import torch
+import tyro
+from jaxtyping import Float
+from scipy.stats import qmc
+from torch import Tensor
+
+from onlinebayes.inference import plots
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput, RunFolder, seed_everything
+from onlinebayes.trainers import OnlineState, OnlineTrainer, Point, Problem, Schedule, run_in_folder
+from onlinebayes.transforms import Distribution
+
+Kind = Literal["online", "posterior-first", "prior", "oracle"]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One run of a recipe."""
+
+    seed: int = 0
+    """which truth and which random numbers: 0 for Gymnasium's default parameters, s for point s of a Sobol sequence"""
+    noise: float = 0.01
+    """standard deviation of the sensor noise, as a share of each observed value's range"""
+    kind: Kind = "online"
+    """online; posterior first, then the policy; a policy in worlds of the prior; an oracle's, in worlds of the truth"""
+    short: bool = False
+    """a small budget: shows that the pieces connect"""
+    out: str = "out"
+    """the run's folder goes here"""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0 or not 0 <= self.noise < 1:
+            raise BadInput(f"seed {self.seed}, noise {self.noise}", "needs seed >= 0 and 0 <= noise < 1")
+
+    def schedule(self, steps: int, policy_batches: int, real_steps: int) -> Schedule:
+        """The schedule of this kind of run."""
+        order = {"online": "online", "posterior-first": "posterior-first"}.get(self.kind, "policy-only")
+        return Schedule(steps, policy_batches, real_steps, order=order)  # type: ignore[arg-type]
+
+    def worlds(self, problem: Problem, truth: Float[Tensor, " P"]) -> Distribution | None:
+        """Where the policy's worlds come from: the belief where that is None."""
+        if self.kind == "prior":
+            return problem.prior
+        return Point(truth) if self.kind == "oracle" else None
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a recipe has built.
+
+    Attributes:
+        problem: system, task, prior, sensors.
+        trainer: all parts together.
+        truth: hidden from the trainer; judges the run.
+    """
+
+    problem: Problem
+    trainer: OnlineTrainer
+    truth: Float[Tensor, " P"]
+
+    def judge(self, state: OnlineState) -> dict[str, float]:
+        """Log density of the truth, and the policy's return on the real system."""
+        return {
+            "return": self.problem.score(self.trainer.objective.policy, self.truth),
+            "log density of the truth": float(state.belief.log_prob(self.truth)),
+        }
+
+
+def hidden_truth(space: ParameterSpace, seed: int, default: dict[str, float]) -> Float[Tensor, " P"]:
+    """Seed 0: the default values. Seed s: point s of the unscrambled Sobol sequence over the bounds."""
+    if seed == 0:
+        return space.vector(default)
+    point = qmc.Sobol(d=len(space), scramble=False).random(seed + 1)[seed]
+    return space.from_unit(torch.from_numpy(point))
+
+
+def settle() -> None:
+    """One thread a run, and no chatter of the libraries."""
+    torch.set_num_threads(1)
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
+
+
+def main(name: str, build: Callable[[Settings], Run], description: str | None) -> int:
+    """Read the settings, run in a folder of the run's own, say what was written; returns the exit status."""
+    settle()
+    try:
+        settings = tyro.cli(Settings, prog=f"python -m recipes.{name}", description=description)
+        return run(name, build, settings)
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+
+
+def run(name: str, build: Callable[[Settings], Run], settings: Settings) -> int:
+    """One run; 0 when the belief holds the truth better than the prior did, 130 when it was stopped."""
+    seed_everything(settings.seed)
+    place = Path(settings.out) / "-".join([name, settings.kind, str(settings.seed), *["short"] * settings.short])
+    told = {key: value for key, value in asdict(settings).items() if key != "out"}
+    with RunFolder(place, name, settings=told) as folder:
+        made = build(settings)
+        state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge)
+        if state.interrupted:
+            print(f"stopped; kept: {state.kept()}. The same command goes on from there")
+            return 130
+        figure = plots.corner(state.belief, truth=made.truth, prior=made.problem.prior, title=name)  # type: ignore[arg-type]
+        plots.save(figure, folder.path("corner.png"))
+    print(f"written: {place}   open it with: onlinebayes show {place}")
+    return outcome(made, state)
+
+
+def outcome(made: Run, state: OnlineState) -> int:
+    """0 when the run did what it promises: a belief better than the prior, where there is one."""
+    if made.trainer.worlds is not None:
+        return 0
+    gain = float(state.belief.log_prob(made.truth) - made.problem.prior.log_prob(made.truth))
+    print(f"the belief holds the truth {gain:.1f} nats better than the prior")
+    return 0 if gain > 0 else 1
