@@ -44,7 +44,7 @@ class CartPole(TorchSimulator):
     joints = (Joint("cart", "slide"), Joint("pole", "hinge"))
     actuators = (Actuator("motor", "cart", gear="force", limit=1.0),)
     timestep = 0.02
-    semi_implicit = False
+    integrator = "explicit"
 
     def acceleration(
         self,

@@ -4,6 +4,7 @@ r"""One step of a mechanical system whose acceleration is given: actuators, effe
 
     semi-implicit   q+ = q + h v+        (MuJoCo's Euler; Gymnasium's Pendulum)
     explicit        q+ = q + h v         (Gymnasium's CartPole)
+    rk4             Runge and Kutta's method of fourth order, forces of effects at each stage (Gymnasium's Acrobot)
 
 | term                               | code                              |
 |------------------------------------|-----------------------------------|
@@ -37,13 +38,25 @@ DIVERGED = 1e10
 """A coordinate or speed from here on counts as diverged, as in MuJoCo (``mjMAXVAL``) [m, rad, m/s, rad/s]."""
 
 
+Integrator = Literal["semi-implicit", "explicit", "rk4"]
+
+
 @dataclass(frozen=True)
 class Joint:
-    """One coordinate: its name, its kind, and the speed it is cut off at [m/s, rad/s]."""
+    """One coordinate.
+
+    Args:
+        name: of the joint.
+        kind: whether it slides or turns.
+        max_speed: the speed is cut off there [m/s, rad/s].
+        low, high: walls; the position is cut off there, and a speed into the wall is lost [m, rad].
+    """
 
     name: str
     kind: Literal["slide", "hinge"]
     max_speed: float = math.inf
+    low: float = -math.inf
+    high: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -83,7 +96,7 @@ class Stepper:
         joints, actuators: of the system, in the order of coordinates and commands.
         effects: added so far.
         timestep: h [s].
-        semi_implicit: whether positions move by the new velocity.
+        integrator: see the module.
     """
 
     acceleration: Callable[[Values, Tensor, Tensor, Tensor], Tensor]
@@ -91,7 +104,7 @@ class Stepper:
     actuators: tuple[Actuator, ...]
     effects: tuple[Effect, ...]
     timestep: float
-    semi_implicit: bool
+    integrator: Integrator
 
     def advance(
         self,
@@ -110,14 +123,50 @@ class Stepper:
         drive, hidden = self._drive(values, hidden, held, None if enable is None else enable[:, None], self.timestep)
         h = self.timestep
         for k in range(steps):
+            before = dict(hidden)
             tau, bounds = self._act(values, q, v, hidden, drive, k)
             a = self.acceleration(values, q, v, tau)
-            new = self._rub(values, q, v, tau, a, torch.add(v, a, alpha=h), bounds)
-            for i, joint in enumerate(self.joints):
-                if joint.max_speed < math.inf:
-                    new[i].clamp_(-joint.max_speed, joint.max_speed)
-            q, v = torch.add(q, new if self.semi_implicit else v, alpha=h), new
+            if self.integrator == "rk4":
+                moved, free = self._runge_kutta(values, q, v, a, before, drive, k)
+                new = self._cut(self._rub(values, q, v, tau, a, free, bounds))
+                q = torch.add(moved, new - free, alpha=h) if bounds else moved
+            else:
+                new = self._cut(self._rub(values, q, v, tau, a, torch.add(v, a, alpha=h), bounds))
+                q = torch.add(q, new if self.integrator == "semi-implicit" else v, alpha=h)
+            q, v = self._stopped(q, new)
         return q, v, hidden
+
+    def _cut(self, v: Float[Tensor, "J N"]) -> Float[Tensor, "J N"]:
+        """Speeds cut off where joints have a greatest one, in place."""
+        for i, joint in enumerate(self.joints):
+            if joint.max_speed < math.inf:
+                v[i].clamp_(-joint.max_speed, joint.max_speed)
+        return v
+
+    def _stopped(self, q: Float[Tensor, "J N"], v: Float[Tensor, "J N"]) -> tuple[Tensor, Tensor]:
+        """Positions cut off at the walls, and speeds into them lost, in place."""
+        for i, joint in enumerate(self.joints):
+            if joint.low > -math.inf or joint.high < math.inf:
+                q[i].clamp_(joint.low, joint.high)
+                into = ((q[i] <= joint.low) & (v[i] < 0)) | ((q[i] >= joint.high) & (v[i] > 0))
+                v[i].masked_fill_(into, 0.0)
+        return q, v
+
+    def _runge_kutta(
+        self, values: Values, q: Tensor, v: Tensor, a: Tensor, hidden: Hidden, drive: Drive, k: int
+    ) -> tuple[Tensor, Tensor]:
+        """Positions and velocities after one step; ``a`` is the acceleration at its beginning."""
+        h, speeds, accelerations = self.timestep, [v], [a]
+        for part in (0.5, 0.5, 1.0):
+            at, rate = torch.add(q, speeds[-1], alpha=part * h), torch.add(v, accelerations[-1], alpha=part * h)
+            tau, _ = self._act(values, at, rate, dict(hidden), drive, k)
+            speeds.append(rate)
+            accelerations.append(self.acceleration(values, at, rate, tau))
+
+        def mean(stages: list[Tensor]) -> Tensor:
+            return (stages[0] + 2 * stages[1] + 2 * stages[2] + stages[3]) / 6
+
+        return torch.add(q, mean(speeds), alpha=h), torch.add(v, mean(accelerations), alpha=h)
 
     def hidden_states_along(
         self,

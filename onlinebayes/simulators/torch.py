@@ -25,7 +25,7 @@ from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.checks import refuse_twice, timesteps_of
 from onlinebayes.simulators.effects import Effect, Scales, TargetKind
 from onlinebayes.simulators.effects.base import all_but
-from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Joint, Stepper, diverged
+from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Integrator, Joint, Stepper, diverged
 
 
 class TorchSimulator(Simulator):
@@ -44,7 +44,7 @@ class TorchSimulator(Simulator):
         physical: every parameter of the system with its physical bounds. Not a prior.
         defaults: name -> value of every parameter of the system.
         joints, actuators: by name, in the order of coordinates and commands.
-        semi_implicit: whether positions move by the new velocity (else by the old one).
+        integrator: how a step follows from the acceleration; see ``stepping``.
         bodies: name -> (mass [kg], size [m]) of what effects of its own can act on.
         laws: effects of its own, which :meth:`acceleration` holds: it finds their parameters, neutral while they are
             not added, under their keys ``name@target.parameter``.
@@ -57,7 +57,7 @@ class TorchSimulator(Simulator):
     defaults: ClassVar[Mapping[str, float]]
     joints: ClassVar[tuple[Joint, ...]]
     actuators: ClassVar[tuple[Actuator, ...]]
-    semi_implicit: ClassVar[bool] = True
+    integrator: ClassVar[Integrator] = "semi-implicit"
     bodies: ClassVar[Mapping[str, tuple[float, float]]] = {}
     laws: ClassVar[tuple[type[Effect], ...]] = ()
     _fixed: Mapping[str, float]
@@ -326,7 +326,7 @@ class TorchSimulator(Simulator):
             raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
         self.worlds = worlds
         self._stepper = Stepper(
-            self.acceleration, self.joints, self.actuators, self.effects, self.timestep, self.semi_implicit
+            self.acceleration, self.joints, self.actuators, self.effects, self.timestep, self.integrator
         )
         self._fixed = {**self.defaults, **self._lawless()}
         self._theta = self.nominal[:, None].repeat(1, worlds)

@@ -9,36 +9,6 @@ from tensordict import TensorDict
 
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.runs import BadInput
-from tests.envs import gym
-
-NAMES = ("length", "mass", "masscart", "gravity", "force")
-CASES = [
-    {},
-    {"length": 0.1, "mass": 1.0},
-    {"length": 1.0, "mass": 0.1},
-    {"length": 0.37, "mass": 0.83, "masscart": 2.5, "gravity": 3.7, "force": 4.0},
-]
-
-
-@pytest.mark.parametrize("changed", CASES)
-def test_equals_gymnasium_over_200_steps(changed: dict[str, float]) -> None:
-    generator = np.random.default_rng(1)
-    start, actions = generator.uniform(-0.05, 0.05, 4), generator.integers(2, size=200)
-    states, rewards, terminated = gym.trajectory(gym.cartpole(**changed), start, actions)
-
-    simulator, task = CartPole(NAMES), CartPoleTask()
-    theta = simulator.parameters.vector({**CartPole.defaults, **changed})[None]
-    state = simulator.reset(theta, _state(start))
-    for k, action in enumerate(actions):
-        one_hot = torch.nn.functional.one_hot(torch.tensor([action]), 2)
-        after = simulator.step(TensorDict({"command": task.command(one_hot)}, batch_size=(1,)))
-        np.testing.assert_allclose(task.observe(after)[0], states[k].astype(np.float32), rtol=1e-6, atol=1e-6)
-        np.testing.assert_allclose(_flat(after), states[k], rtol=1e-6, atol=1e-6)
-        assert float(task.reward(state, one_hot, after)) == rewards[k]
-        assert bool(task.terminated(after)) == terminated[k]
-        state = after
-    assert terminated.any()
-    assert not simulator.failed.any()
 
 
 def test_start_is_gymnasiums_box() -> None:
