@@ -25,6 +25,7 @@ from torchrl.data import OneHot
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, Task, TorchSimulator
+from onlinebayes.simulators.drawing import BLUE, DARK, GREY, RED, Shape, planar
 
 GRAVITY = 9.8  # [m/s^2]
 MAX_SPEEDS = (4 * math.pi, 9 * math.pi)  # [rad/s]
@@ -83,6 +84,30 @@ class Acrobot(TorchSimulator):
         a2 = tau[1] + d2 / d1 * (f1 - tau[0]) - reach * v[0].square() * sin2 - f2
         a2 = a2 / (m2 * lc2**2 + moment - d2.square() / d1)
         return torch.stack(((tau[0] - d2 * a2 - f1) / d1, a2))
+
+    def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
+        """Pivot, the two links, and the height that the tip has to reach."""
+        values = self._named(theta)
+        first, second = float(values["length1"]), float(values["length2"])
+        return (
+            Shape("goal", "box", (first + second, 0.01, 0.01), GREY, moving=False),
+            Shape("pivot", "sphere", (0.08,), DARK, moving=False),
+            Shape("link1", "capsule", (0.06, first / 2), BLUE),
+            Shape("link2", "capsule", (0.05, second / 2), RED),
+        )
+
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 4 7"]:
+        """See :class:`~onlinebayes.simulators.Drawable`; the goal is a link's length of Gymnasium's above."""
+        values = self._named(theta)
+        first, second = float(values["length1"]), float(values["length2"])
+        a, b = states.get("qpos")[..., 0], states.get("qpos").sum(-1)
+        zero = torch.zeros_like(a)
+        x, z = first * torch.sin(a), -first * torch.cos(a)
+        links = (
+            planar(x / 2, z / 2, math.pi - a),
+            planar(x + second / 2 * torch.sin(b), z - second / 2 * torch.cos(b), math.pi - b),
+        )
+        return torch.stack((planar(zero, zero + 1, zero), planar(zero, zero, zero), *links), dim=1)
 
 
 class AcrobotTask(Task):

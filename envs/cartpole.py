@@ -22,6 +22,7 @@ from torchrl.data import OneHot
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, Task, TorchSimulator
+from onlinebayes.simulators.drawing import BLUE, DARK, GREY, Shape, planar
 
 
 class CartPole(TorchSimulator):
@@ -61,6 +62,22 @@ class CartPole(TorchSimulator):
         push = (tau[0] + moment * v[1].square() * sin) / total
         turn = (parameters["gravity"] * sin + tau[1] / moment - cos * push) / (4.0 / 3.0 * length - share * cos)
         return torch.stack((push - share * turn, turn))
+
+    def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
+        """Track, cart, and a pole of its true length."""
+        length = float(self._named(theta)["length"])
+        return (
+            Shape("track", "box", (3.0, 0.02, 0.01), GREY, moving=False),
+            Shape("cart", "box", (0.25, 0.1, 0.12), DARK),
+            Shape("pole", "capsule", (0.04, length), BLUE),
+        )
+
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 3 7"]:
+        """See :class:`~onlinebayes.simulators.Drawable`."""
+        length, (x, angle) = float(self._named(theta)["length"]), states.get("qpos").unbind(-1)
+        zero = torch.zeros_like(x)
+        pole = planar(x + length * torch.sin(angle), length * torch.cos(angle), angle)
+        return torch.stack((planar(zero, zero - 0.14, zero), planar(x, zero, zero), pole), dim=1)
 
 
 class CartPoleTask(Task):

@@ -21,9 +21,11 @@ from torchrl.data import Bounded, OneHot
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, Task, TorchSimulator
+from onlinebayes.simulators.drawing import BLUE, GREY, RED, Shape, planar
 
 MAX_SPEED = 0.07  # [lengths/step]
 LOW, HIGH = -1.2, 0.6  # walls
+PIECES = 46  # of the road, in drawings
 
 
 class Valley(TorchSimulator, ABC):
@@ -41,6 +43,22 @@ class Valley(TorchSimulator, ABC):
     ) -> Float[Tensor, "J N"]:
         """Acceleration of the car; see the module."""
         return tau - parameters["gravity"] * torch.cos(3 * q)
+
+    def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
+        """The road in pieces, the flag, and the car."""
+        road = tuple(Shape(f"road{i}", "box", (0.021, 0.05, 0.008), GREY, moving=False) for i in range(PIECES))
+        flag = Shape("flag", "box", (0.008, 0.01, 0.1), RED, moving=False)
+        return (*road, flag, Shape("car", "box", (0.06, 0.05, 0.03), BLUE))
+
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
+        """See :class:`~onlinebayes.simulators.Drawable`."""
+        x = states.get("qpos")[..., 0]
+        along = torch.linspace(LOW, HIGH, PIECES, dtype=x.dtype)
+        at = x.new_tensor([0.5])
+        road, flag = planar(along, height(along), -slope(along)), planar(at, height(at) + 0.1, 0 * at)
+        fixed = torch.cat((road, flag))
+        car = planar(x - 0.04 * torch.sin(slope(x)), height(x) + 0.04 * torch.cos(slope(x)), -slope(x))
+        return torch.cat((fixed.expand(len(x), -1, -1), car[:, None]), dim=1)
 
 
 class MountainCar(Valley):

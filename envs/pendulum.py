@@ -19,6 +19,7 @@ from torchrl.data import Bounded
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, Task, TorchSimulator
+from onlinebayes.simulators.drawing import BLUE, DARK, Shape, planar
 
 MAX_TORQUE = 2.0  # [N m]
 MAX_SPEED = 8.0  # [rad/s]
@@ -49,6 +50,23 @@ class Pendulum(TorchSimulator):
         """Angular acceleration [rad/s^2]; see the module."""
         length = parameters["length"]
         return 1.5 * parameters["gravity"] / length * torch.sin(q) + 3.0 / (parameters["mass"] * length**2) * tau
+
+    def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
+        """Axle and a rod of its true length, thicker the heavier it is."""
+        values = self._named(theta)
+        length, mass = float(values["length"]), float(values["mass"])
+        radius = 0.06 * length * min(max(mass / length, 0.1), 4.0) ** 0.5
+        return (
+            Shape("axle", "sphere", (0.03 * max(length, 0.3),), DARK, moving=False),
+            Shape("rod", "capsule", (radius, length / 2), BLUE),
+        )
+
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 2 7"]:
+        """See :class:`~onlinebayes.simulators.Drawable`."""
+        half, angle = float(self._named(theta)["length"]) / 2, states.get("qpos")[..., 0]
+        zero = torch.zeros_like(angle)
+        rod = planar(half * torch.sin(angle), half * torch.cos(angle), angle)
+        return torch.stack((planar(zero, zero, zero), rod), dim=1)
 
 
 class PendulumTask(Task):

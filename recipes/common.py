@@ -15,10 +15,9 @@ from jaxtyping import Float
 from scipy.stats import qmc
 from torch import Tensor
 
-from onlinebayes.inference import plots
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, RunFolder, seed_everything
-from onlinebayes.trainers import OnlineState, OnlineTrainer, Point, Problem, Schedule, run_in_folder
+from onlinebayes.trainers import OnlineState, OnlineTrainer, Point, Problem, Recording, Schedule, run_in_folder
 from onlinebayes.transforms import Distribution
 
 Kind = Literal["online", "posterior-first", "prior", "oracle"]
@@ -109,13 +108,13 @@ def run(name: str, build: Callable[[Settings], Run], settings: Settings) -> int:
     told = {key: value for key, value in asdict(settings).items() if key != "out"}
     with RunFolder(place, name, settings=told) as folder:
         made = build(settings)
-        state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge)
+        recording = Recording(place, name, made.problem, made.trainer.objective.policy, made.truth)
+        state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
+        recording.close()
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return 130
-        figure = plots.corner(state.belief, truth=made.truth, prior=made.problem.prior, title=name)  # type: ignore[arg-type]
-        plots.save(figure, folder.path("corner.png"))
-    print(f"written: {place}   open it with: onlinebayes show {place}")
+    print(f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser")
     return outcome(made, state)
 
 

@@ -343,6 +343,10 @@ class TorchSimulator(Simulator):
                 values[name] = torch.full((rows.shape[1],), value, dtype=self.dtype, device=self.device)
         return values
 
+    def _named(self, theta: Float[Tensor, " P"]) -> dict[str, Float[Tensor, ""]]:
+        """Every parameter of one world by name, those that are not free at their defaults."""
+        return {name: value[0] for name, value in self._name(self._rows(theta[None])).items()}
+
     def _enable(self, inputs: TensorDictBase) -> Tensor | None:
         """Which actuators are on; None for all."""
         enable = inputs.get("enable", None)

@@ -5,6 +5,7 @@ from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.problem import Problem, Sizes, collector_of, online_trainer
 from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
+from onlinebayes.trainers.recording import Recording
 from onlinebayes.trainers.schedule import Schedule, Turn
 from onlinebayes.trainers.session import run_in_folder
 from onlinebayes.trainers.simulations import Listed, Point, Simulations
@@ -23,6 +24,7 @@ __all__ = [
     "RealEnvironment",
     "RealSystem",
     "Record",
+    "Recording",
     "Saver",
     "Schedule",
     "Simulations",

@@ -16,9 +16,10 @@ from torch import Tensor
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.checks import timesteps_of
+from onlinebayes.simulators.drawing import Shape
 from onlinebayes.simulators.effects import Contact, Effect, TargetKind
 from onlinebayes.simulators.effects.contact import contacts
-from onlinebayes.simulators.mujoco import inventory
+from onlinebayes.simulators.mujoco import drawing, inventory
 from onlinebayes.simulators.mujoco.activation import activations, memory_span
 from onlinebayes.simulators.mujoco.blueprint import Blueprint, Remakable
 from onlinebayes.simulators.mujoco.closure import Closure, soft, tied
@@ -277,6 +278,14 @@ class MujocoSimulator(Remakable):
         """Positions, then velocities, in the model's order, then the sensors that are signals."""
         sensors = [state.get("sensor")] if self._system.sensors else []
         return torch.cat([state.get("qpos"), state.get("qvel"), *sensors], dim=-1)
+
+    def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
+        """The model's visible geoms as it was built; see :class:`~onlinebayes.simulators.Drawable`."""
+        return drawing.shapes(self.model)
+
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
+        """Where they are."""
+        return drawing.poses(self.model, to_host(states.get("qpos")))
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""
