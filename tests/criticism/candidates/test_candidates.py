@@ -10,10 +10,10 @@ from envs.rigs import case, write_case
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism.candidates.candidates import grown, grown_theta, opposites, propose, trials
 from onlinebayes.criticism.candidates.scales import ROOM, target_scales
-from onlinebayes.criticism.data.windows import Windows, make_windows
-from onlinebayes.criticism.fitting.sensitivities import columns
 from onlinebayes.criticism.judging.acceptance import contained
-from onlinebayes.criticism.replaying.replay import rollout
+from onlinebayes.identification.data.windows import Windows, make_windows
+from onlinebayes.identification.fitting.sensitivities import columns
+from onlinebayes.identification.replaying.replay import rollout
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput

@@ -10,10 +10,10 @@ import torch
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.candidates.cheaper_method import alike, by_cheaper_method
 from onlinebayes.criticism.candidates.survey import Screened, screen
-from onlinebayes.criticism.data.windows import Windows, make_windows
-from onlinebayes.criticism.fitting.blocks import flip_groups
-from onlinebayes.criticism.fitting.fit import Fit, fit
 from onlinebayes.criticism.results import MOVES_NOTHING
+from onlinebayes.identification.data.windows import Windows, make_windows
+from onlinebayes.identification.fitting.blocks import flip_groups
+from onlinebayes.identification.fitting.fit import Fit, fit
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import QuadraticDrag
 from tests.criticism.rigs import TRUTH, measure, model

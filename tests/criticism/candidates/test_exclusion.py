@@ -9,8 +9,8 @@ import torch
 
 from onlinebayes.criticism.candidates.candidates import Trial
 from onlinebayes.criticism.candidates.exclusion import exclusion_limit
-from onlinebayes.criticism.fitting.blocks import t_quantile
 from onlinebayes.criticism.judging.screening import Scores
+from onlinebayes.identification.fitting.blocks import t_quantile
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorSaturation, DryFriction, JointStiffness
 

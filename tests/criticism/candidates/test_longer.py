@@ -4,9 +4,9 @@ import pytest
 import torch
 
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.searching.stage import refit
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorLag
 from tests.criticism.rigs import measure, model

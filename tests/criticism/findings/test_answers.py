@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from onlinebayes.criticism.findings.answers import proposed_bounds
-from onlinebayes.criticism.results import Estimate
+from onlinebayes.identification.results import Estimate
 from onlinebayes.parameters import Parameter
 
 

@@ -1,7 +1,7 @@
 """A held-out run in which the refined model errs more is named; runs that were fitted are not."""
 
-from onlinebayes.criticism.detail import WindowError
 from onlinebayes.criticism.findings.carried_over import in_vain_note, worse_runs_note
+from onlinebayes.identification.detail import WindowError
 
 UNITS = {"qpos.servo": "rad"}
 FLOORS = {"qpos.servo": 0.02}

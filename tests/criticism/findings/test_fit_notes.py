@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from onlinebayes.criticism.findings.fit_notes import of_bounds, of_sums
-from onlinebayes.criticism.results import Estimate
+from onlinebayes.identification.results import Estimate
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import AsymmetricFriction, ConstantLoad, DryFriction
 

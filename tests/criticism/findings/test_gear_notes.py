@@ -5,7 +5,8 @@ import torch
 
 from onlinebayes.criticism import compare
 from onlinebayes.criticism.findings.gear_notes import gear_notes
-from onlinebayes.criticism.results import Candidate, Estimate, FittedModel
+from onlinebayes.criticism.results import Candidate
+from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import ActuatorSaturation
 from onlinebayes.simulators.mujoco import MujocoSimulator

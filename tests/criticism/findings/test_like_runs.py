@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from onlinebayes.criticism.findings.like_runs import globs, like_runs
-from onlinebayes.criticism.results import Estimate
+from onlinebayes.identification.results import Estimate
 
 
 def values(sd: float = 0.001, **means: float) -> dict[str, Estimate]:

@@ -2,7 +2,7 @@
 
 from onlinebayes.criticism import Candidate
 from onlinebayes.criticism.findings.log_notes import log_notes
-from onlinebayes.criticism.results import Estimate
+from onlinebayes.identification.results import Estimate
 
 
 def row(effect: str, name: str, mean: float, accepted: bool = True, equal: tuple[str, ...] = ()) -> Candidate:

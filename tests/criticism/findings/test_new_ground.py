@@ -7,9 +7,9 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import compare
-from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.findings.new_ground import Reach, new_ground_notes, reaches
-from onlinebayes.criticism.results import ReplayedRun
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.results import ReplayedRun
 from onlinebayes.measurements import Measurement, Signal
 from tests.criticism.rigs import NOISE, TRUTH, commands, measure, model
 

@@ -6,7 +6,8 @@ import pytest
 
 from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.judging.acceptance import TOO_LITTLE
-from onlinebayes.criticism.results import Candidate, Estimate
+from onlinebayes.criticism.results import Candidate
+from onlinebayes.identification.results import Estimate
 
 SMALL = f"{TOO_LITTLE}: the cross-validated error falls by 2.4 %, not by 5 %"
 LOAD = Estimate(-52.7, 2.4, -56.7, -48.7, "N m", True)

@@ -6,16 +6,16 @@ import pytest
 import torch
 
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.blocks import make_blocks
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.fitting.projection import misfit, project
 from onlinebayes.criticism.judging.acceptance import Judged, judge
 from onlinebayes.criticism.judging.score import cross_validate
-from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import GROSS_FLOORS, judged_stage, leaves_noise
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.blocks import make_blocks
+from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.fitting.projection import misfit, project
+from onlinebayes.identification.results import Numerics, Selection
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
 from tests.criticism.rigs import measure, model

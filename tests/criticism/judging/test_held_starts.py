@@ -9,13 +9,13 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, compare
-from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.judging.held_starts import fitted_starts, left_with_fitted_starts, starts_note
-from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.report.json import to_dict
 from onlinebayes.criticism.report.phrases import effects_in_words
 from onlinebayes.criticism.report.words import improvement
 from onlinebayes.criticism.results import HeldOutError
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from tests.criticism.rigs import measure, model
 
 HELD = ["run3"]

@@ -6,10 +6,10 @@ import pytest
 import torch
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.fit import unfitted
 from onlinebayes.criticism.judging.localise import failures, in_a_sentence
 from onlinebayes.criticism.results import Failure
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.fit import unfitted
 from tests.criticism.rigs import TRUTH, measure, model
 
 SECONDS = 8.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.blocks import make_blocks
-from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.judging.score import CrossValidated, Gain, cross_validate, parted
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.blocks import make_blocks
+from onlinebayes.identification.fitting.fit import fit
 from tests.criticism.rigs import measure, model
 
 BIN = 0.02

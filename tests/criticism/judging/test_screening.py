@@ -4,8 +4,8 @@ import pytest
 import torch
 from scipy.stats import binom
 
-from onlinebayes.criticism.fitting.projection import Projected
 from onlinebayes.criticism.judging.screening import Column, block_scores, observed, p_values, stepped_down
+from onlinebayes.identification.fitting.projection import Projected
 
 B, PER, M, P = 8, 3, 20, 2
 V = B * PER

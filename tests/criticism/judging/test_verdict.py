@@ -5,7 +5,7 @@ import torch
 
 from onlinebayes.criticism.judging.score import CrossValidated
 from onlinebayes.criticism.judging.verdict import Evidence, decide, tied
-from onlinebayes.criticism.results import Numerics
+from onlinebayes.identification.results import Numerics
 
 FINE = Numerics(0.01, 0.0, True)
 

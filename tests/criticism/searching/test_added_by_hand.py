@@ -5,10 +5,10 @@ import torch
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.searching import added_by_hand
 from onlinebayes.criticism.searching.search import ground
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs.interrupt import Stopped
 from onlinebayes.simulators.effects import ActuatorDelay, Cogging, DryFriction

@@ -10,9 +10,9 @@ import pytest
 from onlinebayes.criticism import refine
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.refined import refined_toml
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.bounds import pressed
 from onlinebayes.criticism.searching.search import ground
+from onlinebayes.identification.results import Selection
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import DryFriction

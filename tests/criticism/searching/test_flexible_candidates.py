@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 
 from onlinebayes.criticism import Selection, refine
-from onlinebayes.criticism.data.windows import make_windows
 from onlinebayes.criticism.searching import flexible_candidates
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.flexible_candidates import (
@@ -19,11 +18,12 @@ from onlinebayes.criticism.searching.flexible_candidates import (
 )
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import refit, run_stage
+from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Watch
 from onlinebayes.simulators.effects import ActuatorDeadZone, ActuatorDelay, Cogging, DryFriction
-from tests.criticism.replaying.test_timed import DAMPING, measured, table
 from tests.criticism.rigs import measure, model
+from tests.identification.replaying.test_timed import DAMPING, measured, table
 
 FRICTION = DryFriction("rail", Parameter(0.0, 5.0, "N"))
 COGGING = Cogging("rail", Parameter(0.0, 5.0, "N"), Parameter(1.0, 100.0, "rad/m"), Parameter(-3.2, 6.3, "rad"))

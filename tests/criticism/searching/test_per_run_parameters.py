@@ -12,10 +12,10 @@ from envs.driven_pendulum.sets import Protocol, record
 from onlinebayes.criticism import Selection, refine
 from onlinebayes.criticism.judging.contrasts import contrast_p_values, owners, parts_of_runs
 from onlinebayes.criticism.judging.score import cross_validate
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator
 from onlinebayes.criticism.searching.per_run_parameters import find_differing, split_by_run
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.stage import run_stage
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction

@@ -6,9 +6,9 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.fitting.fit import Fit, improve, still_promised, unfitted
 from onlinebayes.criticism.searching import stage
 from onlinebayes.criticism.searching.search import ground
+from onlinebayes.identification.fitting.fit import Fit, improve, still_promised, unfitted
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorSaturation, JointStiffness, QuadraticDrag
 from tests.criticism.rigs import measure, model

@@ -8,11 +8,11 @@ import pytest
 
 from onlinebayes.criticism import Selection
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.fit import unfitted
-from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.searching.rival_fits import Incumbent, Rival, fit_with_rival
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.working_model import carry_theta
+from onlinebayes.identification.fitting.fit import unfitted
+from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import Effect, JointStiffness, QuadraticDrag
 from tests.criticism.rigs import measure, model

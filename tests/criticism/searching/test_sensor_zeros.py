@@ -6,9 +6,9 @@ import torch
 from envs.driven_pendulum.rig import DAMPING, MASS, MODEL, NOMINAL
 from envs.driven_pendulum.sets import Encoder, Protocol, record
 from onlinebayes.criticism import Criticism, Scope, refine
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.searching.sensor_zeros import LARGEST_ZERO_FLOORS, zero_errors
+from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator

@@ -10,12 +10,12 @@ from dataclasses import replace
 import pytest
 
 from onlinebayes.criticism import Selection
-from onlinebayes.criticism.fitting.projection import signal_rms
-from onlinebayes.criticism.replaying.charted import charted
 from onlinebayes.criticism.searching import search as searching
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import search
 from onlinebayes.criticism.searching.shared_law import find_shared_law
+from onlinebayes.identification.fitting.projection import signal_rms
+from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.runs import Interrupt, Watch
 from tests.criticism.hovering import measure, model
 

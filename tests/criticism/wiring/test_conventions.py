@@ -10,10 +10,10 @@ import pytest
 import torch
 
 from onlinebayes.criticism import compare
-from onlinebayes.criticism.data.windows import joint_names, make_windows
-from onlinebayes.criticism.replaying.charted import charted
-from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
+from onlinebayes.identification.data.windows import joint_names, make_windows
+from onlinebayes.identification.replaying.charted import charted
+from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.measurements import Measurement
 from tests.criticism.tumbling import POSE, TRUTH, Block, fly, model, rotated, table
 

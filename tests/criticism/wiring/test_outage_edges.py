@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 import torch
 
-from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.wiring.outage_edges import disabled, settled
 from onlinebayes.criticism.wiring.outages import Outage
+from onlinebayes.identification.data.windows import Windows, make_windows
 from tests.criticism.wired import NOISE, PENDULUM, STEP
 
 OFF = Outage(("motor",), (("run1", 0.72, 1.31), ("run4", 1.8, 2.6)))

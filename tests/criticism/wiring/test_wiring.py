@@ -10,13 +10,13 @@ import torch
 
 from onlinebayes.criticism import Scope, Selection, compare, refine
 from onlinebayes.criticism.inquiry import suspect
-from onlinebayes.criticism.replaying.scoped import scoped
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.json import to_dict
 from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.wiring.faults import Compensated, Fault, Offset, Rescaled, Swapped, SwitchedOff, misplaced
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
 from onlinebayes.criticism.wiring.wiring import Suspicion, fit_faults
+from onlinebayes.identification.replaying.scoped import scoped
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Watch
