@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.criticism import HELPS, Candidate, Criticism, quantities
+from onlinebayes.criticism import HELPS, Candidate, Criticism
 from onlinebayes.criticism.report import candidate_words, words
 from onlinebayes.criticism.report.refined import left_out
 from onlinebayes.identification import quantities
