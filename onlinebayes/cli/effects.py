@@ -9,9 +9,8 @@ from typing import Literal
 
 from onlinebayes.cli.factory import import_module
 from onlinebayes.cli.section import Section
-from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.windows import Windows, make_windows
-from onlinebayes.criticism.replaying.charted import charted
+from onlinebayes.criticism import propose
+from onlinebayes.identification import Windows, charted, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput, nearest

@@ -27,8 +27,7 @@ from onlinebayes.cli.log_columns import (
 from onlinebayes.cli.matching import Match, could_be, match
 from onlinebayes.cli.model import signal_units
 from onlinebayes.cli.servo_inputs import servo_inputs
-from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS
-from onlinebayes.criticism.fitting.closed_loops import completed, follow
+from onlinebayes.identification import FEWEST_BLOCKS, completed, follow
 from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalColumn, TableReader, TimeColumn
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.joining import joined

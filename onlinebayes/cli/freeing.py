@@ -18,11 +18,8 @@ from __future__ import annotations
 import mujoco
 import torch
 
-from onlinebayes.criticism.candidates.scales import target_scales
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.fitting.sensitivities import linearise
-from onlinebayes.criticism.replaying.charted import charted
+from onlinebayes.criticism import target_scales
+from onlinebayes.identification import charted, linearise, make_windows, project
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from onlinebayes.cli.section import Section
-from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.experiment import Allowed, Payload
+from onlinebayes.identification import joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 

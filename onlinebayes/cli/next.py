@@ -15,7 +15,7 @@ from onlinebayes.cli.work import criticise, title_of
 from onlinebayes.criticism.experiment import Plan, next_experiment
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.plan import FILES, write_plan
-from onlinebayes.criticism.split import split
+from onlinebayes.identification import split
 from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 
 WIDTH, COLUMN = 80, 12

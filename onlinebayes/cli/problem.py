@@ -20,8 +20,7 @@ from onlinebayes.cli.model import beside_bounds, build_simulator, known_addresse
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
 from onlinebayes.criticism import Scope, Selection
-from onlinebayes.criticism.fitting.closed_loops import completed
-from onlinebayes.criticism.split import split
+from onlinebayes.identification import completed, split
 from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.matching import matches

@@ -7,10 +7,10 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.criticism import Candidate, Criticism, quantities
+from onlinebayes.criticism import HELPS, Candidate, Criticism
 from onlinebayes.criticism.report import candidate_words, words
 from onlinebayes.criticism.report.refined import left_out
-from onlinebayes.criticism.results import HELPS
+from onlinebayes.identification import quantities
 
 WIDTH = 80
 RANKS = 5

@@ -4,30 +4,36 @@
 them until the model predicts held-out runs as well as it can. All take built objects; nothing here reads files.
 """
 
-from onlinebayes.criticism.detail import Detail, HorizonError, Profile, WindowError
-from onlinebayes.criticism.refine import compare, diagnose, refine
+from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
+from onlinebayes.criticism.candidates.cheaper_method import by_cheaper_method
+from onlinebayes.criticism.candidates.longer import longer
+from onlinebayes.criticism.candidates.scales import target_scales
+from onlinebayes.criticism.candidates.survey import Screened, screen
+from onlinebayes.criticism.commands import compare, diagnose, refine
+from onlinebayes.criticism.judging.screening import CONFOUNDED
 from onlinebayes.criticism.results import (
+    HELPS,
     Candidate,
     Criticism,
-    Estimate,
     Failure,
-    FittedModel,
-    FlatDirection,
     HeldOutError,
-    Numerics,
     ParameterChange,
     Remainder,
-    ReplayedRun,
-    Selection,
     Step,
     Verdict,
     WidenedBounds,
     Wiring,
 )
-from onlinebayes.criticism.scope import Scope
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism.task import prepare
 from onlinebayes.criticism.timing import Timing
+from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
+from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
+from onlinebayes.identification.scope import Scope
 
 __all__ = [
+    "CONFOUNDED",
+    "HELPS",
     "Candidate",
     "Criticism",
     "Detail",
@@ -43,14 +49,26 @@ __all__ = [
     "Remainder",
     "ReplayedRun",
     "Scope",
+    "Screened",
     "Selection",
     "Step",
     "Timing",
+    "Trial",
     "Verdict",
     "WidenedBounds",
     "WindowError",
     "Wiring",
+    "by_cheaper_method",
     "compare",
     "diagnose",
+    "ground",
+    "grown",
+    "grown_theta",
+    "longer",
+    "prepare",
+    "propose",
     "refine",
+    "screen",
+    "target_scales",
+    "trials",
 ]

@@ -11,8 +11,6 @@ from typing import Literal
 
 import torch
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.answers import parameter_changes, widened_bounds, wiring_of
 from onlinebayes.criticism.findings.carried_over import errors_on_the_way, in_vain_note, worse_runs_note
 from onlinebayes.criticism.findings.fit_notes import fit_notes
@@ -23,31 +21,26 @@ from onlinebayes.criticism.findings.new_ground import new_ground_notes, reaches
 from onlinebayes.criticism.findings.ranking import rank, steps
 from onlinebayes.criticism.findings.reading_notes import gap_notes, start_notes, tie_notes
 from onlinebayes.criticism.findings.too_small import too_small_note
-from onlinebayes.criticism.fitting.blocks import Blocks
-from onlinebayes.criticism.fitting.fit import residual_correlation_time
-from onlinebayes.criticism.fitting.heldout import replay_runs
-from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates, flat_directions
-from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
-from onlinebayes.criticism.replaying.ladder import Rung, reported
-from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
-from onlinebayes.criticism.results import (
-    Candidate,
-    Criticism,
-    FittedModel,
-    FlatDirection,
-    HeldOutError,
-    Remainder,
-    ReplayedRun,
-)
+from onlinebayes.criticism.results import Candidate, Criticism, HeldOutError, Remainder
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.ties import alternatives
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.wiring.wiring import Suspicion
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.detail import Detail
+from onlinebayes.identification.fitting.blocks import Blocks
+from onlinebayes.identification.fitting.fit import residual_correlation_time
+from onlinebayes.identification.fitting.heldout import replay_runs
+from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.replaying.ladder import Rung, reported
+from onlinebayes.identification.replaying.measured_starts import windows_to_replay
+from onlinebayes.identification.results import FittedModel, FlatDirection, ReplayedRun
 
 Question = Literal["compare", "diagnose", "refine"]
 

@@ -20,18 +20,18 @@ from functools import cached_property
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.fitting.first_answer import first_answer
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.localise import in_a_sentence
 from onlinebayes.criticism.judging.verdict import left_over
-from onlinebayes.criticism.replaying.measured_starts import delays
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import SearchResult, ground, search
 from onlinebayes.criticism.wiring.faults import Fault, misplaced
 from onlinebayes.criticism.wiring.late_columns import is_the_logs, late_column
 from onlinebayes.criticism.wiring.shifts import late
 from onlinebayes.criticism.wiring.wiring import Leads, Suspicion, fit_faults, outages, screen_faults
+from onlinebayes.identification.fitting.first_answer import first_answer
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.replaying.measured_starts import delays
+from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, Watch
 from onlinebayes.simulators.base import Simulator

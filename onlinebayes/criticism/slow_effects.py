@@ -16,16 +16,16 @@ from dataclasses import replace
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
-from onlinebayes.criticism.fitting.descent import LEAST_GAIN, bounded_step
-from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
-from onlinebayes.criticism.fitting.horizon import steady
-from onlinebayes.criticism.fitting.numerics import Grounds, check
 from onlinebayes.criticism.judging.verdict import halved, left_over
-from onlinebayes.criticism.replaying.ladder import affordable
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import leaves_noise
+from onlinebayes.identification.data.windows import MEMORY, Windows, make_windows
+from onlinebayes.identification.fitting.descent import LEAST_GAIN, bounded_step
+from onlinebayes.identification.fitting.fit import Fit, improve, unfitted
+from onlinebayes.identification.fitting.horizon import steady
+from onlinebayes.identification.fitting.numerics import Grounds, check
+from onlinebayes.identification.replaying.ladder import affordable
+from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.base import Simulator

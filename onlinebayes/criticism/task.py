@@ -6,21 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.data.motion import check_runs
-from onlinebayes.criticism.data.windows import joint_names
-from onlinebayes.criticism.fitting.before_runs import idle_before, starts_read_otherwise
-from onlinebayes.criticism.fitting.closed_loops import completed, tied_as_logged
-from onlinebayes.criticism.fitting.gaps import gaps_read_otherwise, held_over_gaps
-from onlinebayes.criticism.fitting.horizon import cut_to_runs, shortened, steady, within_runs
-from onlinebayes.criticism.fitting.readings import follows_far_better
-from onlinebayes.criticism.replaying.charted import charted
-from onlinebayes.criticism.replaying.clock import in_step, restepped
-from onlinebayes.criticism.replaying.scoped import scoped
-from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.scope import Scope
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_when_slow
-from onlinebayes.criticism.split import split
+from onlinebayes.identification.data.motion import check_runs
+from onlinebayes.identification.data.windows import joint_names
+from onlinebayes.identification.fitting.before_runs import idle_before, starts_read_otherwise
+from onlinebayes.identification.fitting.closed_loops import completed, tied_as_logged
+from onlinebayes.identification.fitting.gaps import gaps_read_otherwise, held_over_gaps
+from onlinebayes.identification.fitting.horizon import cut_to_runs, shortened, steady, within_runs
+from onlinebayes.identification.fitting.readings import follows_far_better
+from onlinebayes.identification.replaying.charted import charted
+from onlinebayes.identification.replaying.clock import in_step, restepped
+from onlinebayes.identification.replaying.scoped import scoped
+from onlinebayes.identification.results import Selection
+from onlinebayes.identification.scope import Scope
+from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Watch
 from onlinebayes.simulators.base import Simulator
@@ -90,7 +90,7 @@ def prepare(
     selection: Selection | None,
     scope: Scope | None,
 ) -> Task:
-    """The task that a user's arguments ask; see :func:`onlinebayes.criticism.refine.compare`."""
+    """The task that a user's arguments ask; see :func:`onlinebayes.criticism.commands.compare`."""
     asked = selection or Selection()
     measurement, tied = completed(simulator, measurement.seen())
     given, measurement = charted(simulator, measurement)

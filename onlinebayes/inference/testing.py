@@ -14,6 +14,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import torch
 from tensordict import TensorDict
@@ -50,8 +51,9 @@ def check_estimator(
     fresh = prior.sample((40,), generator)
     pairs = torch.stack([simulate(fresh, generator) for _ in range(2)], dim=1)
     _check_learns(estimator, pairs, fresh, prior)
-    _check_density(estimator, pairs[0].exclude("theta"), prior)
-    _check_each(estimator, pairs[:3].exclude("theta"), prior)
+    measured = pairs.exclude("theta")
+    _check_density(estimator, cast(TensorDict, measured[0]), prior)
+    _check_each(estimator, cast(TensorDict, measured[:3]), prior)
 
 
 def _check_learns(estimator: PosteriorEstimator, pairs: TensorDict, theta: Tensor, prior: BoxUniform) -> None:

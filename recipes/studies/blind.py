@@ -19,9 +19,7 @@ import torch
 import tyro
 
 from onlinebayes.criticism import Criticism, refine
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs
-from onlinebayes.criticism.split import split
+from onlinebayes.identification import make_windows, replay_error, replay_runs, split
 from onlinebayes.runs import Progress, ResultTable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.blind_data import FREE, KINDS, MODEL, BlindCase, cases

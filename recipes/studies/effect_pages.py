@@ -18,7 +18,7 @@ from pathlib import Path
 import torch
 import tyro
 
-from onlinebayes.criticism import quantities
+from onlinebayes.identification import quantities
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, Progress, ResultTable, write_atomic
 from onlinebayes.simulators.effects import EFFECTS, Effect

@@ -18,11 +18,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.candidates.candidates import Trial, grown_theta, trials
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.projection import Projected, noise_rows, project
-from onlinebayes.criticism.fitting.sensitivities import columns, linearise
-from onlinebayes.criticism.judging.screening import CONFOUNDED
+from onlinebayes.criticism import CONFOUNDED, Trial, grown_theta, trials
+from onlinebayes.identification import Projected, Windows, columns, linearise, noise_rows, project
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
 

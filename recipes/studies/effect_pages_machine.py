@@ -22,8 +22,8 @@ from torch import Tensor
 from envs.driven_pendulum import MODEL
 from envs.driven_pendulum.rig import DAMPING, MASS
 from envs.rigs.inputs import inputs
-from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
+from onlinebayes.criticism import propose
+from onlinebayes.identification import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import generator

@@ -17,11 +17,8 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.fitting.projection import signal_rms
-from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.report.svg import Array, Curve, Panel, chart
+from onlinebayes.identification import Fit, Windows, fit, replay, signal_rms
 from onlinebayes.simulators.base import Simulator
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
 

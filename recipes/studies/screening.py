@@ -21,13 +21,8 @@ import tyro
 
 from envs.rigs import RIGS
 from onlinebayes.cli.problem import load_problem
-from onlinebayes.criticism.candidates.candidates import propose, trials
-from onlinebayes.criticism.candidates.cheaper_method import by_cheaper_method
-from onlinebayes.criticism.candidates.survey import Screened, screen
-from onlinebayes.criticism.fitting.blocks import flip_groups
-from onlinebayes.criticism.fitting.fit import residual_correlation_time
-from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.task import prepare
+from onlinebayes.criticism import Screened, by_cheaper_method, ground, prepare, propose, screen, trials
+from onlinebayes.identification import flip_groups, residual_correlation_time
 from onlinebayes.runs import ResultTable
 from recipes.studies.cost import SEED, lengthened, problem
 from recipes.studies.exits import status

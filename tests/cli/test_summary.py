@@ -13,7 +13,8 @@ from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import WIDTH, _wrapped, summary
 from onlinebayes.criticism import Criticism
 from onlinebayes.criticism.report import words
-from onlinebayes.criticism.results import Estimate, Wiring
+from onlinebayes.criticism.results import Wiring
+from onlinebayes.identification.results import Estimate
 from tests.criticism.report.many import many
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism, lagging, miswired
 

@@ -11,9 +11,9 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.criticism import Scope, Selection, compare
-from onlinebayes.criticism.data.windows import Windows, make_windows
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator
-from onlinebayes.criticism.replaying.timed import instants
+from onlinebayes.identification.data.windows import Windows, make_windows
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
+from onlinebayes.identification.replaying.timed import instants
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator

@@ -11,12 +11,12 @@ import torch
 
 from onlinebayes.cli.main import main
 from onlinebayes.criticism import Criticism, Selection, refine
-from onlinebayes.criticism.data.chart import POSE as QPOS
-from onlinebayes.criticism.data.rotations import inverse, logarithm, product
-from onlinebayes.criticism.replaying.charted import charted
-from onlinebayes.criticism.replaying.replay import rollout
 from onlinebayes.criticism.report.geometry import measured_qpos, measured_turns
 from onlinebayes.criticism.searching.search import ground
+from onlinebayes.identification.data.chart import POSE as QPOS
+from onlinebayes.identification.data.rotations import inverse, logarithm, product
+from onlinebayes.identification.replaying.charted import charted
+from onlinebayes.identification.replaying.replay import rollout
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator

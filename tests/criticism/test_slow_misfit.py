@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, refine
-from onlinebayes.criticism.fitting import numerics
 from onlinebayes.criticism.wiring.faults import Offset
+from onlinebayes.identification.fitting import numerics
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator

@@ -5,14 +5,14 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.descent import backtracked
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.outlying_starts import replayed_misfits
-from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.fitting.sensitivities import linearise
 from onlinebayes.criticism.judging.verdict import rms_over_floor
-from onlinebayes.criticism.results import Numerics
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.descent import backtracked
+from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.outlying_starts import replayed_misfits
+from onlinebayes.identification.fitting.projection import project
+from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.results import Numerics
 from tests.criticism.rigs import TRUTH, measure, model
 
 

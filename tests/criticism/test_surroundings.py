@@ -11,9 +11,9 @@ from scipy.integrate import solve_ivp
 from onlinebayes.criticism import Criticism, Selection, refine
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.searching.stage import refit
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator

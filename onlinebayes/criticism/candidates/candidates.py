@@ -15,8 +15,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.scales import largest_forces, seen_in, target_scales
-from onlinebayes.criticism.data.windows import Windows, joint_names
-from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.identification.data.windows import Windows, joint_names
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, AirDrag, Backlash, Effect, GravityTilt, Scales, TargetKind

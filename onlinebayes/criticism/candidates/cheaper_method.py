@@ -17,11 +17,11 @@ from dataclasses import replace
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.descent import difference_steps
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.projection import project
-from onlinebayes.criticism.fitting.sensitivities import linearise
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.descent import difference_steps
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.projection import project
+from onlinebayes.identification.fitting.sensitivities import linearise
 
 WORTH = 2  # trials to each column of the current model: fewer do not pay for these
 ALIKE = 0.06  # of a column: what the two methods may differ by

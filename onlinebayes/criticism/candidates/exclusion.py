@@ -15,9 +15,9 @@ import math
 from collections.abc import Sequence
 
 from onlinebayes.criticism.candidates.candidates import Trial
-from onlinebayes.criticism.fitting.blocks import t_quantile
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.screening import CONFOUNDED, Scores
+from onlinebayes.identification.fitting.blocks import t_quantile
 from onlinebayes.simulators.effects import Effect
 
 

@@ -10,9 +10,9 @@ from __future__ import annotations
 import dataclasses
 
 from onlinebayes.criticism.candidates.scales import DEAD_TIME
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.simulators.effects import Effect
 
 LONGER = (0.3, 0.9)

@@ -22,12 +22,12 @@ from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import Trial, trials
 from onlinebayes.criticism.candidates.survey import starting_values, trial_columns
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.projection import Projected, noise_rows
-from onlinebayes.criticism.fitting.sensitivities import columns
 from onlinebayes.criticism.judging.screening import CONFOUNDED, orthonormal
-from onlinebayes.criticism.replaying.scoped import effect_entries, with_effect_values
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.projection import Projected, noise_rows
+from onlinebayes.identification.fitting.sensitivities import columns
+from onlinebayes.identification.replaying.scoped import effect_entries, with_effect_values
 from onlinebayes.simulators.effects import Effect
 
 ALIKE = 3.0  # times the final error; beside kinks a straight line is off by as much, and a refit tells

@@ -17,11 +17,11 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.data.motion import SeenBy, seen_by
-from onlinebayes.criticism.data.windows import Windows, joint_names
-from onlinebayes.criticism.replaying.replay import rollout
-from onlinebayes.criticism.replaying.scoped import unscoped
-from onlinebayes.criticism.replaying.timed import instants
+from onlinebayes.identification.data.motion import SeenBy, seen_by
+from onlinebayes.identification.data.windows import Windows, joint_names
+from onlinebayes.identification.replaying.replay import rollout
+from onlinebayes.identification.replaying.scoped import unscoped
+from onlinebayes.identification.replaying.timed import instants
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, Scales, TargetKind
 

@@ -16,22 +16,22 @@ from torch import Tensor
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, opposites, trials
 from onlinebayes.criticism.candidates.cheaper_method import by_cheaper_method
 from onlinebayes.criticism.candidates.exclusion import exclusion_limit
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import (
+from onlinebayes.criticism.judging.score import SHORT_WINDOWS, CrossValidated, cross_validate
+from onlinebayes.criticism.judging.screening import Column, Scores, block_scores, observed, p_values, promise
+from onlinebayes.criticism.results import MOVES_NOTHING
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import (
     FEWEST_BLOCKS,
     Blocks,
     flip_groups,
     independent_parts,
     make_blocks,
 )
-from onlinebayes.criticism.fitting.fit import Fit, residual_correlation_time
-from onlinebayes.criticism.fitting.projection import noise_rows, per_noise, project
-from onlinebayes.criticism.fitting.sensitivities import columns
-from onlinebayes.criticism.judging.score import SHORT_WINDOWS, CrossValidated, cross_validate
-from onlinebayes.criticism.judging.screening import Column, Scores, block_scores, observed, p_values, promise
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator
-from onlinebayes.criticism.replaying.timed import instants
-from onlinebayes.criticism.results import MOVES_NOTHING
+from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time
+from onlinebayes.identification.fitting.projection import noise_rows, per_noise, project
+from onlinebayes.identification.fitting.sensitivities import columns
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
+from onlinebayes.identification.replaying.timed import instants
 from onlinebayes.simulators.effects import Effect
 
 MORE_STARTS = 4

@@ -12,10 +12,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.projection import project, start_shift
-from onlinebayes.criticism.fitting.sensitivities import linearise
-from onlinebayes.criticism.replaying.bounded import bounded_least_squares
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.projection import project, start_shift
+from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.simulators.base import Simulator
 
 ROUNDS = 4

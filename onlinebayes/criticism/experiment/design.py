@@ -19,8 +19,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.grid import row_step
-from onlinebayes.criticism.data.windows import joint_names
 from onlinebayes.criticism.experiment.check import check_table
 from onlinebayes.criticism.experiment.deciding import PARTED, accepted_from, rescaled, strength
 from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
@@ -31,8 +29,10 @@ from onlinebayes.criticism.experiment.postures import postures
 from onlinebayes.criticism.experiment.remedies import loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
-from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification.data.grid import row_step
+from onlinebayes.identification.data.windows import joint_names
+from onlinebayes.identification.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.base import Simulator

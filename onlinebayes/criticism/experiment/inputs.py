@@ -19,8 +19,8 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.limits import Limits
+from onlinebayes.identification.data.windows import Windows
 
 TAPER = 0.1  # of the length, at most one horizon
 

@@ -19,7 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.scales import target_scales
-from onlinebayes.criticism.data.windows import Windows, joint_names
+from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits
-from onlinebayes.criticism.replaying.replay import VISIBLE
+from onlinebayes.identification.replaying.replay import VISIBLE
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.simulators.base import Simulator
 

@@ -18,10 +18,10 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows, joint_names
 from onlinebayes.criticism.experiment.inputs import Posture
 from onlinebayes.criticism.experiment.limits import Limits
 from onlinebayes.criticism.experiment.play import Hypothesis, at_rest
+from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator

@@ -13,7 +13,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.deciding import PARTED
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits, Payload
@@ -21,6 +20,7 @@ from onlinebayes.criticism.experiment.plan import Remedy
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
 from onlinebayes.criticism.experiment.rivals import Pair
 from onlinebayes.criticism.experiment.separation import separations
+from onlinebayes.identification.data.windows import Windows
 from onlinebayes.measurements import Signal
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator

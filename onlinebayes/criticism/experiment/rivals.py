@@ -22,17 +22,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import grown, propose, trials
-from onlinebayes.criticism.data.windows import Windows
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
-from onlinebayes.criticism.fitting.projection import Projected, project, signal_rms
 from onlinebayes.criticism.judging.acceptance import contained
-from onlinebayes.criticism.replaying.clock import in_step
-from onlinebayes.criticism.replaying.scoped import with_effect_values
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.criticism.searching.working_model import carry_theta
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.fitting.projection import Projected, project, signal_rms
+from onlinebayes.identification.replaying.clock import in_step
+from onlinebayes.identification.replaying.scoped import with_effect_values
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

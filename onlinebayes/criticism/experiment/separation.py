@@ -26,15 +26,15 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.play import predicted
 from onlinebayes.criticism.experiment.rivals import Explanation, Pair, rows_of
-from onlinebayes.criticism.fitting.descent import difference_steps
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.projection import Projected, project
-from onlinebayes.criticism.fitting.sensitivities import linearise
-from onlinebayes.criticism.replaying.bounded import bounded_least_squares
+from onlinebayes.identification.data.windows import MEMORY, Windows, make_windows
+from onlinebayes.identification.fitting.descent import difference_steps
+from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.projection import Projected, project
+from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.measurements import Signal
 from onlinebayes.runs import BadInput
 

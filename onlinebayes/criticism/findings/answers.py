@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from onlinebayes.criticism.findings.like_runs import globs, like_runs
-from onlinebayes.criticism.replaying.scoped import unscoped
-from onlinebayes.criticism.results import Estimate, ParameterChange, WidenedBounds, Wiring
-from onlinebayes.criticism.scope import address_of
+from onlinebayes.criticism.results import ParameterChange, WidenedBounds, Wiring
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.wiring.wiring import Suspicion
+from onlinebayes.identification.replaying.scoped import unscoped
+from onlinebayes.identification.results import Estimate
+from onlinebayes.identification.scope import address_of
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.mujoco.addresses import is_glob
 

@@ -11,12 +11,12 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.detail import WindowError
-from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs
-from onlinebayes.criticism.replaying.ladder import Rung
-from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
 from onlinebayes.criticism.searching.stage import Added
+from onlinebayes.identification import quantities
+from onlinebayes.identification.detail import WindowError
+from onlinebayes.identification.fitting.heldout import replay_error, replay_runs
+from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.measurements import Measurement
 
 RISES = 1.1  # times, in the geometric mean over the signals

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.replaying.wrapper import unwrap
-from onlinebayes.criticism.results import Estimate, Selection
 from onlinebayes.criticism.searching.search import SearchResult
+from onlinebayes.identification import quantities
+from onlinebayes.identification.replaying.wrapper import unwrap
+from onlinebayes.identification.results import Estimate, Selection
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect

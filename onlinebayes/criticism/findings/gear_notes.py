@@ -9,9 +9,10 @@ from collections.abc import Iterator, Sequence
 
 import mujoco
 
-from onlinebayes.criticism.replaying.scoped import effect_values, physical
-from onlinebayes.criticism.replaying.wrapper import unwrap
-from onlinebayes.criticism.results import Candidate, FittedModel
+from onlinebayes.criticism.results import Candidate
+from onlinebayes.identification.replaying.scoped import effect_values, physical
+from onlinebayes.identification.replaying.wrapper import unwrap
+from onlinebayes.identification.results import FittedModel
 from onlinebayes.simulators.effects import ActuatorSaturation
 from onlinebayes.simulators.mujoco import MujocoSimulator
 

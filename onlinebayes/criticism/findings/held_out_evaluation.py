@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.profiles import profiles
-from onlinebayes.criticism.fitting.heldout import horizon_errors, replay_error, start_floor, start_spread, window_errors
-from onlinebayes.criticism.results import FittedModel, HeldOutError, ReplayedRun
+from onlinebayes.criticism.results import HeldOutError
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.detail import Detail
+from onlinebayes.identification.fitting.heldout import (
+    horizon_errors,
+    replay_error,
+    start_floor,
+    start_spread,
+    window_errors,
+)
+from onlinebayes.identification.results import FittedModel, ReplayedRun
 
 
 def evaluate_held_out(

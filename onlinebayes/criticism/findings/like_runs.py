@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from itertools import pairwise, takewhile
 from statistics import median
 
-from onlinebayes.criticism.results import Estimate
+from onlinebayes.identification.results import Estimate
 
 GAP = 5.0  # sd
 MOST_GROUPS = 3

@@ -15,7 +15,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from onlinebayes.criticism.results import Candidate, Estimate
+from onlinebayes.criticism.results import Candidate
+from onlinebayes.identification.results import Estimate
 
 UNIT = {"sensor_bias": "bias", "sensor_scale": "scale", "sensor_delay": "delay", "actuator_delay": "delay"}
 PARTED_STANDARD_ERRORS = 3.0  # standard errors between the delays of two actuators

@@ -11,10 +11,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.heldout import replay_error
-from onlinebayes.criticism.results import ReplayedRun
+from onlinebayes.identification import quantities
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.heldout import replay_error
+from onlinebayes.identification.results import ReplayedRun
 
 CLEARLY = 2.0
 """Times that an error is above another one."""

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.data.motion import SeenBy, seen_by
-from onlinebayes.criticism.detail import Profile, Quantity
-from onlinebayes.criticism.results import ReplayedRun
+from onlinebayes.identification.data.motion import SeenBy, seen_by
+from onlinebayes.identification.detail import Profile, Quantity
+from onlinebayes.identification.results import ReplayedRun
 
 Array = NDArray[np.float64]
 BINS = 12

@@ -6,12 +6,13 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.survey import Screened
-from onlinebayes.criticism.fitting.identifiability import covariance_of, estimates
 from onlinebayes.criticism.judging.acceptance import Judged, contained
-from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import HELPS, NOT_NEEDED, STOPPED, Candidate, Estimate, Step
+from onlinebayes.criticism.results import HELPS, NOT_NEEDED, STOPPED, Candidate, Step
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, REFIT_BELOW, Stage
+from onlinebayes.identification.fitting.identifiability import covariance_of, estimates
+from onlinebayes.identification.replaying.scoped import effect_entries
+from onlinebayes.identification.results import Estimate
 
 
 def rank(

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.fitting.before_runs import remembers_commands
-from onlinebayes.criticism.fitting.gaps import rows_missing
+from onlinebayes.identification.fitting.before_runs import remembers_commands
+from onlinebayes.identification.fitting.gaps import rows_missing
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 

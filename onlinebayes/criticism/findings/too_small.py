@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from onlinebayes.criticism import quantities
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, TOO_LITTLE
 from onlinebayes.criticism.results import Candidate
+from onlinebayes.identification import quantities
 
 
 def too_small_note(candidates: Sequence[Candidate], alpha: float) -> tuple[str, ...]:

@@ -17,13 +17,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import Blocks, t_quantile
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.identifiability import covariance_of
 from onlinebayes.criticism.judging.homogeneity import first_columns, homogeneous
 from onlinebayes.criticism.judging.score import CrossValidated, Gain, cross_validate, parted, score_gain
-from onlinebayes.criticism.results import Numerics
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import Blocks, t_quantile
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.identifiability import covariance_of
+from onlinebayes.identification.results import Numerics
 from onlinebayes.simulators.effects import Effect
 
 TOO_LITTLE = "brings too little"

@@ -18,13 +18,13 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, MOST_GROUPS
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.projection import project
 from onlinebayes.criticism.judging.score import SHORT_WINDOWS
 from onlinebayes.criticism.judging.screening import Scores, block_scores, flips
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import BLOCK_CORRELATION_TIMES, MOST_GROUPS
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.projection import project
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.simulators.base import Simulator
 
 AT_ONCE = 512  # flips

@@ -17,12 +17,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.per_run_values import held_out_model
-from onlinebayes.criticism.fitting.projection import project, signal_rms, start_shift
-from onlinebayes.criticism.fitting.sensitivities import linearise_starts
-from onlinebayes.criticism.results import FittedModel, HeldOutError
+from onlinebayes.criticism.results import HeldOutError
+from onlinebayes.identification import quantities
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.per_run_values import held_out_model
+from onlinebayes.identification.fitting.projection import project, signal_rms, start_shift
+from onlinebayes.identification.fitting.sensitivities import linearise_starts
+from onlinebayes.identification.results import FittedModel
 from onlinebayes.simulators.base import Simulator
 
 FAR = 2.0  # floors: an error that is worth a word

@@ -18,13 +18,13 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.data.motion import seen_by
-from onlinebayes.criticism.data.windows import Windows, joint_names
-from onlinebayes.criticism.fitting.blocks import Blocks
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.projection import project
 from onlinebayes.criticism.judging.score import SHORT_WINDOWS
-from onlinebayes.criticism.replaying.scoped import effect_entries
+from onlinebayes.identification.data.motion import seen_by
+from onlinebayes.identification.data.windows import Windows, joint_names
+from onlinebayes.identification.fitting.blocks import Blocks
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.projection import project
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.simulators.effects import Effect
 
 SAME_SIGN_SHARE = 0.8

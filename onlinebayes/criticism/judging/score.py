@@ -17,13 +17,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.noise import correlation_time, log_t, student_t
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import Blocks, held_out_rows, leave_one_out
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.per_run_values import lent
-from onlinebayes.criticism.fitting.projection import Projected, project
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator
+from onlinebayes.identification.data.noise import correlation_time, log_t, student_t
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import Blocks, held_out_rows, leave_one_out
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.per_run_values import lent
+from onlinebayes.identification.fitting.projection import Projected, project
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
 
 STANDARD_ERRORS = 2.0
 """A gain is clear, and two models are parted, from so many standard errors on."""
@@ -102,7 +102,7 @@ class Gain:
 
 
 def cross_validate(fitted: Fit, windows: Windows, blocks: Blocks) -> CrossValidated:
-    """Leave each block out in turn (see :mod:`onlinebayes.criticism.fitting.blocks`)."""
+    """Leave each block out in turn (see :mod:`onlinebayes.identification.fitting.blocks`)."""
     without = leave_one_out(fitted, blocks)
     long = project(windows, fitted.lin)
     short = project(windows, fitted.lin, pieces=SHORT_WINDOWS)

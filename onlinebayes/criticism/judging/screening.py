@@ -26,7 +26,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.fitting.projection import Projected
+from onlinebayes.identification.fitting.projection import Projected
 
 CONFOUNDED = 1e-3
 ALL_FLIPS = 12  # blocks

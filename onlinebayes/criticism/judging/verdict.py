@@ -17,15 +17,16 @@ from dataclasses import dataclass
 
 import torch
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.fitting.outlying_starts import best_starts
-from onlinebayes.criticism.fitting.projection import row_weights, start_shift
 from onlinebayes.criticism.judging.score import CrossValidated, parted
-from onlinebayes.criticism.replaying.replay import replay
-from onlinebayes.criticism.results import Numerics, Verdict
+from onlinebayes.criticism.results import Verdict
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.fitting.outlying_starts import best_starts
+from onlinebayes.identification.fitting.projection import row_weights, start_shift
+from onlinebayes.identification.replaying.replay import replay
+from onlinebayes.identification.results import Numerics
 
 SAME = 0.01
 AT_FLOOR = 1.2

@@ -13,10 +13,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.replaying.forces import EffectForce
 from onlinebayes.criticism.report import geometry, phrases
 from onlinebayes.criticism.report.colours import EFFECTS
+from onlinebayes.identification import quantities
+from onlinebayes.identification.replaying.forces import EffectForce
 
 if TYPE_CHECKING:
     from rerun import RecordingStream

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism import quantities, region_words
+from onlinebayes.criticism import region_words
 from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.identification import quantities
 
 SHOWN = 15
 

@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.data.coordinates import AXES
-from onlinebayes.criticism.data.rotations import exponential, product
+from onlinebayes.identification.data.coordinates import AXES
+from onlinebayes.identification.data.rotations import exponential, product
 
 if TYPE_CHECKING:
     from rerun import RecordingStream

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from onlinebayes.criticism.results import Candidate, Criticism, Estimate, ParameterChange
+from onlinebayes.criticism.results import Candidate, Criticism, ParameterChange
+from onlinebayes.identification.results import Estimate
 from onlinebayes.runs.results import machine, versions
 
 SCHEMA = 1

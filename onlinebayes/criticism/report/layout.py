@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.replaying.forces import effect_forces
 from onlinebayes.criticism.report import arrows, geometry, replays, words
 from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification import quantities
+from onlinebayes.identification.replaying.forces import effect_forces
 
 if TYPE_CHECKING:
     from rerun.blueprint import Blueprint, Vertical

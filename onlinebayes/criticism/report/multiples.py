@@ -9,9 +9,9 @@ from html import escape
 
 import numpy as np
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.detail import Profile
 from onlinebayes.criticism.report import svg
+from onlinebayes.identification import quantities
+from onlinebayes.identification.detail import Profile
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 300, 158, 40, 8, 8, 34
 TITLES = {

@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Sequence
 
-from onlinebayes.criticism import quantities
-from onlinebayes.criticism.results import Estimate
+from onlinebayes.identification import quantities
+from onlinebayes.identification.results import Estimate
 from onlinebayes.simulators.effects import EFFECTS
 
 NOT_DETERMINED = "not determined"

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from onlinebayes.criticism import quantities
 from onlinebayes.criticism.report import replays, words
 from onlinebayes.criticism.report.replays import Trace
 from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification import quantities
 from onlinebayes.runs import atomic_path
 
 if TYPE_CHECKING:

@@ -23,12 +23,13 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.replaying.forces import EffectForce, effect_forces
-from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.report import arrows, documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS, EFFECTS
 from onlinebayes.criticism.report.geometry import Colour
-from onlinebayes.criticism.results import Criticism, ReplayedRun
+from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification.replaying.forces import EffectForce, effect_forces
+from onlinebayes.identification.replaying.wrapper import unwrap
+from onlinebayes.identification.results import ReplayedRun
 from onlinebayes.runs import atomic_path
 from onlinebayes.simulators.mujoco import MujocoSimulator
 

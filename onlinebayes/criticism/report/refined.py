@@ -18,12 +18,13 @@ from typing import Any
 
 import mujoco
 
-from onlinebayes.criticism.replaying.scoped import physical
-from onlinebayes.criticism.replaying.wrapper import unwrap
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.mending import mended
-from onlinebayes.criticism.results import Criticism, FittedModel
-from onlinebayes.criticism.scope import address_of
+from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification.replaying.scoped import physical
+from onlinebayes.identification.replaying.wrapper import unwrap
+from onlinebayes.identification.results import FittedModel
+from onlinebayes.identification.scope import address_of
 from onlinebayes.runs import BadInput, to_toml, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.assets import put_beside

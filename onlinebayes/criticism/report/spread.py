@@ -15,8 +15,8 @@ from html import escape
 
 import numpy as np
 
-from onlinebayes.criticism import quantities
 from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification import quantities
 
 WIDTH, LEFT, RIGHT, ROW, BOTTOM = 540, 8, 532, 58, 46
 MOST_TICKS = 200

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from onlinebayes.criticism import quantities, region_words
+from onlinebayes.criticism import region_words
 from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
 from onlinebayes.criticism.report.phrases import better, effects_in_words, estimate, listing, times_floor
-from onlinebayes.criticism.results import STOPPED, Criticism, Estimate, ParameterChange
-from onlinebayes.criticism.scope import address_of
+from onlinebayes.criticism.results import STOPPED, Criticism, ParameterChange
+from onlinebayes.identification import quantities
+from onlinebayes.identification.results import Estimate
+from onlinebayes.identification.scope import address_of
 
 VERDICTS = {
     "data_problem": "problem in the data",

@@ -13,13 +13,13 @@ from __future__ import annotations
 import contextlib
 
 from onlinebayes.criticism.candidates.survey import Screened, survey
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import NOTICED, Fit, fit
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
-from onlinebayes.criticism.fitting.projection import misfit
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.stage import leaves_noise, refit
 from onlinebayes.criticism.searching.working_model import carry_theta
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import NOTICED, Fit, fit
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.fitting.projection import misfit
+from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -13,13 +13,13 @@ import math
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, score_gain
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta
+from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.numerics import settle
 from onlinebayes.runs import BadInput
 
 

@@ -15,13 +15,13 @@ import dataclasses
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.score import STANDARD_ERRORS, cross_validate, score_gain
 from onlinebayes.criticism.judging.verdict import left_over
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Stage
+from onlinebayes.identification.fitting.fit import Fit, fit
+from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.verdict import AT_FLOOR, halved, left_over
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.per_run_parameters import Differing, beats, find_differing, with_own_values
 from onlinebayes.criticism.searching.stage import Stage
+from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 

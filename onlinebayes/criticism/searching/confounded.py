@@ -16,14 +16,14 @@ from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.fitting.fit import Fit, fit, unfitted
 from onlinebayes.criticism.judging.acceptance import Judged, choose
-from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.backward_elimination import needed
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.rival_fits import Incumbent
 from onlinebayes.criticism.searching.stage import EVERY_P, Added, Stage, judged_in, leaves_noise, refit
 from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta, with_effects
+from onlinebayes.identification.fitting.fit import Fit, fit, unfitted
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 

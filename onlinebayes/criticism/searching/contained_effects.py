@@ -11,14 +11,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import contained
 from onlinebayes.criticism.judging.score import cross_validate
-from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.working_model import WorkingModel
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.replaying.scoped import effect_entries
+from onlinebayes.identification.results import Selection
 
 WORSE = 1.01  # times the cross-validated error with both
 

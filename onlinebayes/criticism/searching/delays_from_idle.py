@@ -12,14 +12,14 @@ from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.candidates.survey import Screened, survey
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.as_run import far_better
-from onlinebayes.criticism.fitting.before_runs import commanded_at_once, remembers_commands, reread
-from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.search import enough_motion
 from onlinebayes.criticism.searching.stage import MUCH_PROMISED, refit
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.as_run import far_better
+from onlinebayes.identification.fitting.before_runs import commanded_at_once, remembers_commands, reread
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.runs import BadInput
 
 RIVALS = 2

@@ -22,11 +22,7 @@ from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.judging.acceptance import Judged, choose
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.per_run_parameters import HALF_LEVEL, may_change
 from onlinebayes.criticism.searching.stage import (
@@ -42,6 +38,10 @@ from onlinebayes.criticism.searching.stage import (
     leaves_noise,
     worth,
 )
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.fitting.projection import misfit
+from onlinebayes.identification.results import Selection
 from onlinebayes.simulators.effects import EFFECTS, Effect, ParameterDrift, ParameterStep
 
 MOST_REFITS_OF_A_GROUP = 2

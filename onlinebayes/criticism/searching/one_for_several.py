@@ -21,8 +21,6 @@ from itertools import combinations
 
 from onlinebayes.criticism.candidates.candidates import can_have, grown, propose
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, choose, contained
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted, score_gain
 from onlinebayes.criticism.searching.backward_elimination import eliminate
@@ -30,6 +28,8 @@ from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.flexible_candidates import MOST_REFITS_OF_A_GROUP, effect_groups
 from onlinebayes.criticism.searching.stage import EVERY_P, Added, judged_stage, leaves_noise, worth
 from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta, with_effects
+from onlinebayes.identification.fitting.fit import Fit, fit
+from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import ConstantLoad, Effect, GravityTilt
 

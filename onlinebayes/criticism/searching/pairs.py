@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from onlinebayes.criticism.candidates.survey import Survey, survey
-from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import cross_validate, parted, score_gain
-from onlinebayes.criticism.replaying.scoped import effect_values
-from onlinebayes.criticism.results import Numerics, Selection
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import MOST_REFITS_OF_A_ROUND, Added, Stage, judged_stage, refit, worth
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.replaying.scoped import effect_values
+from onlinebayes.identification.results import Numerics, Selection
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 

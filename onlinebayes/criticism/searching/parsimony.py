@@ -15,15 +15,15 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.judging.score import cross_validate, parted
-from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.backward_elimination import needed
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Added, Stage, blocks_for, leaves_noise
 from onlinebayes.criticism.searching.working_model import WorkingModel, carry_theta
+from onlinebayes.identification.fitting.fit import Fit, fit
+from onlinebayes.identification.fitting.numerics import settle
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput
 
 MOST_EQUALS = 2  # of an effect, by gain

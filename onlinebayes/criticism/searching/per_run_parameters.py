@@ -22,14 +22,6 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.noise import correlation_time
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, t_quantile
-from onlinebayes.criticism.fitting.descent import bounded_step
-from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time
-from onlinebayes.criticism.fitting.identifiability import covariance_of
-from onlinebayes.criticism.fitting.per_run_values import run_halves
-from onlinebayes.criticism.fitting.projection import project, replace_columns
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL
 from onlinebayes.criticism.judging.contrasts import contrast_p_values
 from onlinebayes.criticism.judging.homogeneity import one_law
@@ -40,10 +32,18 @@ from onlinebayes.criticism.judging.score import (
     cross_validate,
     score_gain,
 )
-from onlinebayes.criticism.replaying.scoped import ScopedSimulator, unscoped
-from onlinebayes.criticism.results import Selection
-from onlinebayes.criticism.scope import Scope, address_of
 from onlinebayes.criticism.searching.stage import Stage
+from onlinebayes.identification.data.noise import correlation_time
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, t_quantile
+from onlinebayes.identification.fitting.descent import bounded_step
+from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
+from onlinebayes.identification.fitting.identifiability import covariance_of
+from onlinebayes.identification.fitting.per_run_values import run_halves
+from onlinebayes.identification.fitting.projection import project, replace_columns
+from onlinebayes.identification.replaying.scoped import ScopedSimulator, unscoped
+from onlinebayes.identification.results import Selection
+from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 

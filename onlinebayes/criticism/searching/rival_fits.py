@@ -6,15 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.blocks import Blocks
-from onlinebayes.criticism.fitting.descent import bounded_step
-from onlinebayes.criticism.fitting.fit import Fit, improve, unfitted
-from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.judging.acceptance import Judged, contained
 from onlinebayes.criticism.judging.score import CrossValidated, cross_validate, parted
-from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.stage import HOPELESS_RATIO, blocks_for
 from onlinebayes.criticism.searching.working_model import carry_theta
+from onlinebayes.identification.fitting.blocks import Blocks
+from onlinebayes.identification.fitting.descent import bounded_step
+from onlinebayes.identification.fitting.fit import Fit, improve, unfitted
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect

@@ -14,8 +14,6 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.fit import Fit
-from onlinebayes.criticism.fitting.numerics import settle
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.score import parted, score_gain
 from onlinebayes.criticism.judging.verdict import tied
@@ -23,6 +21,8 @@ from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.rival_fits import Incumbent, can_replace, fit_with_rival, rival_as_judged
 from onlinebayes.criticism.searching.stage import Added, Stage
 from onlinebayes.criticism.searching.working_model import WorkingModel
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.numerics import settle
 from onlinebayes.simulators.effects import Effect
 
 

@@ -9,11 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.noise import measured_floors
-from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, make_blocks
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
 from onlinebayes.criticism.judging.acceptance import choose
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.added_by_hand import begun_as_candidates
 from onlinebayes.criticism.searching.backward_elimination import eliminate
 from onlinebayes.criticism.searching.bounds import Widened, excluded
@@ -37,6 +33,10 @@ from onlinebayes.criticism.searching.sensor_zeros import judge_zero_errors
 from onlinebayes.criticism.searching.shared_law import find_shared_law
 from onlinebayes.criticism.searching.stage import Added, Stage, run_stage
 from onlinebayes.criticism.searching.working_model import WorkingModel, drop_idle, with_change, with_effects
+from onlinebayes.identification.data.noise import measured_floors
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, make_blocks
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect

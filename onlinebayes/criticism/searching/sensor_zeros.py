@@ -14,13 +14,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import Fit
 from onlinebayes.criticism.judging.acceptance import Judged
-from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Stage, judged_stage
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.replaying.scoped import effect_entries
+from onlinebayes.identification.results import Numerics
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import SensorBias
 

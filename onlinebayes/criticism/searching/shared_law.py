@@ -16,14 +16,14 @@ from collections.abc import Sequence
 
 from onlinebayes.criticism.candidates.candidates import grown
 from onlinebayes.criticism.candidates.survey import Screened, survey
-from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
 from onlinebayes.criticism.judging.score import cross_validate, score_gain
-from onlinebayes.criticism.replaying.scoped import with_effect_values
-from onlinebayes.criticism.results import Numerics
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import LEAST_PROMISED_FALL, Added, Stage, judged_in
 from onlinebayes.criticism.searching.working_model import carry_theta
+from onlinebayes.identification.fitting.fit import Fit, fit
+from onlinebayes.identification.fitting.inactive_effects import restart_inactive_effects
+from onlinebayes.identification.replaying.scoped import with_effect_values
+from onlinebayes.identification.results import Numerics
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect
 

@@ -14,15 +14,15 @@ import torch
 
 from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.survey import Screened, Survey, survey
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, make_blocks
-from onlinebayes.criticism.fitting.fit import Fit, fit, residual_correlation_time, still_promised
-from onlinebayes.criticism.fitting.inactive_effects import restart_inactive_effects
-from onlinebayes.criticism.fitting.projection import misfit, project
 from onlinebayes.criticism.judging.acceptance import LEAST_FALL, Judged, contained, judge
 from onlinebayes.criticism.judging.score import CrossValidated
-from onlinebayes.criticism.replaying.scoped import effect_entries
-from onlinebayes.criticism.results import Numerics, Selection
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, Blocks, independent_parts, make_blocks
+from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time, still_promised
+from onlinebayes.identification.fitting.inactive_effects import restart_inactive_effects
+from onlinebayes.identification.fitting.projection import misfit, project
+from onlinebayes.identification.replaying.scoped import effect_entries
+from onlinebayes.identification.results import Numerics, Selection
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.effects import Effect
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 from onlinebayes.criticism.candidates.lookalikes import lookalikes
 from onlinebayes.criticism.judging.acceptance import Judged
 from onlinebayes.criticism.judging.verdict import tied
-from onlinebayes.criticism.replaying.scoped import effect_entries
 from onlinebayes.criticism.searching.rival_fits import Incumbent, Rival, can_replace, fit_with_rival, rival_as_judged
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import HOPELESS_RATIO
+from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.simulators.base import Simulator
 
 NEAR_ERROR_RATIO = 1.5

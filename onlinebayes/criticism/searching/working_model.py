@@ -15,12 +15,12 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
-from onlinebayes.criticism.fitting.projection import misfit
 from onlinebayes.criticism.judging.acceptance import contained, interval
 from onlinebayes.criticism.searching.changes import Changed
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Added, blocks_for
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 

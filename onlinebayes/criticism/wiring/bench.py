@@ -10,17 +10,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.grid import row_step
-from onlinebayes.criticism.data.motion import seen_by
-from onlinebayes.criticism.data.noise import measured_floors
-from onlinebayes.criticism.data.windows import Windows, joint_names, make_windows
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.numerics import Grounds
-from onlinebayes.criticism.fitting.projection import signal_rms
-from onlinebayes.criticism.replaying.ladder import Rung, ladder
-from onlinebayes.criticism.replaying.replay import replay
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
+from onlinebayes.identification.data.grid import row_step
+from onlinebayes.identification.data.motion import seen_by
+from onlinebayes.identification.data.noise import measured_floors
+from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.fitting.projection import signal_rms
+from onlinebayes.identification.replaying.ladder import Rung, ladder
+from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator

@@ -19,13 +19,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.coordinates import Rotation
-from onlinebayes.criticism.data.orientation_path import OrientationPath, followed
-from onlinebayes.criticism.data.rotations import inverse, rotated
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.charted import orientation_paths, with_orientation_paths
-from onlinebayes.criticism.split import origin
 from onlinebayes.criticism.wiring.faults import Fault
+from onlinebayes.identification.data.coordinates import Rotation
+from onlinebayes.identification.data.orientation_path import OrientationPath, followed
+from onlinebayes.identification.data.rotations import inverse, rotated
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.replaying.charted import orientation_paths, with_orientation_paths
+from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 

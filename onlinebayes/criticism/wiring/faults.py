@@ -26,7 +26,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.identification.data.windows import Windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 

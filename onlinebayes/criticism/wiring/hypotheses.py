@@ -13,9 +13,6 @@ import math
 from collections.abc import Iterator
 from itertools import combinations, groupby
 
-from onlinebayes.criticism.data.coordinates import velocity
-from onlinebayes.criticism.data.windows import joint_names
-from onlinebayes.criticism.replaying.charted import orientation_paths
 from onlinebayes.criticism.wiring.conventions import conventions
 from onlinebayes.criticism.wiring.faults import (
     COMMAND,
@@ -29,6 +26,9 @@ from onlinebayes.criticism.wiring.faults import (
     Swapped,
 )
 from onlinebayes.criticism.wiring.shifts import is_sensor, shifts
+from onlinebayes.identification.data.coordinates import velocity
+from onlinebayes.identification.data.windows import joint_names
+from onlinebayes.identification.replaying.charted import orientation_paths
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 

@@ -19,14 +19,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import can_have
-from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.fit import fit
-from onlinebayes.criticism.fitting.projection import signal_rms
-from onlinebayes.criticism.replaying.charted import orientation_paths
 from onlinebayes.criticism.wiring.bench import Bench, replay_rms, total
 from onlinebayes.criticism.wiring.faults import AsItStands
 from onlinebayes.criticism.wiring.shifts import FEWEST_ROWS, WHOLE, Shifted, late_joints
 from onlinebayes.criticism.wiring.wiring import EQUAL_ERROR_RATIO, SCREENED_SHARE
+from onlinebayes.identification.data.windows import MEMORY, make_windows
+from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.projection import signal_rms
+from onlinebayes.identification.replaying.charted import orientation_paths
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import ActuatorDelay

@@ -19,9 +19,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.wiring.bench import replay_rms
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.simulators.base import Simulator
 
 GRID = 0.08  # of a window: the first moves

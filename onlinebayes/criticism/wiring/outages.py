@@ -19,12 +19,12 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.fitting.fit import fit, unfitted
-from onlinebayes.criticism.fitting.numerics import Grounds
 from onlinebayes.criticism.wiring.bench import replay_rms
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.criticism.wiring.outage_edges import Stretch, settled
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import fit, unfitted
+from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.base import Simulator
 

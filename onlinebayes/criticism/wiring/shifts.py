@@ -18,8 +18,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from onlinebayes.criticism.data.latency import without_latency
 from onlinebayes.criticism.wiring.faults import Fault
+from onlinebayes.identification.data.latency import without_latency
 from onlinebayes.measurements import Measurement
 
 ROWS = (1, 2, 3, 5, 8)

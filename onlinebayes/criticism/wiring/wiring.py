@@ -26,17 +26,17 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.fitting.horizon import steady
-from onlinebayes.criticism.fitting.numerics import Grounds, settle
-from onlinebayes.criticism.fitting.projection import misfit, signal_rms
 from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.criticism.judging.verdict import left_over
-from onlinebayes.criticism.results import Selection
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.wiring.bench import Bench, total
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.wiring.outages import outage, sudden
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.horizon import steady
+from onlinebayes.identification.fitting.numerics import Grounds, settle
+from onlinebayes.identification.fitting.projection import misfit, signal_rms
+from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.base import Simulator

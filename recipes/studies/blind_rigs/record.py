@@ -14,7 +14,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from envs.rigs import RIGS
-from onlinebayes.criticism.results import Verdict
+from onlinebayes.criticism import Verdict
 from recipes.studies.blind_rigs.names import Answer, answer, spellings
 from recipes.studies.json_line import parsed
 

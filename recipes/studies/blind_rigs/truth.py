@@ -18,17 +18,22 @@ from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism.candidates.candidates import grown, propose
-from onlinebayes.criticism.candidates.longer import longer
-from onlinebayes.criticism.data.windows import MEMORY, make_windows
-from onlinebayes.criticism.fitting.fit import Fit, fit
-from onlinebayes.criticism.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
-from onlinebayes.criticism.fitting.horizon import steady
-from onlinebayes.criticism.replaying.clock import in_step
-from onlinebayes.criticism.replaying.ladder import reported
-from onlinebayes.criticism.replaying.measured_starts import windows_to_replay
-from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.split import split
+from onlinebayes.criticism import ground, grown, longer, propose
+from onlinebayes.identification import (
+    MEMORY,
+    Fit,
+    fit,
+    in_step,
+    make_windows,
+    replay_error,
+    replay_runs,
+    reported,
+    split,
+    start_floor,
+    start_spread,
+    steady,
+    windows_to_replay,
+)
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, ThermalDerating

@@ -17,10 +17,8 @@ import torch
 
 from envs.rigs import RIGS, BlindCase, HiddenEffect, Rig, sized_case
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism import Criticism, refine
-from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.data.windows import make_windows
-from onlinebayes.criticism.split import split
+from onlinebayes.criticism import Criticism, propose, refine
+from onlinebayes.identification import make_windows, split
 from onlinebayes.simulators.effects import EFFECTS
 from recipes.studies.blind_rigs.judging import loaded, why_not
 from recipes.studies.blind_rigs.names import spelt

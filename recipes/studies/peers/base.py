@@ -8,7 +8,7 @@ from typing import final
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.identification import Windows
 from recipes.studies.peers.ours import replayed
 from recipes.studies.peers.task import Claim, Fitted, Task
 

@@ -21,8 +21,7 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-from onlinebayes.criticism.fitting.descent import LEAST_PROMISE
-from onlinebayes.criticism.fitting.fit import fit
+from onlinebayes.identification import LEAST_PROMISE, fit
 from recipes.studies.peers.free_starts import FreeStarts
 from recipes.studies.peers.sysid import Problem
 from recipes.studies.peers.sysid_parameters import Freed, setter

@@ -4,7 +4,7 @@
 
 Each start's 2 J numbers are a parameter of sysid's. Its differences are dense: a column for each number of each start,
 all windows in one rollout of every column (see :mod:`.sysid`), where ours moves all windows' starts at once and solves
-for each apart (`onlinebayes.criticism.fitting.projection`).
+for each apart (`onlinebayes.identification.fitting.projection`).
 """
 
 from __future__ import annotations

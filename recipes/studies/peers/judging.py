@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.fitting.heldout import start_floor, start_spread
+from onlinebayes.identification import start_floor, start_spread
 from recipes.studies.job import Job
 from recipes.studies.peers.cases import Case, make
 from recipes.studies.peers.record import COST, Outcome, scored

@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Float
 from numpy import ndarray
 
-from onlinebayes.criticism.data.windows import Windows, joint_names
+from onlinebayes.identification import Windows, joint_names
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.peers.task import Claim, Task

@@ -21,9 +21,7 @@ from jaxtyping import Bool, Float, Int
 from numpy import ndarray
 from scipy.signal import convolve, savgol_coeffs, savgol_filter
 
-from onlinebayes.criticism.data.grid import RunGrid, run_grids
-from onlinebayes.criticism.data.motion import seen_by
-from onlinebayes.criticism.data.windows import Windows, joint_names
+from onlinebayes.identification import RunGrid, Windows, joint_names, run_grids, seen_by
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.peers.task import Task
 

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from numpy import ndarray
 from torch import Tensor, nn
 
-from onlinebayes.criticism.data.windows import Windows, joint_names
+from onlinebayes.identification import Windows, joint_names
 from onlinebayes.runs import generator
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.peers.motion import Motion, folds, forces, motion

@@ -10,8 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism import Criticism, refine
-from onlinebayes.criticism.data.windows import Windows
-from onlinebayes.criticism.replaying.replay import rollout, sensor_readings
+from onlinebayes.identification import Windows, rollout, sensor_readings
 from onlinebayes.simulators.base import Simulator
 from recipes.studies.peers.task import Claim, Fitted, Task
 

@@ -22,7 +22,7 @@ from jaxtyping import Bool, Float
 from numpy import ndarray
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.identification import Windows
 from recipes.studies.peers.library import Library, base_theta, library
 from recipes.studies.peers.motion import cross_validated, folds, forces, motion
 from recipes.studies.peers.task import Claim, Fitted, Task, open_loop_error

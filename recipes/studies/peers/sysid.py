@@ -23,7 +23,7 @@ from mujoco import rollout, sysid
 from numpy import ndarray
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.identification import Windows
 from onlinebayes.simulators.mujoco.model import quiet
 from recipes.studies.peers.sysid_parameters import Freed, every_parameter, prepared
 from recipes.studies.peers.task import Claim, Fitted, Task

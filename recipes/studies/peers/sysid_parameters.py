@@ -23,8 +23,8 @@ from typing import final
 
 import mujoco
 
-from onlinebayes.criticism.candidates.scales import target_scales
-from onlinebayes.criticism.data.windows import joint_names
+from onlinebayes.criticism import target_scales
+from onlinebayes.identification import joint_names
 from onlinebayes.runs import BadInput
 from recipes.studies.peers.task import Claim, Task
 

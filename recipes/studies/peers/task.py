@@ -18,13 +18,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism import Selection
-from onlinebayes.criticism.data.grid import row_step, run_grids
-from onlinebayes.criticism.data.noise import noise_floors
-from onlinebayes.criticism.data.windows import MEMORY, Windows, make_windows
-from onlinebayes.criticism.fitting.horizon import steady
-from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.split import split
+from onlinebayes.criticism import Selection, ground
+from onlinebayes.identification import MEMORY, Windows, make_windows, noise_floors, row_step, run_grids, split, steady
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.mujoco import MujocoSimulator
 

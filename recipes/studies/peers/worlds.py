@@ -20,7 +20,7 @@ from jaxtyping import Float, Int
 from numpy import ndarray
 from torch import Tensor
 
-from onlinebayes.criticism.data.windows import Windows
+from onlinebayes.identification import Windows
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
 

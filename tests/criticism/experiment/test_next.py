@@ -10,7 +10,6 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import Criticism, Selection, diagnose, refine
-from onlinebayes.criticism.data.windows import MEMORY, make_windows
 from onlinebayes.criticism.experiment import Allowed, Payload, next_experiment
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.deciding import strength
@@ -19,8 +18,9 @@ from onlinebayes.criticism.experiment.limits import find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis
 from onlinebayes.criticism.experiment.rivals import Pair, Size, explanation, find_rivals
 from onlinebayes.criticism.experiment.separation import predicted_windows, refitted, separations
-from onlinebayes.criticism.fitting.fit import fit
 from onlinebayes.criticism.results import Wiring
+from onlinebayes.identification.data.windows import MEMORY, make_windows
+from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Interrupt

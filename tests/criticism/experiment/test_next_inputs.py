@@ -7,10 +7,10 @@ import math
 import pytest
 import torch
 
-from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.experiment.inputs import Inputs, Posture, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, find_limits
 from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
+from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.runs import BadInput
 from tests.criticism import sprung
 

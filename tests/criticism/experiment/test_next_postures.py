@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.data.windows import Windows, make_windows
 from onlinebayes.criticism.experiment.check import check_table
 from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Limits
 from onlinebayes.criticism.experiment.play import Hypothesis, play
 from onlinebayes.criticism.experiment.postures import postures
+from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput

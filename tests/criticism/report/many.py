@@ -6,10 +6,11 @@ import dataclasses
 
 import torch
 
-from onlinebayes.criticism.detail import Detail
 from onlinebayes.criticism.findings.profiles import profiles
-from onlinebayes.criticism.fitting.heldout import window_errors
-from onlinebayes.criticism.results import Candidate, Criticism, Estimate, Failure, FittedModel, HeldOutError, Remainder
+from onlinebayes.criticism.results import Candidate, Criticism, Failure, HeldOutError, Remainder
+from onlinebayes.identification.detail import Detail
+from onlinebayes.identification.fitting.heldout import window_errors
+from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.parameters import Parameter, ParameterSpace
 from tests.criticism.report.synthetic import Unmoved, criticism
 

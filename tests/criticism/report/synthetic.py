@@ -14,26 +14,21 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.criticism.detail import Detail, HorizonError
 from onlinebayes.criticism.findings.profiles import profiles
-from onlinebayes.criticism.fitting.heldout import window_errors
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
-    Estimate,
     Failure,
-    FittedModel,
-    FlatDirection,
     HeldOutError,
-    Numerics,
     ParameterChange,
     Remainder,
-    ReplayedRun,
-    Selection,
     Step,
     Wiring,
 )
 from onlinebayes.criticism.timing import Timing
+from onlinebayes.identification.detail import Detail, HorizonError
+from onlinebayes.identification.fitting.heldout import window_errors
+from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorLag, ConstantLoad, DryFriction

@@ -7,10 +7,10 @@ import re
 
 import pytest
 
-from onlinebayes.criticism.detail import Profile
 from onlinebayes.criticism.region_words import in_words
 from onlinebayes.criticism.report import multiples, spread
 from onlinebayes.criticism.report.markup import prose
+from onlinebayes.identification.detail import Profile
 from tests.criticism.report.many import many
 from tests.criticism.report.synthetic import SIGNAL, criticism
 

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from onlinebayes.criticism import quantities, region_words
+from onlinebayes.criticism import region_words
 from onlinebayes.criticism.report import candidate_words, phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
 from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.identification import quantities
 
 SIZES = 5
 """How many values of effects stand in a tile or a row: the parameters have a table of their own."""

@@ -1,0 +1,85 @@
+"""Replay a log through a simulator, fit the parameters, and say which directions the data determine.
+
+    windows = make_windows(simulator, measurement, horizon)     # stretches of the log, each with a smoothed start
+    fitted = fit(simulator, windows, simulator.nominal)         # starts projected out, damped least squares
+    simulated = replay(simulator, windows, fitted.theta[None])
+    flat_directions(fitted, ...), estimates(...)                # what the data say, and what they do not
+
+Criticism and inference both stand on it. ``data`` cuts runs into windows, ``replaying`` plays them, ``fitting`` fits.
+Users outside import from here; criticism uses the inner rooms until its search is replaced.
+"""
+
+from onlinebayes.identification.data.grid import RunGrid, row_step, run_grids
+from onlinebayes.identification.data.motion import seen_by
+from onlinebayes.identification.data.noise import noise_floors
+from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
+from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, flip_groups
+from onlinebayes.identification.fitting.closed_loops import completed, follow
+from onlinebayes.identification.fitting.descent import LEAST_PROMISE
+from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
+from onlinebayes.identification.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
+from onlinebayes.identification.fitting.horizon import steady
+from onlinebayes.identification.fitting.identifiability import estimates, flat_directions
+from onlinebayes.identification.fitting.projection import Projected, noise_rows, project, signal_rms
+from onlinebayes.identification.fitting.sensitivities import columns, linearise
+from onlinebayes.identification.replaying.charted import charted
+from onlinebayes.identification.replaying.clock import in_step
+from onlinebayes.identification.replaying.ladder import reported
+from onlinebayes.identification.replaying.measured_starts import windows_to_replay
+from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
+from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
+from onlinebayes.identification.scope import Scope
+from onlinebayes.identification.splitting import split
+
+__all__ = [
+    "FEWEST_BLOCKS",
+    "LEAST_PROMISE",
+    "MEMORY",
+    "Detail",
+    "Estimate",
+    "Fit",
+    "FittedModel",
+    "FlatDirection",
+    "HorizonError",
+    "Numerics",
+    "Profile",
+    "Projected",
+    "ReplayedRun",
+    "RunGrid",
+    "Scope",
+    "Selection",
+    "WindowError",
+    "Windows",
+    "charted",
+    "columns",
+    "completed",
+    "estimates",
+    "fit",
+    "flat_directions",
+    "flip_groups",
+    "follow",
+    "in_step",
+    "joint_names",
+    "linearise",
+    "make_windows",
+    "noise_floors",
+    "noise_rows",
+    "project",
+    "replay",
+    "replay_error",
+    "replay_runs",
+    "reported",
+    "residual_correlation_time",
+    "rollout",
+    "row_step",
+    "run_grids",
+    "seen_by",
+    "sensor_readings",
+    "signal_rms",
+    "split",
+    "start_floor",
+    "start_spread",
+    "steady",
+    "windows_to_replay",
+]

@@ -1,0 +1,168 @@
+"""Parameters with one value per run: cross-fitted, so that no value is judged on the rows it was estimated from.
+
+A run that is left out, or held out, has parameters of its own that nothing else tells. They are nuisances as its
+windows' starts are, but one for many windows, so that fitting them to the rows they are judged on would flatter the
+model. The run is cut into two halves, and each half is judged with the value that the other half gives, all shared
+parameters as they are without the run:
+
+    d_h = argmin over d of sum_{w in the other half} |r~_w - C~_w d|^2        (cross-fitting)
+
+Where there is no other half (a single window) the mean of the other runs' values stands in.
+The interval of an own value comes from the spread between its run's windows (sandwich, Liang and Zeger 1986):
+
+    V = n / (n - 1) N^-1 (sum_w g_w g_w') N^-1,     N = sum_w C~_w' C~_w,    g_w = C~_w' r~_w
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import Blocks
+from onlinebayes.identification.fitting.fit import Fit, fit
+from onlinebayes.identification.replaying.bounded import bounded_least_squares
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
+from onlinebayes.identification.scope import Scope, own_name
+from onlinebayes.identification.splitting import HALVES
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
+
+
+def run_halves(windows: Windows, of: Int[Tensor, " W"]) -> Int[Tensor, " W"]:
+    """0 in the first half of each run's windows of each block ``of``, 1 in the second."""
+    half = torch.zeros_like(of)
+    for block in torch.unique(of):
+        for run in torch.unique(windows.run):
+            mine = ((of == block) & (windows.run == run)).nonzero()[:, 0]
+            half[mine[(len(mine) + 1) // 2 :]] = 1
+    return half
+
+
+def lent(
+    fitted: Fit, windows: Windows, blocks: Blocks, without: Float[Tensor, "B F"]
+) -> tuple[Float[Tensor, "2 B F"], Int[Tensor, " W"]]:
+    """theta_-b for either half of every block, and the half of each window.
+
+    Args:
+        fitted: the fit to all windows.
+        windows, blocks: what was fitted, and its blocks.
+        without: theta_-b (see ``blocks.leave_one_out``), in which own values without other data stand as fitted.
+    """
+    simulator, half = fitted.simulator, run_halves(windows, blocks.of)
+    both = without.expand(2, *without.shape).clone()
+    if not isinstance(simulator, ScopedSimulator):
+        return both, half
+    C, r, space = fitted.projected.columns, fitted.projected.residual, simulator.parameters
+    informs, owner = _informs(fitted), simulator.owner_of(windows)
+    for b in range(blocks.count):
+        shared = r - C @ (without[b] - fitted.theta)
+        for who in range(len(simulator.owners)):
+            mine = simulator.own == who
+            if not bool(mine.any()) or bool(informs[blocks.train[b]][:, mine].any()):
+                continue
+            for h in (0, 1):
+                rows = (blocks.of == b) & (half != h) & (owner == who)
+                if not bool(informs[rows][:, mine].any()):
+                    both[h, b, mine] = _mean_of_others(simulator, without[b], mine)
+                    continue
+                c = C[rows][..., mine].flatten(0, 1)
+                here = without[b, mine]
+                low, high = space.low.to(here)[mine] - here, space.high.to(here)[mine] - here
+                both[h, b, mine] += bounded_least_squares(c.T @ c, c.T @ shared[rows].flatten(), low, high)
+    return both, half
+
+
+def own_covariance(fitted: Fit, blocks: Blocks) -> Float[Tensor, "F F"]:
+    """What the jackknife over blocks cannot see [SI]: the spread of own values whose run lies in one block.
+
+    A run of a single window has no spread to go by: its sd is the bounds' width / sqrt(12).
+    """
+    simulator, F = fitted.simulator, len(fitted.theta)
+    covariance = torch.zeros(F, F).to(fitted.theta)
+    if not isinstance(simulator, ScopedSimulator):
+        return covariance
+    C, r, informs = fitted.projected.columns, fitted.projected.residual, _informs(fitted)
+    width = (simulator.parameters.high - simulator.parameters.low).to(fitted.theta)
+    for who in range(len(simulator.owners)):
+        mine = (simulator.own == who).nonzero()[:, 0]
+        rows = informs[:, mine].any(1)
+        if not len(mine) or len(torch.unique(blocks.of[rows])) > 1:
+            continue
+        if int(rows.sum()) < 2:
+            covariance[mine, mine] = width[mine].square() / 12
+            continue
+        c = C[rows][..., mine]
+        inverse = torch.linalg.pinv((c.mT @ c).sum(0), hermitian=True)
+        g = (c.mT @ r[rows][..., None])[..., 0]
+        n = len(g)
+        covariance[mine[:, None], mine] = n / (n - 1) * inverse @ (g.T @ g) @ inverse
+    return covariance
+
+
+def held_out_model(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, " F"]
+) -> tuple[Simulator, Windows, Float[Tensor, " G"]]:
+    """What replays held-out windows: the model itself, or one in which a half of a run has the other half's own value.
+
+    Args:
+        simulator, theta: the fitted model.
+        windows: of the held-out runs.
+
+    Returns:
+        Simulator, windows and theta to replay; the windows are the given ones in the given order, named after the half
+        whose own values they take.
+    """
+    if not isinstance(simulator, ScopedSimulator) or not any(map(simulator.free_in, windows.runs)):
+        return simulator, windows, theta
+    half = run_halves(windows, torch.zeros_like(windows.run))
+    names = tuple(run + suffix for run in windows.runs for suffix in HALVES)
+    begin = tuple(instant for instant in windows.begin for _ in HALVES)
+    histories = tuple(one for one in windows.run_histories for _ in HALVES)
+    parts = replace(windows, run=2 * windows.run + half, runs=names, begin=begin, run_histories=histories)
+    model, start = _parts_model(simulator, parts, theta)
+    try:
+        found = fit(model, parts, start).theta
+    except BadInput:  # it diverges at the other runs' mean: that is what is left to report
+        found = start.clone()
+    swapped = replace(parts, run=2 * windows.run + 1 - half)
+    alone = [name for k, name in enumerate(names) if not bool((parts.run == k).any())]
+    for name in alone:  # a half without windows tells nothing: the fitted runs' mean
+        mine = model.own == model.owners.index(name)
+        found[mine] = start[mine]
+    return model, swapped, found
+
+
+def _parts_model(
+    simulator: ScopedSimulator, parts: Windows, theta: Float[Tensor, " F"]
+) -> tuple[ScopedSimulator, Float[Tensor, " G"]]:
+    """The model in which all is known but the own values of parts of runs, and where those begin."""
+    known: dict[str, dict[str, float]] = {}
+    begin: dict[str, float] = {}
+    for name in parts.runs:
+        A, c = simulator.affine(name)
+        values = dict(zip(simulator.physics.parameters, (A.to(theta) @ theta + c.to(theta)).tolist(), strict=True))
+        free = simulator.free_in(name)
+        known[name] = {address: value for address, value in values.items() if address not in free}
+        begin |= {own_name(address, name): values[address] for address in free}
+    model = ScopedSimulator(simulator.physics, Scope(simulator.scope.per_run, known), parts.runs)
+    return model, theta.new_tensor([begin[name] for name in model.parameters])
+
+
+def _informs(fitted: Fit) -> Bool[Tensor, "W F"]:
+    """Which windows say something about each parameter."""
+    return fitted.projected.columns.square().sum(1) > 0
+
+
+def _mean_of_others(
+    simulator: ScopedSimulator, theta: Float[Tensor, " F"], mine: Bool[Tensor, " F"]
+) -> Float[Tensor, " M"]:
+    """For each own value of a run the mean of the other runs' values of the same parameter; its own without others."""
+    values = []
+    for f in mine.nonzero()[:, 0].tolist():
+        others = (simulator.place == simulator.place[f]) & ~mine
+        values.append(theta[others].mean() if bool(others.any()) else theta[f])
+    return torch.stack(values)

@@ -1,0 +1,75 @@
+"""Windows whose starts are replayed as measured, also where a sensor is late.
+
+    shown at t_w:  q(t_w - T), v(t_w - T)        the state at t_w:  what the sensor shows at t_w + T
+
+A start is handed over as the sensor shows it, and the state behind it is (q + v T, v), see ``simulators.sensing``. In
+a fit, where starts are free, that is enough; replayed as measured, a late sensor's velocity would be wrong by a T.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.identification.data.grid import row_step, run_grids
+from onlinebayes.identification.data.latency import without_latency
+from onlinebayes.identification.data.starts import window_starts
+from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import ActuatorDelay, SensorDelay
+
+
+def windows_to_replay(
+    simulator: Simulator,
+    measurement: Measurement,
+    theta: Float[Tensor, " P"],
+    horizon: float,
+    noise: Float[Tensor, " S"],
+) -> Windows:
+    """Windows for a replay from starts as measured, at every row of the simulator.
+
+    Args:
+        simulator: what will replay them.
+        measurement: the runs.
+        theta: its parameters, for the delays of its sensors [SI].
+        horizon: H [s].
+        noise: floor of each signal [SI].
+    """
+    windows = make_windows(simulator, measurement, horizon, MEMORY * horizon, noise, inset=True)
+    joints = joint_names(simulator)
+    late = {
+        signal: delay
+        for signal, delay in delays(simulator, theta, SensorDelay).items()
+        if delay and signal.removeprefix("qpos.") in simulator.joint_kinds and signal.removeprefix("qpos.") in joints
+    }
+    if not late:
+        return windows
+    prompt = without_latency(measurement, late)
+    cuts = [
+        (r, g * windows.step, (g + windows.rows) * windows.step)
+        for r, g in zip(windows.run.tolist(), windows.first.tolist(), strict=True)
+    ]
+    names = [signal.name for signal in measurement.signals]
+    state, _, moving = window_starts(run_grids(prompt, row_step(prompt)), cuts, names, joints, noise)
+    start = windows.start.clone()
+    for signal, delay in late.items():
+        j = joints.index(signal.removeprefix("qpos."))
+        v = state[:, len(joints) + j]
+        known = windows.free[:, j] & moving[:, j]
+        start[known, j], start[known, len(joints) + j] = (state[:, j] - delay * v)[known], v[known]
+    return replace(windows, start=start)
+
+
+def delays(
+    simulator: Simulator, theta: Float[Tensor, " P"], kind: type[SensorDelay] | type[ActuatorDelay]
+) -> dict[str, float]:
+    """Target -> by how much the simulator shows or drives it late [s], where that is one value for all runs."""
+    names = simulator.parameters
+    return {
+        effect.target: float(theta[names.index(f"{effect.key}.delay")])
+        for effect in simulator.effects
+        if isinstance(effect, kind) and f"{effect.key}.delay" in names
+    }

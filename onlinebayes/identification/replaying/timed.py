@@ -1,0 +1,69 @@
+"""Parameters that change in time: what each piece of a window is replayed with.
+
+    theta_wp = clip(theta + sum of shifts(begin_wp, end_wp)),      clip to the parameters' bounds
+
+Within a piece, an eighth of a window, a parameter is constant and takes the mean over it (``Effect.shift``). Held for
+whole windows, a fast drift leaves more than noise. Instants are those of the measurements' time column.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.simulators.base import Simulator
+
+PIECES_OF_A_WINDOW = 8
+
+Rows = tuple[int, int]
+"""From and to which of a window's rows."""
+
+
+def pieces(simulator: Simulator, windows: Windows) -> list[Rows]:
+    """The rows of each piece; all as one where nothing changes in time."""
+    changes = any(effect.target_kind == "parameter" for effect in simulator.effects)
+    edges = torch.linspace(0, windows.rows, PIECES_OF_A_WINDOW + 1 if changes else 2).round().long().tolist()
+    return [(first, last) for first, last in pairwise(edges) if last > first]
+
+
+def in_time(
+    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"], rows: Rows | None = None
+) -> Float[Tensor, "M W P"]:
+    """Theta of every window with what changes in time; the same tensor where nothing does.
+
+    Args:
+        simulator: the physics, whose effects on parameters act here.
+        windows: W windows of one length.
+        theta: of every window without these effects [SI].
+        rows: of a piece; the mean over all when None.
+    """
+    acting = [effect for effect in simulator.effects if effect.target_kind == "parameter"]
+    if not acting:
+        return theta
+    shifts: dict[int, Tensor] = {}
+    begin, end = (instant.to(theta) for instant in instants(windows, rows))
+    space = simulator.parameters
+    for effect in acting:
+        own = {name: theta[..., space.index(f"{effect.key}.{name}")] for name in effect.parameters}
+        shift = effect.shift(own, begin, end)
+        if shift is not None:
+            i = space.index(effect.target)
+            shifts[i] = shifts[i] + shift if i in shifts else shift
+    if not shifts:
+        return theta
+    columns = list(theta.unbind(-1))
+    for i, shift in shifts.items():
+        columns[i] = (columns[i] + shift).clamp(float(space.low[i]), float(space.high[i]))
+    return torch.stack(columns, dim=-1)
+
+
+def instants(windows: Windows, rows: Rows | None = None) -> tuple[Float[Tensor, " W"], Float[Tensor, " W"]]:
+    """When each window, or a piece of it, begins and ends, on the measurements' clock [s]."""
+    began = torch.tensor(windows.begin, dtype=torch.float64, device=windows.run.device)
+    begin = began[windows.run] + windows.step * windows.first
+    first, last = rows or (0, windows.rows)
+    return begin + windows.step * first, begin + windows.step * last

@@ -1,0 +1,89 @@
+"""A late motor on a machine that got no command before its runs, and on one that had long got the first row's."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.criticism import Selection, refine
+from onlinebayes.criticism.searching.context import SearchContext
+from onlinebayes.criticism.searching.delays_from_idle import late_from_idle
+from onlinebayes.criticism.searching.search import ground
+from onlinebayes.identification.fitting.before_runs import idle_before, reread, starts_read_otherwise
+from onlinebayes.identification.fitting.numerics import settle
+from onlinebayes.identification.fitting.projection import misfit
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import ActuatorDelay
+from tests.criticism.rigs import NOISE, TRUTH, commands, model
+
+RUNS, ROWS, STEP, LATE = 7, 201, 0.01, 6
+TRIED = ["actuator_delay", "actuator_lag", "dry_friction", "sensor_delay"]
+
+
+def log(idle: bool, late: int = LATE) -> Measurement:
+    """Commands act six rows late; before the runs there were none, or the first row's."""
+    command = commands(RUNS, ROWS, STEP, seed=3) + 1.0
+    before = command[:, :1].repeat(1, late, 1) * (0.0 if idle else 1.0)
+    acting = torch.cat([before, command], 1)[:, : ROWS - 1]
+    zero = torch.zeros(RUNS, 1, dtype=torch.float64)
+    path = model().rollout(
+        torch.tensor(TRUTH, dtype=torch.float64).expand(RUNS, -1),
+        TensorDict({"qpos": zero, "qvel": zero}, batch_size=(RUNS,)),
+        TensorDict({"command": acting}, batch_size=(RUNS, ROWS - 1)),
+        torch.arange(1, ROWS, dtype=torch.float64) * STEP,
+    )
+    position = torch.cat([zero, path["qpos"][..., 0]], 1)
+    position = position + NOISE * torch.randn(position.shape, generator=torch.Generator().manual_seed(7)).double()
+    time = (torch.arange(ROWS) * STEP).double().numpy()
+    table = {
+        f"run{r}": {"time": time, "ctrl.motor": command[r, :, 0].numpy(), "qpos.rail": position[r].numpy()}
+        for r in range(RUNS)
+    }
+    return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
+
+
+def delayed() -> Simulator:
+    return model().with_effect(ActuatorDelay("motor", Parameter(0.0, 0.1, "s")))
+
+
+@pytest.mark.parametrize("idle", [True, False])
+def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bool) -> None:
+    measurement, noise = log(idle), torch.tensor([NOISE], dtype=torch.float64)
+    assert idle_before(delayed(), measurement, 1.0) == idle
+    assert not idle_before(model(), measurement, 1.0)
+    right, wrong = (settle(delayed(), replace(measurement, idle_before=one), 1.0, noise) for one in (idle, not idle))
+    assert misfit(right.fitted.projected) < 1.1
+    assert right.fitted.theta[-1].item() == pytest.approx(LATE * STEP, abs=1e-3)
+    assert not starts_read_otherwise(right, replace(measurement, idle_before=idle))
+    assert starts_read_otherwise(wrong, replace(measurement, idle_before=not idle))
+
+
+@pytest.mark.parametrize(("idle", "late"), [(True, LATE), (False, LATE), (True, 0)])
+def test_a_late_motor_is_asked_for_before_anything_is_tried(idle: bool, late: int) -> None:
+    measurement, selection = log(idle, late), Selection()
+    base = ground(model(), measurement, selection)
+    assert late_from_idle(base, SearchContext(measurement, selection, TRIED)) == (idle and late > 0)
+
+
+def test_commands_before_a_run_are_none_or_the_first_rows() -> None:
+    held = settle(model(), log(idle=True), 1.0, torch.tensor([NOISE], dtype=torch.float64))
+    idle = reread(held, replace(log(idle=True), idle_before=True))
+    for windows, before in ((held.windows, held.windows.command[:, 0]), (idle.windows, torch.zeros(1))):
+        first = windows.first == 0
+        assert bool((windows.history[first, -1] == before[first if len(before) > 1 else 0]).all())
+        assert torch.equal(windows.history[~first, -1], held.windows.history[~first, -1])
+    assert bool(held.windows.history[held.windows.first == 0].all())
+
+
+@pytest.mark.slow
+def test_a_motor_that_is_late_after_idling_is_no_sensor_that_is() -> None:
+    """A late sensor was named: what is read late needs no commands before its runs."""
+    result = refine(model(), log(idle=True), candidates=TRIED)
+    assert (result.verdict, result.accepted) == ("missing_effect", ("actuator_delay@motor",))
+    assert max(result.remainder.rms_over_floor.values()) < 1.1
+    assert any("before a run's first row" in note for note in result.notes)

@@ -1,0 +1,128 @@
+import math
+
+import pytest
+import torch
+
+from onlinebayes.criticism.judging.score import cross_validate, score_gain
+from onlinebayes.identification.data.windows import make_windows
+from onlinebayes.identification.fitting.blocks import (
+    flip_groups,
+    independent_parts,
+    jackknife,
+    leave_one_out,
+    make_blocks,
+    t_quantile,
+)
+from onlinebayes.identification.fitting.fit import fit
+from tests.criticism.rigs import FREE, measure, model
+
+START = torch.tensor([4.0, 0.5]).double()
+
+
+@pytest.fixture(scope="module")
+def windows():
+    return make_windows(model(), measure(runs=8, seconds=3.0), 1.0)
+
+
+def test_a_run_is_a_block_from_seven_on(windows) -> None:
+    blocks = make_blocks(windows, 0.05)
+    assert blocks.count == 8
+    assert torch.equal(blocks.of, windows.run)
+    assert all(torch.equal(blocks.train[b], blocks.of != b) for b in range(8))
+
+
+@pytest.mark.parametrize(("tau", "expected"), [(0.05, 8), (0.5, 8), (2.0, 3)])
+def test_runs_are_no_more_independent_than_the_groups_that_flip(windows, tau: float, expected: int) -> None:
+    assert make_blocks(windows, tau).count == 8
+    assert independent_parts(windows, tau) == expected
+
+
+def test_one_run_is_cut_into_blocks_with_gaps() -> None:
+    windows = make_windows(model(), measure(runs=1, seconds=24.0), 1.0)
+    blocks = make_blocks(windows, 0.05)
+    assert blocks.count == 12
+    assert torch.equal(blocks.of, torch.arange(24) // 2)
+    assert blocks.train[3].nonzero()[:, 0].tolist() == [*range(5), *range(9, 24)]  # 6, 7 tested, 5 and 8 are gaps
+
+
+@pytest.mark.parametrize(("tau", "expected"), [(0.05, 12), (0.5, 12), (0.75, 8), (1.0, 6)])
+def test_long_correlation_makes_fewer_blocks(tau: float, expected: int) -> None:
+    windows = make_windows(model(), measure(runs=1, seconds=24.0), 1.0)
+    assert make_blocks(windows, tau).count == expected
+
+
+@pytest.mark.parametrize(("tau", "groups"), [(0.05, 24), (0.25, 24), (0.3, 12), (0.6, 8)])
+def test_signs_flip_in_whole_windows_of_four_correlation_times(tau: float, groups: int) -> None:
+    windows = make_windows(model(), measure(runs=1, seconds=24.0), 1.0)
+    of = flip_groups(windows, tau)
+    assert of.unique().tolist() == list(range(groups))
+    assert bool((of.diff() >= 0).all())
+
+
+def test_never_more_than_24_groups() -> None:
+    windows = make_windows(model(), measure(runs=9, seconds=4.0), 1.0)
+    of = flip_groups(windows, 0.05)
+    assert windows.count == 36
+    assert of.unique().tolist() == list(range(24))
+
+
+def test_folds_may_be_fewer_never_more(windows) -> None:
+    assert make_blocks(windows, 0.05, folds=4).count == 4
+    assert make_blocks(windows, 0.05, folds=50).count == 8
+
+
+def test_leaving_a_block_out_is_fitting_the_others(windows) -> None:
+    fitted = fit(model(), windows, START)
+    blocks = make_blocks(windows, 0.05)
+    without = leave_one_out(fitted, blocks)
+    for b in (0, 5):
+        others = windows.select((blocks.of != b).nonzero()[:, 0])
+        direct = fit(model(), others, START)
+        moved = (direct.theta - fitted.theta).abs()
+        assert torch.allclose(without[b], direct.theta, rtol=0, atol=float(0.03 * moved.max() + 1e-5))
+
+
+def test_the_jackknife_of_a_mean_is_its_variance() -> None:
+    x = torch.randn(10, 1, dtype=torch.float64)
+    without = (x.sum(0) - x) / 9
+    assert float(jackknife(without)) == pytest.approx(float(x.var() / 10))
+
+
+def test_t_quantiles() -> None:
+    assert t_quantile(0.975, 10) == pytest.approx(2.262, abs=1e-3)
+
+
+def test_a_model_gains_nothing_over_itself(windows) -> None:
+    blocks = make_blocks(windows, 0.05)
+    scores = cross_validate(fit(model(), windows, START), windows, blocks)
+    gain = score_gain(scores, scores, windows.bin_step)
+    assert (gain.gain, gain.se, gain.blocks) == (0.0, 0.0, 8)
+    # Noise of sd 1 at the rows: the density is that of a Gaussian, to the precision of 2400 rows (1 %).
+    per_row = float(scores.log_density.sum()) / float(scores.count.sum())
+    assert per_row == pytest.approx(-0.5 * math.log(2 * math.pi * math.e), abs=0.06)
+    assert scores.rms_long == pytest.approx(1.0, abs=0.05)
+
+
+def test_the_better_model_gains_about_what_its_density_gives(windows) -> None:
+    from dataclasses import replace
+
+    blocks = make_blocks(windows, 0.05)
+    right = fit(model(), windows, START)
+    scores = cross_validate(right, windows, blocks)
+    # The same residuals with all of their sizes doubled: a normal density loses log 2 a row.
+    lin = replace(right.lin, residual=2 * right.lin.residual, by_theta=2 * right.lin.by_theta)
+    worse = cross_validate(replace(right, lin=lin), windows, blocks)
+    gain = score_gain(scores, worse, windows.bin_step)
+    rows = float(scores.count.sum()) * windows.bin_step / max(worse.tau, windows.bin_step)
+    assert gain.gain == pytest.approx(rows * math.log(2), rel=0.03)
+    assert gain.se < 0.2 * gain.gain
+
+
+def test_bounds_hold_when_a_block_is_left_out() -> None:
+    from onlinebayes.parameters import Parameter, ParameterSpace
+
+    tight = ParameterSpace({**dict(FREE), "joint.rail.damping": Parameter(1.6, 10.0, "N s/m")})  # the truth is 1.4
+    windows = make_windows(model(tight), measure(runs=8), 1.0)
+    fitted = fit(model(tight), windows, torch.tensor([3.0, 3.0]).double())
+    assert float(fitted.theta[1]) == pytest.approx(1.6)
+    assert bool((leave_one_out(fitted, make_blocks(windows, 0.05))[:, 1] >= 1.6).all())

@@ -1,0 +1,64 @@
+"""A log that lacks rows: one that lost them and one that has none there are told apart, and neither is accused."""
+
+from dataclasses import replace
+
+import pytest
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.criticism import refine
+from onlinebayes.identification.fitting.gaps import gaps_read_otherwise, held_over_gaps, rows_missing
+from onlinebayes.identification.fitting.numerics import settle
+from onlinebayes.measurements import Measurement, Signal
+from tests.criticism.rigs import NOISE, TRUTH, commands, model
+
+RUNS, ROWS, STEP = 8, 301, 0.01
+LATE = ["actuator_delay", "actuator_lag", "sensor_delay", "dry_friction"]
+
+
+def log(held: bool) -> Measurement:
+    """Three of ten rows are missing, in which nothing was told (held), or one of thirty, in which something was."""
+    there = torch.rand(RUNS, ROWS, generator=torch.Generator().manual_seed(5)) > (0.3 if held else 1 / 30)
+    there[:, :2] = True
+    command = commands(RUNS, ROWS, STEP, seed=3)
+    if held:
+        last = torch.where(there, torch.arange(ROWS), 0).cummax(1).values
+        command = command.gather(1, last[..., None])
+    zero = torch.zeros(RUNS, 1, dtype=torch.float64)
+    path = model().rollout(
+        torch.tensor(TRUTH, dtype=torch.float64).expand(RUNS, -1),
+        TensorDict({"qpos": zero, "qvel": zero}, batch_size=(RUNS,)),
+        TensorDict({"command": command[:, :-1]}, batch_size=(RUNS, ROWS - 1)),
+        torch.arange(1, ROWS, dtype=torch.float64) * STEP,
+    )
+    position = torch.cat([zero, path["qpos"][..., 0]], 1)
+    position = position + NOISE * torch.randn(position.shape, generator=torch.Generator().manual_seed(7)).double()
+    time = (torch.arange(ROWS) * STEP).double()
+    table = {
+        f"run{r}": {
+            "time": time[rows].numpy(),
+            "ctrl.motor": command[r, rows, 0].numpy(),
+            "qpos.rail": position[r, rows].numpy(),
+        }
+        for r, rows in enumerate(there)
+    }
+    return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
+
+
+@pytest.mark.parametrize("held", [True, False])
+def test_a_right_model_is_right_whichever_way_its_log_has_gaps(held: bool) -> None:
+    measurement = log(held)
+    assert rows_missing(measurement) > (500 if held else 50)
+    assert held_over_gaps(model(), measurement, 1.0) == held
+    result = refine(model(), measurement, candidates=LATE)
+    assert (result.verdict, result.accepted) == ("adequate", ())
+    (note,) = [note for note in result.notes if "missing in the log" in note]
+    assert ("held until the next row" in note) == held
+
+
+def test_gaps_are_read_otherwise_where_that_leaves_far_less() -> None:
+    measurement, noise = log(held=True), torch.tensor([NOISE], dtype=torch.float64)
+    wrong = settle(model(), measurement, 1.0, noise)
+    assert gaps_read_otherwise(wrong, measurement)
+    right = settle(model(), replace(measurement, held_over_gaps=True), 1.0, noise)
+    assert not gaps_read_otherwise(right, measurement)
