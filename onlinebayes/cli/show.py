@@ -1,4 +1,7 @@
-"""Open what a command wrote: the report in the browser, the recording in Rerun's viewer; say how where none can."""
+"""Open what a command or a training run wrote: the page in the browser, the recording in Rerun's viewer.
+
+Where no window can be opened, it says where they are and how to open them.
+"""
 
 from __future__ import annotations
 
@@ -11,28 +14,36 @@ from pathlib import Path
 
 from onlinebayes.runs.errors import BadInput
 
-REPORT, RECORDING = "report.html", "run.rrd"
+PAGES = {"report.html": "report", "run.html": "page"}
+"""Of criticism, and of a training run."""
+RECORDINGS = "run*.rrd"
+"""A training run that went on after a stop has several; the viewer shows them as one."""
 
 
 def show(folder: str | Path) -> None:
-    """Open ``report.html`` and ``run.rrd`` of a folder, or print where they are and how to open them.
+    """Open the page and the recordings of a folder, or print where they are and how to open them.
 
     Raises:
-        BadInput: the folder is not there or holds no report.
+        BadInput: the folder is not there or holds neither a report nor a run.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise BadInput("no such folder", "name the folder given to --out", where=str(folder))
-    report, recording = folder / REPORT, folder / RECORDING
-    if not report.is_file():
-        raise BadInput(f"holds no {REPORT}", "name the folder given to --out", where=str(folder))
+        raise BadInput("no such folder", "name the folder given to --out, or a run's", where=str(folder))
+    found = [(name, folder / name) for name in PAGES if (folder / name).is_file()]
+    if not found:
+        raise BadInput(
+            f"holds no {' and no '.join(PAGES)}", "name the folder given to --out, or a run's", where=str(folder)
+        )
     screen = has_screen()
-    opened = screen and _opened_in_browser(report)
-    print(f"report:    {report.resolve()}{'' if opened else '   (open it in a browser)'}")
-    if recording.is_file():
+    for name, page in found:
+        opened = screen and _opened_in_browser(page)
+        print(f"{PAGES[name] + ':':<10} {page.resolve()}{'' if opened else '   (open it in a browser)'}")
+    recordings = [str(path) for path in sorted(folder.glob(RECORDINGS), key=lambda path: (len(path.name), path.name))]
+    if recordings:
         viewer = shutil.which("rerun") or str(Path(sys.executable).with_name("rerun"))
-        started = screen and _started([viewer, str(recording)])
-        print(f"recording: {recording.resolve()}{'' if started else f'   (open it with: rerun {recording})'}")
+        started = screen and _started([viewer, *recordings])
+        where = ", ".join(str(Path(path).resolve()) for path in recordings)
+        print(f"recording: {where}{'' if started else f'   (open it with: rerun {chr(32).join(recordings)})'}")
 
 
 def has_screen() -> bool:

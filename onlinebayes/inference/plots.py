@@ -34,7 +34,10 @@ NARROW = 1e-3
 class Sampler(Protocol):
     """What a corner plot needs of a distribution: draws."""
 
-    space: ParameterSpace
+    @property
+    def space(self) -> ParameterSpace:
+        """The parameters."""
+        ...
 
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
         """Draw theta (*shape, P)."""

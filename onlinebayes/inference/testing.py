@@ -51,7 +51,7 @@ def check_estimator(
     fresh = prior.sample((40,), generator)
     pairs = torch.stack([simulate(fresh, generator) for _ in range(2)], dim=1)
     _check_learns(estimator, pairs, fresh, prior)
-    measured = pairs.exclude("theta")
+    measured = cast(TensorDict, pairs).exclude("theta")
     _check_density(estimator, cast(TensorDict, measured[0]), prior)
     _check_each(estimator, cast(TensorDict, measured[:3]), prior)
 

@@ -114,6 +114,7 @@ def _bar(seconds: Mapping[str, float]) -> str:
 def _chart(chart: Curves) -> str:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
+    from matplotlib.ticker import MaxNLocator
 
     figure = Figure(figsize=(4.6, 2.9), layout="constrained")
     FigureCanvasAgg(figure)
@@ -128,6 +129,7 @@ def _chart(chart: Curves) -> str:
     axes.set_title(chart.title, fontsize=10)
     axes.set_xlabel(chart.x[0], fontsize=9)
     axes.tick_params(labelsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     axes.spines[["top", "right"]].set_visible(False)
     if len(chart.lines) + len(chart.levels) > 1:
         axes.legend(fontsize=8, frameon=False)

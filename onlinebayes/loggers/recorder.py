@@ -1,14 +1,17 @@
 """A training run as a Rerun recording: belief and proposal over time, returns, losses, seconds, episodes that move.
 
-| entity                                 | content                                                    | time line |
-|----------------------------------------|------------------------------------------------------------|-----------|
-| ``summary``                            | Markdown: what stands after the step                       | ``step``  |
-| ``belief/PARAMETER/mean|low|high|truth`` | mean and 90 % interval, the truth where it is known      | ``step``  |
-| ``proposal/PARAMETER/low|high``        | 90 % interval of where simulations are drawn               | ``step``  |
-| ``corner``                             | picture: the belief's marginals and pairs                  | ``step``  |
-| ``figures/``, ``losses/``, ``fit/``    | returns and densities; policy losses; coverage, validation | ``step``  |
-| ``seconds/``                           | where the time of each step went                           | ``step``  |
-| ``episodes/NAME/SHAPE``                | the system's shapes along an episode                       | ``time``  |
+| entity                                 | content                                                    |
+|----------------------------------------|------------------------------------------------------------|
+| ``summary``                            | Markdown: what stands after the step                       |
+| ``belief/PARAMETER/mean|low|high|truth`` | mean and 90 % interval, the truth where it is known      |
+| ``proposal/PARAMETER/low|high``        | 90 % interval of where simulations are drawn               |
+| ``corner``                             | picture: the belief's marginals and pairs                  |
+| ``figures/``, ``losses/``, ``fit/``    | returns and densities; policy losses; coverage, validation |
+| ``seconds/``                           | where the time of each step went                           |
+| ``episodes/NAME/SHAPE``                | the system's shapes along an episode                       |
+
+Everything stands on two time lines: ``step``, and ``time``, on which the steps' episodes are played one after the other
+while curves and belief grow.
 
 A run that goes on after a stop writes ``run-2.rrd`` and so on with the recording id of the first: the viewer shows them
 as one. Nothing here knows a trainer; a belief is anything with ``space`` and ``sample``.
@@ -56,11 +59,18 @@ class RunRecorder:
         folder: of the run.
         name: of the recipe.
         space: the parameters.
+        seconds: longest episode [s].
         truth: their true values (P,), where they are known.
     """
 
     def __init__(
-        self, folder: str | Path, name: str, space: ParameterSpace, *, truth: Float[Tensor, " P"] | None = None
+        self,
+        folder: str | Path,
+        name: str,
+        space: ParameterSpace,
+        *,
+        seconds: float,
+        truth: Float[Tensor, " P"] | None = None,
     ) -> None:
         import rerun as rr  # 0.7 s: only when a recording is wanted
 
@@ -72,13 +82,13 @@ class RunRecorder:
         )
         self._stream.save(self.path)
         self._stream.send_blueprint(_blueprint(space))
-        self._drawn: set[str] = set()
+        self._slot = 1.1 * seconds  # of each step on the time line ``time``
 
     def step(self, step: int, values: Mapping[str, float]) -> None:
         """Scalars of one step by entity: ``figures/return``, ``losses/loss_actor``, ``seconds/fit``."""
         import rerun as rr
 
-        self._stream.set_time("step", sequence=step)
+        self._at(step)
         for name, value in values.items():
             self._stream.log([*name.split("/")], rr.Scalars(float(value)))
 
@@ -86,7 +96,7 @@ class RunRecorder:
         """What stands after a step, in Markdown."""
         import rerun as rr
 
-        self._stream.set_time("step", sequence=step)
+        self._at(step)
         self._stream.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def belief(self, step: int, belief: Sampler, proposal: Sampler | None = None) -> None:
@@ -109,7 +119,7 @@ class RunRecorder:
         """A picture (H, W, 3), 8 bits a colour, e.g. a corner plot."""
         import rerun as rr
 
-        self._stream.set_time("step", sequence=step)
+        self._at(step)
         self._stream.log(name, rr.Image(np.ascontiguousarray(pixels)).compress(jpeg_quality=85))
 
     def episode(
@@ -133,23 +143,23 @@ class RunRecorder:
         """
         import rerun as rr
 
-        times = np.arange(len(poses)) * dt
+        times = (step - 1) * self._slot + np.arange(len(poses)) * dt
         for i, shape in enumerate(shapes):
             entity = f"episodes/{name}/{shape.name}"
-            self._stream.set_time("step", sequence=step)
-            self._stream.disable_timeline("time")
+            self._at(step)
             self._stream.log(entity, _archetype(shape, ghost))
-            self._stream.send_columns(
-                entity,
-                [
-                    rr.TimeColumn("time", duration=times),
-                    rr.TimeColumn("step", sequence=np.full(len(times), step)),
-                ],
-                rr.Transform3D.columns(
-                    translation=poses[:, i, :3].numpy(), quaternion=poses[:, i, [4, 5, 6, 3]].numpy()
-                ),
+            moving = slice(None) if shape.moving else slice(1)
+            where = rr.Transform3D.columns(
+                translation=poses[moving, i, :3].numpy(), quaternion=poses[moving, i][:, [4, 5, 6, 3]].numpy()
             )
-        self._stream.disable_timeline("time")
+            steps = np.full(len(times), step)[moving]
+            columns = [rr.TimeColumn("time", duration=times[moving]), rr.TimeColumn("step", sequence=steps)]
+            self._stream.send_columns(entity, columns, where)
+
+    def _at(self, step: int) -> None:
+        """Set both time lines to the beginning of a step's episode."""
+        self._stream.set_time("step", sequence=step)
+        self._stream.set_time("time", duration=(step - 1) * self._slot)
 
     def flush(self) -> None:
         """Write what is pending: whoever opens the file now sees everything so far."""

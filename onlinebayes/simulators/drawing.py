@@ -3,7 +3,11 @@
     shapes(theta)          fixed within an episode; a longer pole is drawn longer
     poses(theta, states)   position and unit quaternion (w, x, y, z) of each shape, z up; planar systems move in x and z
 
-:func:`render` draws a planar side view without any graphics library; MuJoCo's own renderer is used for its models.
+:func:`render` draws them without any graphics library. A convex body seen along d shows the points
+
+    p(u) = argmax over its points x of u . x,     u the unit vectors perpendicular to d
+
+which are known in closed form for boxes, ellipsoids, capsules and cylinders (their support functions).
 """
 
 from __future__ import annotations
@@ -11,14 +15,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import Float, Int, UInt8
 from tensordict import TensorDictBase
 from torch import Tensor
 
+if TYPE_CHECKING:
+    from PIL.ImageDraw import ImageDraw
+
+Kind = Literal["box", "capsule", "cylinder", "sphere", "ellipsoid", "plane", "mesh"]
 Colour = tuple[float, float, float, float]
 BLUE, RED, GREY, DARK = (
     (0.16, 0.44, 0.59, 1.0),
@@ -26,6 +34,12 @@ BLUE, RED, GREY, DARK = (
     (0.62, 0.64, 0.68, 1.0),
     (0.2, 0.22, 0.26, 1.0),
 )
+SIDE, OBLIQUE = (0.0, 0.0), (25.0, 20.0)
+"""Directions to look in [degrees]: azimuth, from behind +x towards the viewer, and elevation."""
+DIRECTIONS = 64  # points of an outline
+SMOOTH = 3  # a picture is drawn so much larger first
+PALE = 0.75  # how far a ghost's colours are on their way to white
+LIGHT = np.array([-0.3, -0.7, 0.65]) / math.sqrt(0.3**2 + 0.7**2 + 0.65**2)
 
 
 @dataclass(frozen=True)
@@ -34,27 +48,28 @@ class Shape:
 
     Args:
         name: unique within the system.
-        kind: as of MuJoCo's geoms; a capsule lies along its own z axis.
-        size: half sizes [m]: three of a box or an ellipsoid, the radius of a sphere, radius and half length of a
-            capsule or a cylinder; empty for a mesh.
+        kind: as of MuJoCo's geoms; a capsule and a cylinder lie along their own z axis. A plane is a ground: a flat
+            box that may end outside of the picture.
+        size: half sizes [m]: three of a box, a plane or an ellipsoid, the radius of a sphere, radius and half length of
+            a capsule or a cylinder; empty for a mesh.
         colour: red, green, blue, opacity.
         moving: whether its pose changes.
         vertices: of a mesh (V, 3) [m].
-        faces: of a mesh, indices of vertices (F, 3).
+        faces: of a mesh, indices of vertices (F, 3), anticlockwise from outside.
     """
 
     name: str
-    kind: Literal["box", "capsule", "cylinder", "sphere", "ellipsoid", "mesh"]
+    kind: Kind
     size: tuple[float, ...]
     colour: Colour
     moving: bool = True
     vertices: Float[Tensor, "V 3"] | None = None
-    faces: Tensor | None = None
+    faces: Int[Tensor, "F 3"] | None = None
 
 
 @runtime_checkable
 class Drawable(Protocol):
-    """A system that says what it looks like."""
+    """A system that says what it looks like; a task may do so too, and show its goal."""
 
     def shapes(self, theta: Tensor) -> tuple[Shape, ...]:
         """The shapes of a world with parameters theta (P,)."""
@@ -65,21 +80,73 @@ class Drawable(Protocol):
         ...
 
 
-def planar(x: Tensor, z: Tensor, angle: Tensor) -> Float[Tensor, "T 7"]:
-    """Poses in the x-z plane; a positive angle turns a shape's top towards +x [rad]."""
+@dataclass(frozen=True)
+class View:
+    """What a picture shows.
+
+    Args:
+        low, high: corners of the rectangle, right and up in the picture [m].
+        turn: direction to look in, azimuth and elevation [degrees].
+    """
+
+    low: tuple[float, float]
+    high: tuple[float, float]
+    turn: tuple[float, float] = SIDE
+
+    @property
+    def axes(self) -> Float[np.ndarray, "3 3"]:
+        """Rows: right, up, and away from the viewer, in the world."""
+        a, e = math.radians(self.turn[0]), math.radians(self.turn[1])
+        return np.array(
+            [
+                [math.cos(a), math.sin(a), 0.0],
+                [-math.sin(a) * math.sin(e), math.cos(a) * math.sin(e), math.cos(e)],
+                [-math.sin(a) * math.cos(e), math.cos(a) * math.cos(e), -math.sin(e)],
+            ]
+        )
+
+
+def planar(x: Tensor, z: Tensor, angle: Tensor, y: float = 0.0) -> Float[Tensor, "T 7"]:
+    """Poses in the x-z plane; a positive angle turns a shape's top towards +x [rad], what has a smaller y is in front."""
     x, z, angle = torch.broadcast_tensors(x.double(), z.double(), angle.double())
     zero = torch.zeros_like(x)
-    return torch.stack((x, zero, z, torch.cos(angle / 2), zero, torch.sin(angle / 2), zero), dim=-1)
+    return torch.stack((x, zero + y, z, torch.cos(angle / 2), zero, torch.sin(angle / 2), zero), dim=-1)
 
 
-def view_of(shapes: Sequence[Shape], poses: Float[Tensor, "T S 7"]) -> tuple[float, float, float, float]:
-    """The rectangle (x low, x high, z low, z high) that holds every shape in every pose, with a margin [m]."""
-    reach_x, reach_z = torch.tensor([_reach(shape) for shape in shapes], dtype=torch.float64).T
-    x, z = poses[..., 0], poses[..., 2]
-    low_x, high_x = float((x - reach_x).min()), float((x + reach_x).max())
-    low_z, high_z = float((z - reach_z).min()), float((z + reach_z).max())
-    margin = 0.05 * max(high_x - low_x, high_z - low_z, 1e-6)
-    return low_x - margin, high_x + margin, low_z - margin, high_z + margin
+def scene(
+    systems: Sequence[object], theta: Float[Tensor, " P"], states: TensorDictBase
+) -> tuple[tuple[Shape, ...], Float[Tensor, "T S 7"]]:
+    """Shapes and poses of those among the systems that can be drawn, e.g. of a simulator and a task with a goal."""
+    drawn = [system for system in systems if isinstance(system, Drawable)]
+    shapes = tuple(shape for system in drawn for shape in system.shapes(theta))
+    poses = [system.poses(theta, states).double() for system in drawn]
+    return shapes, torch.cat(poses, dim=1) if poses else torch.zeros(*states.batch_size, 0, 7, dtype=torch.float64)
+
+
+def view_of(
+    shapes: Sequence[Shape], poses: Float[Tensor, "T S 7"], turn: tuple[float, float] | None = None
+) -> View:
+    """The view that holds every shape in every pose, with a margin; of planes nothing.
+
+    Without ``turn`` a motion that stays in one plane is seen from the side, any other from above and aside.
+    """
+    places = poses.numpy()
+    if turn is None:
+        spread = np.ptp(places[..., :3].reshape(-1, 3), axis=0).max()
+        turn = OBLIQUE if np.ptp(places[..., 1], axis=0).max(initial=0) > 0.01 * spread else SIDE
+    axes = View((0, 0), (0, 0), turn).axes
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for i, shape in enumerate(shapes):
+        if shape.kind == "plane":
+            continue
+        ends = _support(shape, places[:, i], np.concatenate([axes[:2], -axes[:2]]))
+        seen = (ends @ axes[:2].T).reshape(-1, 2)
+        low, high = np.minimum(low, seen.min(0)), np.maximum(high, seen.max(0))
+    if not np.isfinite(low).all():
+        low, high = -np.ones(2), np.ones(2)
+    margin = 0.05 * max(*(high - low), 1e-6)
+    (left, bottom), (right, top) = (low - margin).tolist(), (high + margin).tolist()
+    return View((left, bottom), (right, top), turn)
 
 
 def render(
@@ -87,61 +154,115 @@ def render(
     poses: Float[Tensor, "S 7"],
     *,
     size: tuple[int, int] = (240, 320),
-    view: tuple[float, float, float, float] | None = None,
+    view: View | None = None,
     ghost: tuple[Sequence[Shape], Float[Tensor, "S2 7"]] | None = None,
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """A side view as pixels, seen along +y: x to the right, z up.
+    """A picture in parallel projection.
 
     Args:
         shapes, poses: what is drawn, and where.
         size: height and width [pixels].
-        view: the rectangle that is shown; what holds all shapes without it.
+        view: what is shown; without it what holds all shapes, from the side: x to the right, z up.
         ghost: another system's shapes and poses, drawn pale behind.
     """
     from PIL import Image, ImageDraw  # comes with matplotlib; not needed to simulate
 
     view = view if view is not None else view_of(shapes, poses[None])
-    height, width = size
-    scale = 2 * min(width / (view[1] - view[0]), height / (view[3] - view[2]))  # twice the size, then smoothed
-    shift = (width - (view[0] + view[1]) * scale / 2, height + (view[2] + view[3]) * scale / 2)
-    image = Image.new("RGB", (2 * width, 2 * height), "white")
+    large = np.array([size[1], size[0]]) * SMOOTH
+    middle, extent = (np.array(view.low) + view.high) / 2, np.array(view.high) - view.low
+    scale = float((large / extent).min())
+    image = Image.new("RGB", (int(large[0]), int(large[1])), "white")
     draw = ImageDraw.Draw(image)
-    for pale, (some, where) in [(True, ghost)] * (ghost is not None) + [(False, (shapes, poses))]:  # type: ignore[list-item]
-        for shape, pose in zip(some, where.tolist(), strict=True):
-            _draw(draw, shape, pose, scale, shift, pale)
-    return np.asarray(image.resize((width, height), Image.Resampling.BOX))
+    for some, where, mix in ([(*ghost, PALE)] if ghost is not None else []) + [(shapes, poses, 0.0)]:
+        places = where.double().numpy()
+        for i in np.argsort(-(places[:, :3] @ view.axes[2]), kind="stable"):
+            for points, colour, edge in _patches(some[i], places[i], view):
+                pixels = large / 2 + (points - middle) * [scale, -scale]
+                _polygon(draw, pixels, _shade(colour, mix), _shade(edge, mix) if edge else None)
+    return np.asarray(image.reduce(SMOOTH))
 
 
-def _draw(draw: object, shape: Shape, pose: list[float], scale: float, shift: tuple[float, float], pale: bool) -> None:
-    """One shape's outline in the plane."""
-    angle = 2 * math.atan2(pose[5], pose[3])
-    mix = 0.75 if pale else 0.0
-    colour = tuple(round(255 * ((1 - mix) * part + mix)) for part in shape.colour[:3])
-
-    def at(x: float, z: float) -> tuple[float, float]:
-        turned = (x * math.cos(angle) + z * math.sin(angle), z * math.cos(angle) - x * math.sin(angle))
-        return shift[0] + scale * (pose[0] + turned[0]), shift[1] - scale * (pose[2] + turned[1])
-
-    if shape.kind in ("sphere", "ellipsoid"):
-        (x, z), r = at(0, 0), scale * shape.size[0]
-        draw.ellipse((x - r, z - r, x + r, z + r), fill=colour)  # type: ignore[attr-defined]
-    elif shape.kind == "capsule":
-        r, half = shape.size
-        draw.line((*at(0, -half), *at(0, half)), fill=colour, width=max(1, round(2 * scale * r)))  # type: ignore[attr-defined]
-        for end in (at(0, -half), at(0, half)):
-            s = scale * r
-            draw.ellipse((end[0] - s, end[1] - s, end[0] + s, end[1] + s), fill=colour)  # type: ignore[attr-defined]
-    elif shape.kind != "mesh":
-        a, b = (shape.size[0], shape.size[2]) if shape.kind == "box" else (shape.size[0], shape.size[1])
-        draw.polygon([at(-a, -b), at(a, -b), at(a, b), at(-a, b)], fill=colour)  # type: ignore[attr-defined]
+def render_state(
+    systems: Sequence[object],
+    theta: Float[Tensor, " P"],
+    state: TensorDictBase,
+    *,
+    size: tuple[int, int] = (240, 320),
+    view: View | None = None,
+) -> UInt8[np.ndarray, "H W 3"]:
+    """A picture of one state, of no batch size; see :func:`scene` and :func:`render`."""
+    shapes, poses = scene(systems, theta, state.unsqueeze(0))
+    return render(shapes, poses[0], size=size, view=view)
 
 
-def _reach(shape: Shape) -> tuple[float, float]:
-    """Largest distance along x and along z of a shape's points from its centre [m]; in any pose if it moves."""
-    if shape.kind == "box" and not shape.moving:
-        return shape.size[0], shape.size[2]
-    if shape.kind == "mesh" and shape.vertices is not None:
-        far = float(shape.vertices.norm(dim=-1).max())
+def _patches(
+    shape: Shape, pose: Float[np.ndarray, "7"], view: View
+) -> list[tuple[Float[np.ndarray, "K 2"], Colour, Colour | None]]:
+    """Polygons in the picture's plane [m], back to front, each with its colour and that of its edge."""
+    axes = view.axes
+    if shape.kind != "mesh" or shape.faces is None:
+        angles = 2 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
+        around = np.cos(angles)[:, None] * axes[0] + np.sin(angles)[:, None] * axes[1]
+        dark = tuple(0.7 * part for part in shape.colour[:3])
+        return [(_support(shape, pose[None], around)[0] @ axes[:2].T, shape.colour, (*dark, shape.colour[3]))]
+    assert shape.vertices is not None
+    corners = (shape.vertices.double().numpy() @ _rotation(pose[3:]).T + pose[:3])[shape.faces.numpy()]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normals, axis=-1)
+    towards = normals @ axes[2] < 0
+    light = 0.75 + 0.25 * np.clip(normals @ LIGHT / np.maximum(length, 1e-300), 0, 1)
+    order = np.argsort(-(corners.mean(1) @ axes[2]), kind="stable")
+    found = []
+    for k in order[towards[order]]:
+        red, green, blue = (float(light[k] * part) for part in shape.colour[:3])
+        found.append((corners[k] @ axes[:2].T, (red, green, blue, shape.colour[3]), None))
+    return found
+
+
+def _support(
+    shape: Shape, poses: Float[np.ndarray, "T 7"], directions: Float[np.ndarray, "K 3"]
+) -> Float[np.ndarray, "T K 3"]:
+    """The farthest points of a shape in each of the directions."""
+    turned = _rotation(poses[:, 3:])
+    d = directions @ turned
+    size = np.array(shape.size)
+    if shape.kind == "mesh":
+        assert shape.vertices is not None
+        vertices = shape.vertices.double().numpy()
+        own = vertices[np.argmax(d @ vertices.T, axis=-1)]
+    elif shape.kind in ("box", "plane"):
+        own = np.sign(d) * size
+    elif shape.kind == "ellipsoid":
+        own = d * size**2 / np.linalg.norm(d * size, axis=-1, keepdims=True)
+    elif shape.kind == "cylinder":
+        radial = d * [1, 1, 0]
+        length = np.maximum(np.linalg.norm(radial, axis=-1, keepdims=True), 1e-12)
+        own = size[0] * radial / length + np.sign(d) * [0, 0, size[1]]
     else:
-        far = sum(shape.size) if shape.kind == "capsule" else max(shape.size)
-    return far, far
+        own = size[0] * d + (np.sign(d) * [0, 0, size[1]] if shape.kind == "capsule" else 0)
+    return own @ turned.swapaxes(-1, -2) + poses[:, None, :3]
+
+
+def _rotation(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
+    w, x, y, z = np.moveaxis(quaternion, -1, 0)
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, -1) for row in rows], -2)
+
+
+def _shade(colour: Colour, mix: float) -> tuple[int, int, int]:
+    """A colour on its way to white, by transparency too."""
+    share = colour[3] * (1 - mix)
+    red, green, blue = (round(255 * (1 - share + share * part)) for part in colour[:3])
+    return red, green, blue
+
+
+def _polygon(
+    draw: ImageDraw, pixels: Float[np.ndarray, "K 2"], fill: tuple[int, int, int], edge: tuple[int, int, int] | None
+) -> None:
+    corners = [(float(x), float(y)) for x, y in pixels]
+    draw.polygon(corners, fill=fill)
+    draw.line([*corners, corners[0]], fill=edge or fill, width=SMOOTH if edge else 1, joint="curve")

@@ -63,7 +63,8 @@ class Recording:
     _recorder: RunRecorder = field(init=False)
 
     def __post_init__(self) -> None:
-        self._recorder = RunRecorder(self.folder, self.name, self.problem.space, truth=self.truth)
+        seconds = self.problem.simulator.dt * min(self.problem.task.horizon, MOST_POSES)
+        self._recorder = RunRecorder(self.folder, self.name, self.problem.space, seconds=seconds, truth=self.truth)
 
     def __call__(self, state: OnlineState) -> None:
         """Record a complete step, and write the page anew."""
@@ -163,11 +164,13 @@ def _strip(played: Mapping[str, Episode]) -> np.ndarray:
     real, simulated = played["real"], played.get("simulated")
     places = torch.linspace(0, len(real.poses) - 1, FRAMES).round().long().tolist()
     view = view_of(real.shapes, real.poses)
+    size = (round(240 * min(1.0, (view[3] - view[2]) / (view[1] - view[0]))), 240)
     frames = []
     for k in places:
         behind = None if simulated is None else (simulated.shapes, simulated.poses[min(k, len(simulated.poses) - 1)])
-        frames.append(render(real.shapes, real.poses[k], size=(180, 180), view=view, ghost=behind))
-    return np.concatenate(frames, axis=1)
+        frames.append(render(real.shapes, real.poses[k], size=size, view=view, ghost=behind))
+    half = FRAMES // 2
+    return np.concatenate([np.concatenate(row, axis=1) for row in (frames[:half], frames[half:])])
 
 
 def _page(name: str, state: OnlineState, truth: Tensor | None, pictures: Mapping[str, np.ndarray]) -> Page:
@@ -180,11 +183,10 @@ def _page(name: str, state: OnlineState, truth: Tensor | None, pictures: Mapping
         rows.append([parameter, unit, f"{mean:.4g}", f"{sd:.2g}", *true])
     charts = []
     for i, parameter in enumerate(last.belief):
-        mean = np.array([record.belief[parameter][0] for record in records])
-        sd = np.array([record.belief[parameter][1] for record in records])
-        band = {"belief": ((mean - sd).tolist(), (mean + sd).tolist())}
+        means, sds = (np.array([record.belief[parameter][k] for record in records]) for k in (0, 1))
+        band = {"belief": ((means - sds).tolist(), (means + sds).tolist())}
         level = {} if truth is None else {"truth": float(truth[i])}
-        charts.append(Curves(parameter, ("step", steps), {"belief": mean.tolist()}, band, level))
+        charts.append(Curves(parameter, ("step", steps), {"belief": means.tolist()}, band, level))
     for figure in last.figures:
         values = [record.figures.get(figure, float("nan")) for record in records]
         charts.append(Curves(figure, ("simulated frames", [r.frames for r in records]), {figure: values}, {}, {}))
