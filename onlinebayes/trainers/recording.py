@@ -164,7 +164,8 @@ def _strip(played: Mapping[str, Episode]) -> np.ndarray:
     real, simulated = played["real"], played.get("simulated")
     places = torch.linspace(0, len(real.poses) - 1, FRAMES).round().long().tolist()
     view = view_of(real.shapes, real.poses)
-    size = (round(240 * min(1.0, (view[3] - view[2]) / (view[1] - view[0]))), 240)
+    tall = (view.high[1] - view.low[1]) / (view.high[0] - view.low[0])
+    size = (round(240 * min(1.0, tall)), 240)
     frames = []
     for k in places:
         behind = None if simulated is None else (simulated.shapes, simulated.poses[min(k, len(simulated.poses) - 1)])

@@ -17,6 +17,7 @@ from torch import Tensor
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators import SimulatorEnv
 
 
 @runtime_checkable
@@ -108,13 +109,13 @@ class ParameterRandomization(Transform):
         """Refuse an environment that would ignore theta; follow its seed."""
         base = parent.base_env if isinstance(parent, TransformedEnv) else parent
         if not self._checked:
-            if self.theta_key not in base.full_observation_spec.keys(True, True):
+            if self.theta_key not in parent.full_observation_spec.keys(True, True):
                 raise BadInput(
                     f"{type(base).__name__} does not read {self.theta_key!r} at reset: nothing would be randomised",
                     "wrap it with onlinebayes.simulators.Parameterized, or use a SimulatorEnv",
                 )
             self._checked = True
-        seeding = getattr(base, "seeding", None)
+        seeding = base.seeding if isinstance(base, SimulatorEnv) else None
         if seeding is not None and seeding != self._seeding:
             outside = torch.get_rng_state()
             torch.manual_seed(seeding[0])

@@ -1,0 +1,77 @@
+"""Acrobot with unknown links: Online BayesSim infers both masses while PPO learns to swing up.
+
+    python -m recipes.acrobot [--seed S] [--kind oracle]     one run, a few minutes; Ctrl-C and again goes on
+
+Prior U[.5, 2]^2 as in Table 5.1 of the thesis (log density there: 2.85).
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+import torch
+from tensordict import TensorDict
+from torch import Tensor
+
+from envs.acrobot import MAX_SPEEDS, Acrobot, AcrobotTask
+from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import (
+    Belief,
+    BoxUniform,
+    MixtureEstimator,
+    NeuralEstimator,
+    NeuralPosteriorLoss,
+    PosteriorEstimator,
+    fit,
+)
+from onlinebayes.objectives import ppo
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.trainers import Problem, Sizes, online_trainer
+from recipes.common import Run, Settings, hidden_truth, main
+
+SPACE = ParameterSpace({"mass1": Parameter(0.5, 2.0, "kg"), "mass2": Parameter(0.5, 2.0, "kg")})
+RANGE = torch.tensor((2.0, 2.0, 2.0, 2.0, MAX_SPEEDS[0], MAX_SPEEDS[1]))  # half of the rates' limits, as rates go
+
+
+def state(observation: Tensor) -> TensorDict:
+    """The state behind an observation (M, 6): the angles of their cosines and sines."""
+    cos1, sin1, cos2, sin2, *rates = observation.double().unbind(-1)
+    angles = torch.stack((torch.atan2(sin1, cos1), torch.atan2(sin2, cos2)), dim=-1)
+    return TensorDict({"qpos": angles, "qvel": torch.stack(rates, dim=-1)}, batch_size=observation.shape[:1])
+
+
+def estimator(problem: Problem, epochs: int, proposal: Belief) -> PosteriorEstimator:
+    """Transitions told beside the simulator at the proposal's centre -> their least-squares sums -> a mixture."""
+    task = problem.task
+    reference = SimulatorReference(
+        problem.simulator, proposal.box.cross(), state=state, command=task.command, observe=task.observe
+    )
+    features = TransitionFeatures(6, 3, reference=reference, sensitivities=len(SPACE))
+    embedding = SummaryEmbedding(features)
+    network = MixtureEstimator(SPACE, embedding.size, box=proposal.box)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
+
+
+def build(settings: Settings) -> Run:
+    """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
+    problem = Problem(Acrobot(SPACE), AcrobotTask(), BoxUniform(SPACE), settings.noise * RANGE)
+    truth = hidden_truth(SPACE, settings.seed, {"mass1": 1.0, "mass2": 1.0})
+    objective = ppo(*problem.specs)
+    steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 500, 25)
+    trainer = online_trainer(
+        problem,
+        objective,
+        estimator=partial(estimator, problem, epochs),
+        real=problem.hidden(truth, settings.seed + 2000),
+        schedule=settings.schedule(steps, batches, real_steps=50),
+        sizes=Sizes(worlds=64, batch_steps=64, simulations=simulations, groups=64),
+        worlds=settings.worlds(problem, truth),
+        seed=settings.seed,
+    )
+    return Run(problem, trainer, truth)
+
+
+if __name__ == "__main__":
+    sys.exit(main("acrobot", build, __doc__))
