@@ -10,16 +10,15 @@ import torch
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
-from torchrl.collectors import Collector
-from torchrl.envs import EnvBase, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.driven_pendulum import MODEL, BalanceTask, DrivenPendulumRig
+from onlinebayes.inference import Belief
 from onlinebayes.objectives import PPO, ppo
-from onlinebayes.simulators import Simulator
-from onlinebayes.simulators.env import SimulatorEnv
+from onlinebayes.simulators import Simulator, SimulatorEnv
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.transforms import Distribution, ParameterRandomization
+from onlinebayes.trainers import Problem, collector_of, improve
+from onlinebayes.transforms import ParameterRandomization
 
 
 @dataclass(frozen=True)
@@ -40,18 +39,20 @@ class Training:
 
 
 def training_worlds(simulator: Simulator, how: Training, period: float) -> MujocoSimulator:
-    """Many worlds of the model with its effects, one step a control period."""
+    """The model with its effects, one step a control period."""
     spec = mujoco.MjSpec.from_file(str(MODEL))
     spec.option.timestep = how.timestep
     own = simulator.parameters.subspace(name for name in simulator.parameters if "@" not in name)
-    return MujocoSimulator(spec, own, how.worlds, period, threads=1, effects=simulator.effects)
+    return MujocoSimulator(spec, own, 1, period, threads=1, effects=simulator.effects)
 
 
-def learner(env: EnvBase, frames: int) -> PPO:
-    """PPO for the environment's observation and action."""
-    return ppo(
-        env.observation_spec_unbatched["observation"],
-        env.action_spec_unbatched,
+def train(simulator: Simulator, worlds_from: Belief, how: Training, seed: int, say: Callable[[str], None]) -> PPO:
+    """Train in worlds of ``simulator`` whose parameters come from ``worlds_from``."""
+    torch.manual_seed(seed)
+    task, frames = BalanceTask(), how.worlds * how.steps
+    problem = Problem(training_worlds(simulator, how, task.period), task, worlds_from)
+    objective = ppo(
+        *problem.specs,
         frames_per_batch=frames,
         minibatch=frames // 4,
         epochs=6,
@@ -59,31 +60,14 @@ def learner(env: EnvBase, frames: int) -> PPO:
         lmbda=0.9,
         entropy=0.002,
     )
+    env = problem.worlds(how.worlds, ParameterRandomization(worlds_from), seed)
 
+    def told(batch: int, frames: int, losses: dict[str, float]) -> bool:
+        if batch % max(1, how.batches // 4) == 0:
+            say(f"{batch * frames} frames, critic's loss {losses['loss_critic']:.3g}")
+        return True
 
-def train(simulator: Simulator, worlds_from: Distribution, how: Training, seed: int, say: Callable[[str], None]) -> PPO:
-    """Train in worlds of ``simulator`` whose parameters come from ``worlds_from``."""
-    torch.manual_seed(seed)
-    task = BalanceTask()
-    worlds = training_worlds(simulator, how, task.period)
-    env = TransformedEnv(SimulatorEnv(worlds, task, seed=seed), ParameterRandomization(worlds_from))
-    frames = how.worlds * how.steps
-    objective = learner(env, frames)
-    collector = Collector(
-        env,
-        objective.policy,
-        frames_per_batch=frames,
-        total_frames=frames * how.batches,
-        trust_policy=True,
-        auto_register_policy_transforms=False,
-    )
-    try:
-        for k, batch in enumerate(collector):
-            objective.update(batch)
-            if (k + 1) % max(1, how.batches // 4) == 0:
-                say(f"{(k + 1) * frames} frames, reward a step {float(batch['next', 'reward'].mean()):.2f}")
-    finally:
-        collector.shutdown()
+    improve(objective, collector_of(env, objective.policy, how.steps), how.batches, told)
     return objective
 
 
