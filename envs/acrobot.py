@@ -86,18 +86,19 @@ class Acrobot(TorchSimulator):
         return torch.stack(((tau[0] - d2 * a2 - f1) / d1, a2))
 
     def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
-        """Pivot, the two links, and the height that the tip has to reach."""
+        """The two links, their joints, and the height that the tip has to reach."""
         values = self._named(theta)
         first, second = float(values["length1"]), float(values["length2"])
         return (
-            Shape("goal", "box", (first + second, 0.01, 0.01), GREY, moving=False),
-            Shape("pivot", "sphere", (0.08,), DARK, moving=False),
-            Shape("link1", "capsule", (0.06, first / 2), BLUE),
-            Shape("link2", "capsule", (0.05, second / 2), RED),
+            Shape("goal", "box", (first + second, 0.02, 0.01), GREY, moving=False),
+            Shape("link1", "capsule", (0.09, first / 2), BLUE),
+            Shape("link2", "capsule", (0.075, second / 2), RED),
+            Shape("shoulder", "sphere", (0.05,), DARK, moving=False),
+            Shape("elbow", "sphere", (0.05,), DARK),
         )
 
-    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 4 7"]:
-        """See :class:`~onlinebayes.simulators.Drawable`; the goal is a link's length of Gymnasium's above."""
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 5 7"]:
+        """See :class:`~onlinebayes.simulators.Drawable`; the goal is one of Gymnasium's links above."""
         values = self._named(theta)
         first, second = float(values["length1"]), float(values["length2"])
         a, b = states.get("qpos")[..., 0], states.get("qpos").sum(-1)
@@ -105,9 +106,10 @@ class Acrobot(TorchSimulator):
         x, z = first * torch.sin(a), -first * torch.cos(a)
         links = (
             planar(x / 2, z / 2, math.pi - a),
-            planar(x + second / 2 * torch.sin(b), z - second / 2 * torch.cos(b), math.pi - b),
+            planar(x + second / 2 * torch.sin(b), z - second / 2 * torch.cos(b), math.pi - b, -0.06),
         )
-        return torch.stack((planar(zero, zero + 1, zero), planar(zero, zero, zero), *links), dim=1)
+        joints = planar(zero, zero, zero, -0.12), planar(x, z, zero, -0.12)
+        return torch.stack((planar(zero, zero + 1, zero), *links, *joints), dim=1)
 
 
 class AcrobotTask(Task):

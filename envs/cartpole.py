@@ -67,17 +67,19 @@ class CartPole(TorchSimulator):
         """Track, cart, and a pole of its true length."""
         length = float(self._named(theta)["length"])
         return (
-            Shape("track", "box", (3.0, 0.02, 0.01), GREY, moving=False),
-            Shape("cart", "box", (0.25, 0.1, 0.12), DARK),
-            Shape("pole", "capsule", (0.04, length), BLUE),
+            Shape("track", "plane", (2.4, 0.15, 0.01), GREY, moving=False),
+            Shape("cart", "box", (0.22, 0.12, 0.1), DARK),
+            Shape("pole", "capsule", (min(0.04, 0.1 * length), length), BLUE),
+            Shape("axle", "sphere", (0.03,), GREY),
         )
 
-    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 3 7"]:
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 4 7"]:
         """See :class:`~onlinebayes.simulators.Drawable`."""
         length, (x, angle) = float(self._named(theta)["length"]), states.get("qpos").unbind(-1)
         zero = torch.zeros_like(x)
-        pole = planar(x + length * torch.sin(angle), length * torch.cos(angle), angle)
-        return torch.stack((planar(zero, zero - 0.14, zero), planar(x, zero, zero), pole), dim=1)
+        track, cart, axle = planar(zero, zero - 0.11, zero), planar(x, zero, zero), planar(x, zero, zero, -0.18)
+        pole = planar(x + length * torch.sin(angle), length * torch.cos(angle), angle, -0.16)
+        return torch.stack((track, cart, pole, axle), dim=1)
 
 
 class CartPoleTask(Task):

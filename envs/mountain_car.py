@@ -9,23 +9,24 @@ second of these keeps its state in single precision.
 
 from __future__ import annotations
 
-import math
 from abc import ABC
 from collections.abc import Mapping
+from typing import ClassVar
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Bounded, OneHot
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, Task, TorchSimulator
-from onlinebayes.simulators.drawing import BLUE, GREY, RED, Shape, planar
+from onlinebayes.simulators.drawing import BLUE, DARK, RED, Shape, planar
 
 MAX_SPEED = 0.07  # [lengths/step]
 LOW, HIGH = -1.2, 0.6  # walls
 PIECES = 46  # of the road, in drawings
+GREEN = (0.55, 0.68, 0.52, 1.0)
 
 
 class Valley(TorchSimulator, ABC):
@@ -33,6 +34,7 @@ class Valley(TorchSimulator, ABC):
 
     joints = (Joint("car", "slide", max_speed=MAX_SPEED, low=LOW, high=HIGH),)
     timestep = 1.0
+    flag: ClassVar[float]  # where drawings show the goal
 
     def acceleration(
         self,
@@ -45,20 +47,29 @@ class Valley(TorchSimulator, ABC):
         return tau - parameters["gravity"] * torch.cos(3 * q)
 
     def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
-        """The road in pieces, the flag, and the car."""
-        road = tuple(Shape(f"road{i}", "box", (0.021, 0.05, 0.008), GREY, moving=False) for i in range(PIECES))
-        flag = Shape("flag", "box", (0.008, 0.01, 0.1), RED, moving=False)
-        return (*road, flag, Shape("car", "box", (0.06, 0.05, 0.03), BLUE))
+        """The hill, a flag at the goal, and the car."""
+        vertices, faces = hill()
+        return (
+            Shape("hill", "mesh", (), GREEN, moving=False, vertices=vertices, faces=faces),
+            Shape("pole", "box", (0.005, 0.005, 0.11), DARK, moving=False),
+            Shape("flag", "box", (0.05, 0.003, 0.03), RED, moving=False),
+            Shape("car", "box", (0.065, 0.04, 0.025), BLUE),
+            Shape("rear_wheel", "sphere", (0.022,), DARK),
+            Shape("front_wheel", "sphere", (0.022,), DARK),
+        )
 
-    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
+    def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 6 7"]:
         """See :class:`~onlinebayes.simulators.Drawable`."""
         x = states.get("qpos")[..., 0]
-        along = torch.linspace(LOW, HIGH, PIECES, dtype=x.dtype)
-        at = x.new_tensor([0.5])
-        road, flag = planar(along, height(along), -slope(along)), planar(at, height(at) + 0.1, 0 * at)
-        fixed = torch.cat((road, flag))
-        car = planar(x - 0.04 * torch.sin(slope(x)), height(x) + 0.04 * torch.cos(slope(x)), -slope(x))
-        return torch.cat((fixed.expand(len(x), -1, -1), car[:, None]), dim=1)
+        at, zero = torch.full_like(x, self.flag), torch.zeros_like(x)
+        pole, flag = planar(at, height(at) + 0.11, zero), planar(at - 0.05, height(at) + 0.19, zero)
+
+        def on_road(forward: float, above: float, y: float) -> Tensor:
+            sin, cos = torch.sin(slope(x)), torch.cos(slope(x))
+            return planar(x + forward * cos - above * sin, height(x) + forward * sin + above * cos, -slope(x), y)
+
+        car = on_road(0.0, 0.05, 0.0), on_road(-0.035, 0.022, -0.03), on_road(0.035, 0.022, -0.03)
+        return torch.stack((planar(zero, zero, zero), pole, flag, *car), dim=1)
 
 
 class MountainCar(Valley):
@@ -69,6 +80,7 @@ class MountainCar(Valley):
     )
     defaults = {"force": 0.001, "gravity": 0.0025}  # noqa: RUF012
     actuators = (Actuator("engine", "car", gear="force", limit=1.0),)
+    flag = 0.5
 
 
 class MountainCarContinuous(Valley):
@@ -79,6 +91,7 @@ class MountainCarContinuous(Valley):
     )
     defaults = {"power": 0.0015, "gravity": 0.0025}  # noqa: RUF012
     actuators = (Actuator("engine", "car", gear="power", limit=1.0),)
+    flag = 0.45
 
 
 class MountainCarTask(Task):
@@ -174,4 +187,15 @@ def height(x: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
 
 def slope(x: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """Angle of the road [rad], for drawings."""
-    return torch.atan(3 * 0.45 * torch.cos(3 * x)).clamp(-math.pi / 2, math.pi / 2)
+    return torch.atan(3 * 0.45 * torch.cos(3 * x))
+
+
+def hill() -> tuple[Float[Tensor, "V 3"], Int[Tensor, "F 3"]]:
+    """Front and top of the ground between the walls, as vertices and faces."""
+    x = torch.linspace(LOW, HIGH, PIECES + 1, dtype=torch.float64)
+    z, low = height(x), torch.zeros_like(x)
+    bottom, front, back = (torch.stack((x, low + y, z), -1) for y, z in ((-0.1, low), (-0.1, z), (0.1, z)))
+    i = torch.arange(PIECES)
+    rows = [torch.cat((bottom, front)), torch.cat((front, back))]
+    quads = torch.cat((torch.stack((i, i + 1, i + PIECES + 2), -1), torch.stack((i, i + PIECES + 2, i + PIECES + 1), -1)))
+    return torch.cat(rows), torch.cat((quads, quads + 2 * (PIECES + 1)))

@@ -57,8 +57,8 @@ class Pendulum(TorchSimulator):
         length, mass = float(values["length"]), float(values["mass"])
         radius = 0.06 * length * min(max(mass / length, 0.1), 4.0) ** 0.5
         return (
-            Shape("axle", "sphere", (0.03 * max(length, 0.3),), DARK, moving=False),
             Shape("rod", "capsule", (radius, length / 2), BLUE),
+            Shape("axle", "sphere", (0.6 * radius,), DARK, moving=False),
         )
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 2 7"]:
@@ -66,7 +66,7 @@ class Pendulum(TorchSimulator):
         half, angle = float(self._named(theta)["length"]) / 2, states.get("qpos")[..., 0]
         zero = torch.zeros_like(angle)
         rod = planar(half * torch.sin(angle), half * torch.cos(angle), angle)
-        return torch.stack((planar(zero, zero, zero), rod), dim=1)
+        return torch.stack((rod, planar(zero, zero, zero, -0.06 * 2 * half)), dim=1)
 
 
 class PendulumTask(Task):

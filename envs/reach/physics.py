@@ -12,12 +12,12 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 MODEL = Path(__file__).with_name("arm.xml")
-"""Two links of 0.3 m on a turret whose joints are 0.35 m above the floor."""
+"""Two links of 0.3 m on a turret, its joints 0.65 m above the floor: nothing of it can touch anything."""
 
 DT = 0.04
 """Seconds between two commands [s]: eight timesteps of the model."""
 
-UPPER, FORE, HEIGHT = 0.3, 0.3, 0.35  # lengths of the links, height of the shoulder [m]
+UPPER, FORE, HEIGHT = 0.3, 0.3, 0.65  # lengths of the links, height of the shoulder [m]
 
 PHYSICAL = ParameterSpace(
     {

@@ -99,7 +99,7 @@ class ReachTask(Task):
 
     def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
         """The goal, as large as its tolerance."""
-        return (Shape("goal", "sphere", (self.tolerance,), GREEN),)
+        return (Shape("goal", "sphere", (self.tolerance,), GREEN, moving=False),)
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 1 7"]:
         """Where it is; see :class:`~onlinebayes.simulators.Drawable`."""

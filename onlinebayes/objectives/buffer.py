@@ -13,6 +13,8 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.runs import BadInput
+
 
 class TransitionBuffer:
     """The last ``size`` transitions.
@@ -67,16 +69,16 @@ class TransitionBuffer:
     def state_dict(self) -> dict[str, Any]:
         """The rows that are there, and where the next one goes."""
         rows = [[_text(key), rows[: self._filled].clone()] for key, rows in self._rows.items()]
-        return {"rows": rows, "next": self._next, "filled": self._filled}
+        return {"size": self.size, "rows": rows, "next": self._next, "filled": self._filled}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Remember what :meth:`state_dict` gave.
 
         Raises:
-            ValueError: more rows than this buffer keeps.
+            BadInput: it is of a buffer of another size.
         """
-        if state["filled"] > self.size:
-            raise ValueError(f"{state['filled']} saved transitions do not fit a buffer of {self.size}")
+        if state["size"] != self.size:
+            raise BadInput(f"the saved buffer has size {state['size']}", f"build it with that, not {self.size}")
         self._rows, self._next, self._filled = {}, state["next"], state["filled"]
         for name, rows in state["rows"]:
             whole = rows.new_zeros((self.size, *rows.shape[1:]), device=self.device)

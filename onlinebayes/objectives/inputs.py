@@ -62,13 +62,13 @@ class Inputs(nn.Module):
     def _values(self, tensordict: TensorDictBase, under: Sequence[str]) -> list[Tensor]:
         values = []
         for key, width in self._widths.items():
-            place = (*under, *((key,) if isinstance(key, str) else key))
+            place = key if not under else (*under, *((key,) if isinstance(key, str) else key))
             value = tensordict.get(place, None)
             if value is None:
-                raise BadInput(f"the batch has no {place}", f"the policy was built with in_keys = {self.keys}")
+                raise BadInput(f"the batch has no {place!r}", f"the policy was built with in_keys = {self.keys}")
             if value.shape[-1] != width:
                 raise BadInput(
-                    f"{place} is {value.shape[-1]} wide, the policy was built for {width}",
+                    f"{place!r} is {value.shape[-1]} wide, the policy was built for {width}",
                     "build it from the specs of this environment",
                 )
             values.append(value)
@@ -90,7 +90,7 @@ def inputs_of(observation_spec: TensorSpec, in_keys: Sequence[NestedKey] = KEYS,
         normalise: whether rows are normalised.
 
     Raises:
-        BadInput: a key that the spec lacks, or several keys with a leaf spec.
+        BadInput: a key that the spec lacks, several keys with a leaf spec, or a leaf that is not one row.
     """
     keys = [key if isinstance(key, str) else tuple(key) for key in in_keys]
     if isinstance(observation_spec, Composite):
@@ -98,9 +98,38 @@ def inputs_of(observation_spec: TensorSpec, in_keys: Sequence[NestedKey] = KEYS,
         missing = [key for key in keys if key not in known]
         if missing:
             raise BadInput(f"in_keys has {missing[0]!r}, the observation spec has {known}", "use one of these keys")
-        widths = {key: observation_spec[key].shape[-1] for key in keys}
+        leaves = {key: observation_spec[key] for key in keys}
     elif len(keys) == 1:
-        widths = {keys[0]: observation_spec.shape[-1]}
+        leaves = {keys[0]: observation_spec}
     else:
         raise BadInput(f"in_keys = {keys} with the spec of one leaf", "give the Composite that holds all of them")
-    return Inputs(widths, normalise=normalise, device=observation_spec.device)
+    for key, leaf in leaves.items():
+        if leaf.ndim != 1:
+            raise BadInput(
+                f"the spec of {key!r} has shape {tuple(leaf.shape)}",
+                "give the spec of one world, shape (O,): env.observation_spec_unbatched, flattened if need be",
+            )
+    return Inputs(
+        {key: leaf.shape[0] for key, leaf in leaves.items()}, normalise=normalise, device=observation_spec.device
+    )
+
+
+def selected(data: TensorDictBase, keys: Sequence[NestedKey]) -> TensorDictBase:
+    """The entries of a collector's batch that an objective learns from.
+
+    Raises:
+        BadInput: one is missing.
+    """
+    there = set(data.keys(True, True))
+    missing = [key for key in keys if key not in there]
+    if missing:
+        raise BadInput(
+            f"the batch has no {missing[0]!r}, which the objective learns from",
+            "collect it with the objective's own policy in an environment that has this key",
+        )
+    return data.select(*keys)
+
+
+def after(key: NestedKey) -> tuple[str, ...]:
+    """The key after the step, below ``"next"``."""
+    return ("next", *((key,) if isinstance(key, str) else key))

@@ -27,7 +27,7 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from onlinebayes.objectives.inputs import KEYS, Inputs, inputs_of
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
 
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
@@ -60,10 +60,13 @@ class PPO:
     max_grad_norm: float
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
-        """One PPO pass over a collector's batch (N, T); returns the losses' means."""
+        """One PPO pass over a collector's batch (N, T); returns the losses' means.
+
+        Raises:
+            BadInput: the batch lacks a key, or one has another width than the networks were built for.
+        """
+        data = selected(data, [*self.loss.in_keys, *map(after, self.inputs.keys)])
         self.inputs.observe(data)
-        following = [("next", *(key if isinstance(key, tuple) else (key,))) for key in self.inputs.keys]
-        data = data.select(*self.loss.in_keys, *following)
         data["next", "reward"] = self.reward_scale * data["next", "reward"]
         with torch.no_grad():
             data = self.advantage(data)

@@ -25,7 +25,7 @@ from torchrl.modules import ProbabilisticActor
 
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.ensemble import EnsembleMLP
-from onlinebayes.objectives.inputs import KEYS, Inputs, inputs_of
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import stochastic_policy, unsupported
 from onlinebayes.objectives.soft_loss import SoftLoss
 from onlinebayes.objectives.targets import Follower
@@ -58,9 +58,13 @@ class SAC:
     reward_scale: float
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
-        """Remember a collector's batch (N, T) and take its share of gradient steps; returns the losses' means."""
-        self.inputs.observe(data)
-        fresh = data.select(*self.loss.in_keys).reshape(-1)
+        """Remember a collector's batch (N, T) and take its share of gradient steps; returns the losses' means.
+
+        Raises:
+            BadInput: the batch lacks a key, or one has another width than the networks were built for.
+        """
+        fresh = selected(data, self.loss.in_keys).reshape(-1)
+        self.inputs.observe(fresh)
         fresh["next", "reward"] = self.reward_scale * fresh["next", "reward"]
         self.buffer.extend(fresh)
         steps = max(1, fresh.numel() // self.frames_per_update)
@@ -73,11 +77,14 @@ class SAC:
     def step(self) -> dict[str, torch.Tensor]:
         """One gradient step on a minibatch of the buffer; the losses, detached."""
         rows = self.buffer.draw(self.minibatch)
-        keys = self.inputs.keys
-        row = self.inputs(*(rows[key] for key in keys))
-        following = self.inputs(*(rows["next", *(key if isinstance(key, tuple) else (key,))] for key in keys))
+        row = self.inputs(*(rows[key] for key in self.inputs.keys))
+        following = self.inputs(*(rows[after(key)] for key in self.inputs.keys))
         actor, qvalue, alpha, entropy = self.loss.losses(
-            row, rows[self.loss.action_key], rows["next", "reward"], rows["next", "terminated"], following
+            row,
+            rows[self.loss.action_key].to(row),
+            rows["next", "reward"].to(row),
+            rows["next", "terminated"],
+            following,
         )
         self.optimiser.zero_grad()
         (actor + qvalue + alpha).backward()

@@ -21,30 +21,35 @@ from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
 from onlinebayes.objectives.ensemble import EnsembleMLP
-from onlinebayes.objectives.inputs import Inputs
+from onlinebayes.objectives.inputs import Inputs, after
 
 LOG_2 = math.log(2.0)
 
 
-class SquashedNormal:
+class SquashedNormal(nn.Module):
     """a = centre + half tanh u,  u ~ N(location, scale^2), with the log density of what is drawn.
 
     Args:
         low, high: the action's bounds (A,).
     """
 
-    def __init__(self, low: Float[Tensor, " A"], high: Float[Tensor, " A"]) -> None:
-        self.centre, self.half = (high + low) / 2, (high - low) / 2
-        self._log_half = torch.log(self.half).sum()
+    centre: Tensor
+    halfwidth: Tensor
 
-    def draw(self, location: Float[Tensor, "B A"], scale: Float[Tensor, "B A"]) -> tuple[Tensor, Tensor]:
+    def __init__(self, low: Float[Tensor, " A"], high: Float[Tensor, " A"]) -> None:
+        super().__init__()
+        self.register_buffer("centre", (high + low) / 2, persistent=False)
+        self.register_buffer("halfwidth", (high - low) / 2, persistent=False)
+        self._log_half = float(torch.log(self.halfwidth).sum())
+
+    def forward(self, location: Float[Tensor, "B A"], scale: Float[Tensor, "B A"]) -> tuple[Tensor, Tensor]:
         """Actions (B, A) and their log densities (B,), differentiable in location and scale."""
         noise = torch.randn_like(location)
         u = location + scale * noise
         # log(1 - tanh^2 u) = 2 (log 2 - u - softplus(-2 u)), stable far out.
         log_slope = 2 * (LOG_2 - u - nn.functional.softplus(-2 * u))
         log_normal = -0.5 * noise.square() - torch.log(scale) - 0.5 * math.log(2 * math.pi)
-        return self.centre + self.half * torch.tanh(u), (log_normal - log_slope).sum(-1) - self._log_half
+        return self.centre + self.halfwidth * torch.tanh(u), (log_normal - log_slope).sum(-1) - self._log_half
 
 
 class SoftLoss(TensorDictModuleBase):
@@ -85,8 +90,8 @@ class SoftLoss(TensorDictModuleBase):
         self.gamma, self.action_key = gamma, action_key
         self.target_entropy = -float(len(low)) if target_entropy is None else target_entropy
         self.log_alpha = nn.Parameter(torch.tensor(math.log(alpha), device=low.device))
-        self._squashed = SquashedNormal(low, high)
-        following = [("next", *(key if isinstance(key, tuple) else (key,))) for key in inputs.keys]
+        self._squashed = SquashedNormal(low.to(torch.float32), high.to(torch.float32))
+        following = [after(key) for key in inputs.keys]
         self.in_keys = [*inputs.keys, action_key, ("next", "reward"), ("next", "terminated"), *following]
         self.out_keys = ["loss_actor", "loss_qvalue", "loss_alpha", "alpha", "entropy"]
 
@@ -101,12 +106,12 @@ class SoftLoss(TensorDictModuleBase):
         """Losses of actor, critics and alpha, and the entropy (detached), of plain tensors."""
         alpha = self.log_alpha.detach().exp()
         with torch.no_grad():
-            then, log_prob = self._squashed.draw(*self.actor(following))
+            then, log_prob = self._squashed(*self.actor(following))
             value = self.targets(torch.cat([following, then], -1)).amin(0) - alpha * log_prob.unsqueeze(-1)
             target = reward + self.gamma * (~terminated) * value
         known = self.critics(torch.cat([row, action], -1))
         loss_qvalue = (known - target).square().sum(0).mean()
-        now, log_prob = self._squashed.draw(*self.actor(row))
+        now, log_prob = self._squashed(*self.actor(row))
         worth = self.critics(torch.cat([row, now], -1), frozen=True).amin(0).squeeze(-1)
         loss_actor = (alpha * log_prob - worth).mean()
         entropy = -log_prob.detach().mean()

@@ -27,8 +27,7 @@ class Follower(Generic[Followed]):
             raise ValueError(f"tau = {tau}: needs 0 < tau <= 1")
         self.network: Followed = copy.deepcopy(network).requires_grad_(False)
         self.tau = tau
-        self._ahead = [p.data for p in network.parameters()]
-        self._behind = [p.data for p in self.network.parameters()]
+        self._ahead, self._behind = list(network.parameters()), list(self.network.parameters())
 
     @torch.no_grad()
     def step(self) -> None:

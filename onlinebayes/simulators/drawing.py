@@ -132,8 +132,8 @@ def view_of(
     """
     places = poses.numpy()
     if turn is None:
-        spread = np.ptp(places[..., :3].reshape(-1, 3), axis=0).max()
-        turn = OBLIQUE if np.ptp(places[..., 1], axis=0).max(initial=0) > 0.01 * spread else SIDE
+        across = np.ptp(places[..., 1], axis=0).max(initial=0)
+        turn = OBLIQUE if across > 0.01 * np.abs(places[..., :3]).max(initial=0) else SIDE
     axes = View((0, 0), (0, 0), turn).axes
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
     for i, shape in enumerate(shapes):
@@ -196,7 +196,7 @@ def render_state(
 
 
 def _patches(
-    shape: Shape, pose: Float[np.ndarray, "7"], view: View
+    shape: Shape, pose: Float[np.ndarray, 7], view: View
 ) -> list[tuple[Float[np.ndarray, "K 2"], Colour, Colour | None]]:
     """Polygons in the picture's plane [m], back to front, each with its colour and that of its edge."""
     axes = view.axes
@@ -263,6 +263,7 @@ def _shade(colour: Colour, mix: float) -> tuple[int, int, int]:
 def _polygon(
     draw: ImageDraw, pixels: Float[np.ndarray, "K 2"], fill: tuple[int, int, int], edge: tuple[int, int, int] | None
 ) -> None:
-    corners = [(float(x), float(y)) for x, y in pixels]
-    draw.polygon(corners, fill=fill)
-    draw.line([*corners, corners[0]], fill=edge or fill, width=SMOOTH if edge else 1, joint="curve")
+    corners = pixels.ravel().tolist()
+    draw.polygon(corners, fill=fill, outline=fill)
+    if edge:
+        draw.line(corners + corners[:2], fill=edge, width=SMOOTH)

@@ -13,6 +13,10 @@ from onlinebayes.objectives import Objective
 from onlinebayes.runs import BadInput
 
 
+BUFFER = "buffer"
+"""Where an objective's ``state_dict`` keeps its replay buffer."""
+
+
 @runtime_checkable
 class Batches(Protocol):
     """Fresh data without end, as a TorchRL ``Collector`` gives it."""
@@ -51,7 +55,9 @@ def improve(
     """
     if batches and not begin:
         collector.reset()
-    good, failures = copy.deepcopy(objective.state_dict()), 0
+    # The buffer is large and none of it is wrong: it stays.
+    good = copy.deepcopy({key: part for key, part in objective.state_dict().items() if key != BUFFER})
+    failures = 0
     for batch in range(begin + 1, batches + 1):
         data = collector.next()
         if data is None:
@@ -65,7 +71,8 @@ def improve(
                     f"{wrong[0]} was no number in three batches of one outer step",
                     "lower the learning rate, or look at the rewards and observations",
                 )
-            objective.load_state_dict(copy.deepcopy(good))
+            kept = {key: part for key, part in objective.state_dict().items() if key == BUFFER}
+            objective.load_state_dict({**copy.deepcopy(good), **kept})
         if after is not None and not after(batch, data.numel(), losses):
             break
     note = f"a loss was no number in {failures} batches; the policy went back to where the step began"

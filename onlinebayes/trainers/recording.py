@@ -21,7 +21,7 @@ from onlinebayes.inference import Belief, BoxUniform, plots
 from onlinebayes.loggers.page import Curves, Page, write_page
 from onlinebayes.loggers.recorder import RunRecorder
 from onlinebayes.simulators import Drawable, Shape
-from onlinebayes.simulators.drawing import render, view_of
+from onlinebayes.simulators.drawing import render, scene, view_of
 from onlinebayes.trainers.problem import Problem
 from onlinebayes.trainers.state import OnlineState, Record
 from onlinebayes.trainers.trajectories import Policy
@@ -104,13 +104,16 @@ class Recording:
         mean = simulator.parameters.clamp(mean)
         truth = mean if self.truth is None else self.truth
         states, commands = play(self.problem, self.policy, truth)
-        episodes = {"real": Episode(simulator.shapes(truth), simulator.poses(truth, states))}
+        systems = (simulator, self.problem.task)
+        episodes = {"real": Episode(*scene(systems, truth, states))}
         if self.truth is not None:
             times = simulator.dt * torch.arange(1, len(commands) + 1, dtype=torch.float64)
             inputs = TensorDict({"command": commands[None]}, batch_size=(1, len(commands)))
             again = simulator.rollout(mean[None], states[:1], inputs, times)[0].exclude("valid")
             again = torch.cat([states[:1].select(*again.keys(True, True)), again])
-            episodes["simulated"] = Episode(simulator.shapes(mean), simulator.poses(mean, again))
+            if "task" in states:
+                again["task"] = states["task"]
+            episodes["simulated"] = Episode(*scene(systems, mean, again))
         return episodes
 
 
@@ -121,20 +124,21 @@ def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> tuple[
     theta = theta.to(simulator.dtype)[None]
     start = task.start(theta, torch.Generator().manual_seed(0))
     constant = start.pop("task", None)
-    state = simulator.reset(theta, start)
-    states, commands = [state], []
+
+    def shown(state: TensorDict) -> TensorDict:
+        return state if constant is None else state.clone().set("task", constant)
+
+    states, commands = [shown(simulator.reset(theta, start))], []
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         for _ in range(min(task.horizon, MOST_POSES)):
-            shown = state if constant is None else state.clone().set("task", constant)
-            seen = task.observe(shown)
+            seen = task.observe(states[-1])
             values = seen if isinstance(seen, dict) else {"observation": seen}
             action = policy(TensorDict({**values, "theta": theta}, batch_size=(1,)))["action"]
             command = task.command(action).to(simulator.dtype)
-            state = simulator.step(TensorDict({"command": command}, batch_size=(1,)))
-            states.append(state)
+            inputs = TensorDict({"command": command}, batch_size=(1,))
+            states.append(shown(simulator.step(inputs)))
             commands.append(command[0])
-            after = state if constant is None else state.clone().set("task", constant)
-            if bool(task.terminated(after)) or bool(simulator.failed):
+            if bool(task.terminated(states[-1])) or bool(simulator.failed):
                 break
     return torch.cat(states), torch.stack(commands)
 

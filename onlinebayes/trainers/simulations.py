@@ -50,19 +50,27 @@ class Simulations:
         randomization: draws their theta.
         steps: length T of a trajectory.
         form: which keys make up a trajectory.
+        repeats: how often the worlds are run for one :meth:`draw`, for environments of few worlds.
     """
 
     def __init__(
-        self, env: EnvBase, randomization: ParameterRandomization, steps: int, form: TrajectoryFormat | None = None
+        self,
+        env: EnvBase,
+        randomization: ParameterRandomization,
+        steps: int,
+        form: TrajectoryFormat | None = None,
+        *,
+        repeats: int = 1,
     ) -> None:
-        self.env, self.steps = env, steps
+        self.env, self.steps, self.repeats = env, steps, repeats
         self.form = form if form is not None else TrajectoryFormat()
         self._randomization = randomization
 
     def draw(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
-        """N trajectories (N, T) under each policy, every one with a theta of its own from the proposal."""
+        """N trajectories (N, T) under each policy, ``repeats`` times, each with a theta of its own from the proposal."""
         self._randomization.set_distribution(proposal)
-        return torch.cat([trajectories(self.env, policy, self.steps, self.form) for policy in policies])
+        each = [policy for policy in policies for _ in range(self.repeats)]
+        return torch.cat([trajectories(self.env, policy, self.steps, self.form) for policy in each])
 
     def groups(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
         """N groups (N, n, T): the same theta under each of the n policies."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import re
 
 import mujoco
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.simulators.drawing import Shape
+from onlinebayes.simulators.drawing import Kind, Shape
 
 GROUPS = 3  # as in MuJoCo's own viewer: groups 0, 1, 2
-KINDS: dict[int, tuple[Literal["box", "capsule", "cylinder", "sphere", "ellipsoid", "mesh"], int]] = {
+FAR = 10.0  # half size of a plane without an end, in extents of the model
+# Type of a geom -> kind of the shape, and how many of its sizes count.
+KINDS: dict[int, tuple[Kind, int]] = {
+    int(mujoco.mjtGeom.mjGEOM_PLANE): ("plane", 2),
     int(mujoco.mjtGeom.mjGEOM_BOX): ("box", 3),
     int(mujoco.mjtGeom.mjGEOM_CAPSULE): ("capsule", 2),
     int(mujoco.mjtGeom.mjGEOM_CYLINDER): ("cylinder", 2),
@@ -24,30 +27,17 @@ KINDS: dict[int, tuple[Literal["box", "capsule", "cylinder", "sphere", "ellipsoi
 
 
 def drawn(model: mujoco.MjModel) -> list[int]:
-    """Ids of the geoms that are drawn: visible ones, no planes or height fields."""
-    return [g for g in range(model.ngeom) if model.geom_group[g] < GROUPS and int(model.geom_type[g]) in KINDS]
+    """Ids of the geoms that are drawn: visible ones, no height fields."""
+    return [
+        geom
+        for geom in range(model.ngeom)
+        if model.geom_group[geom] < GROUPS and int(model.geom_type[geom]) in KINDS and _colour(model, geom)[3] > 0
+    ]
 
 
 def shapes(model: mujoco.MjModel) -> tuple[Shape, ...]:
-    """One shape a geom."""
-    found = []
-    for geom in drawn(model):
-        kind, sizes = KINDS[int(model.geom_type[geom])]
-        material = int(model.geom_matid[geom])
-        colour = model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]
-        vertices, faces = _mesh(model, geom) if kind == "mesh" else (None, None)
-        found.append(
-            Shape(
-                f"geom{geom}",
-                kind,
-                tuple(float(x) for x in model.geom_size[geom][:sizes]),
-                (float(colour[0]), float(colour[1]), float(colour[2]), float(colour[3])),
-                bool(model.body_weldid[model.geom_bodyid[geom]] != 0),
-                vertices,
-                faces,
-            )
-        )
-    return tuple(found)
+    """One shape a geom, named after it or its body."""
+    return tuple(_shape(model, geom) for geom in drawn(model))
 
 
 def poses(model: mujoco.MjModel, qpos: Float[np.ndarray, "T nq"]) -> Float[Tensor, "T S 7"]:
@@ -59,11 +49,36 @@ def poses(model: mujoco.MjModel, qpos: Float[np.ndarray, "T nq"]) -> Float[Tenso
         mujoco.mj_kinematics(model, data)
         for i, geom in enumerate(geoms):
             mujoco.mju_mat2Quat(quaternion, data.geom_xmat[geom])
-            result[k, i] = [*data.geom_xpos[geom], *quaternion]
+            result[k, i, :3], result[k, i, 3:] = data.geom_xpos[geom], quaternion
     return torch.from_numpy(result)
 
 
-def _mesh(model: mujoco.MjModel, geom: int) -> tuple[Tensor, Tensor]:
+def _shape(model: mujoco.MjModel, geom: int) -> Shape:
+    kind, count = KINDS[int(model.geom_type[geom])]
+    size = tuple(float(x) for x in model.geom_size[geom][:count])
+    if kind == "plane":
+        size = (*(half or FAR * float(model.stat.extent) for half in size), 0.0)
+    body = int(model.geom_bodyid[geom])
+    vertices, faces = _mesh(model, geom) if kind == "mesh" else (None, None)
+    name = model.geom(geom).name or model.body(body).name or "geom"
+    return Shape(
+        re.sub(r"\W", "_", f"{name}_{geom}"),  # a body may have several geoms without a name
+        kind,
+        size,
+        _colour(model, geom),
+        moving=bool(model.body_weldid[body] != 0),
+        vertices=vertices,
+        faces=faces,
+    )
+
+
+def _colour(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:
+    material = int(model.geom_matid[geom])
+    red, green, blue, opacity = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]).tolist()
+    return red, green, blue, opacity
+
+
+def _mesh(model: mujoco.MjModel, geom: int) -> tuple[Float[Tensor, "V 3"], Int[Tensor, "F 3"]]:
     mesh = int(model.geom_dataid[geom])
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     face, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])

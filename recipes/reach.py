@@ -1,0 +1,90 @@
+"""An arm that reaches for goals: DDPG with hindsight learns from rewards that hardly ever come, in the arm that is found.
+
+    python -m recipes.reach [--seed S] [--kind oracle]     one run, a few minutes; Ctrl-C and again goes on
+
+What the arm reached is told again as if it had been the goal (Andrychowicz et al. 2017). Unknown are the damping and
+the motor of the elbow.
+"""
+
+from __future__ import annotations
+
+import sys
+from functools import partial
+
+import torch
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from envs.reach import PHYSICAL, ReachTask, arm, fingertip
+from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import (
+    Belief,
+    BoxUniform,
+    MixtureEstimator,
+    NeuralEstimator,
+    NeuralPosteriorLoss,
+    PosteriorEstimator,
+    fit,
+)
+from onlinebayes.objectives import Hindsight, ddpg
+from onlinebayes.trainers import Problem, Sizes, online_trainer
+from recipes.common import Run, Settings, hidden_truth, main
+
+SPACE = PHYSICAL.subspace(["joint.elbow.damping", "actuator.elbow.gear"])
+
+
+def state(observation: Tensor) -> TensorDict:
+    """The state behind an observation (M, 12): the angles of their cosines and sines."""
+    cos, sin, rates, _ = observation.double().split(3, dim=-1)
+    return TensorDict({"qpos": torch.atan2(sin, cos), "qvel": rates}, batch_size=observation.shape[:1])
+
+
+def observe(state: TensorDictBase) -> Tensor:
+    """The observation without the goals."""
+    q = state["qpos"]
+    return torch.cat((q.cos(), q.sin(), state["qvel"], fingertip(q)), dim=-1).to(torch.float32)
+
+
+def estimator(problem: Problem, epochs: int, proposal: Belief) -> PosteriorEstimator:
+    """Transitions told beside the simulator at the proposal's centre -> their least-squares sums -> a mixture."""
+    reference = SimulatorReference(
+        problem.simulator, proposal.box.cross(), state=state, command=problem.task.command, observe=observe
+    )
+    features = TransitionFeatures(12, 3, reference=reference, sensitivities=len(SPACE))
+    embedding = SummaryEmbedding(features)
+    network = MixtureEstimator(SPACE, embedding.size, box=proposal.box)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
+
+
+def build(settings: Settings) -> Run:
+    """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
+    task = ReachTask()
+    problem = Problem(arm(SPACE, threads=1), task, BoxUniform(SPACE))
+    default = dict(zip(SPACE.names, problem.simulator.nominal.tolist(), strict=True))
+    truth = hidden_truth(SPACE, settings.seed, default)
+    objective = ddpg(
+        *problem.specs,
+        in_keys=["observation", "desired_goal"],
+        hindsight=Hindsight(task.goal_reward),
+        widths=(64, 64, 64),
+        gamma=0.9,
+        value_range=(-10.0, 0.0),
+        action_penalty=0.1,
+    )
+    steps, batches, simulations, epochs = (2, 2, 60, 4) if settings.short else (4, 8, 300, 20)
+    trainer = online_trainer(
+        problem,
+        objective,
+        estimator=partial(estimator, problem, epochs),
+        real=problem.hidden(truth, settings.seed + 2000),
+        schedule=settings.schedule(steps, batches, real_steps=50),
+        sizes=Sizes(worlds=32, batch_steps=50, simulations=simulations, groups=48),
+        worlds=settings.worlds(problem, truth),
+        seed=settings.seed,
+    )
+    return Run(problem, trainer, truth)
+
+
+if __name__ == "__main__":
+    sys.exit(main("reach", build, __doc__))
