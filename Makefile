@@ -10,7 +10,7 @@ WORKERS ?= 2
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online emps measured cost screening versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -29,7 +29,7 @@ demo: setup      ## the main job: measurement -> missing effect -> posterior -> 
 demo-seeds: setup  ## the demo on five seeds -> docs/results/demo-seeds.json
 	$(BIN)/python -m recipes.studies.demo_seeds
 
-test: setup lint ## lint, types, arrows, fast tests (under 8 minutes; WORKERS=2 processes)
+test: setup lint ## lint, types, arrows, fast tests (under 6 minutes; WORKERS=2 processes)
 	$(BIN)/python -m pytest $(SPREAD)
 lint: setup
 	$(BIN)/ruff check .
@@ -65,6 +65,11 @@ versus-peers: setup  ## refine against three peers (hours; goes on where it was 
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers
 online: setup    ## online learning beside a posterior first, the prior and an oracle (hours; goes on where it was stopped) -> docs/results/online.json
 	$(BIN)/python -m recipes.studies.online --out $(OUT)/online
+
+gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
+	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
+survival: setup  ## a run killed at twenty random moments ends as if it had not been -> docs/results/survival.json
+	$(BIN)/python -m recipes.studies.survival --out $(OUT)/survival
 
 effect-pages: setup  ## pictures and figures of the pages in docs/effects (five minutes)
 	$(BIN)/python -m recipes.studies.effect_pages

@@ -1,4 +1,4 @@
-"""An arm that reaches for goals: DDPG with hindsight learns from rewards that hardly ever come, in the arm that is found.
+"""An arm reaches for goals: DDPG with hindsight learns from rewards that hardly ever come, while the arm is identified.
 
     python -m recipes.reach [--seed S] [--kind oracle]     one run, a few minutes; Ctrl-C and again goes on
 

@@ -12,7 +12,6 @@ from tensordict import TensorDictBase
 from onlinebayes.objectives import Objective
 from onlinebayes.runs import BadInput
 
-
 BUFFER = "buffer"
 """Where an objective's ``state_dict`` keeps its replay buffer."""
 

@@ -67,7 +67,7 @@ class Simulations:
         self._randomization = randomization
 
     def draw(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
-        """N trajectories (N, T) under each policy, ``repeats`` times, each with a theta of its own from the proposal."""
+        """N trajectories (N, T) under each policy, ``repeats`` times, every one with a theta of its own."""
         self._randomization.set_distribution(proposal)
         each = [policy for policy in policies for _ in range(self.repeats)]
         return torch.cat([trajectories(self.env, policy, self.steps, self.form) for policy in each])

@@ -1,0 +1,200 @@
+"""``make gymnasium``: policies trained by our code in our worlds at default parameters, judged in Gymnasium's own.
+
+| environment              | learnt by                                     | goal    |
+|--------------------------|-----------------------------------------------|---------|
+| CartPole-v1              | PPO                                           | >= 495  |
+| Pendulum-v1              | SAC                                           | >= -160 |
+| Acrobot-v1               | PPO                                           | >= -80  |
+| MountainCar-v0           | PPO; engines of other strength in other worlds | >= -115 |
+| MountainCarContinuous-v0 | SAC; engines of other strength in other worlds | >= 93   |
+
+The two cars learn in worlds whose engines differ: where all are weak, no reward is ever met. Each finished job is kept,
+so that a second start goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+
+import gymnasium
+import torch
+import tyro
+from tensordict import TensorDict
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from envs.acrobot import Acrobot, AcrobotTask
+from envs.cartpole import CartPole, CartPoleTask
+from envs.mountain_car import MountainCar, MountainCarContinuous, MountainCarContinuousTask, MountainCarTask
+from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.inference import BoxUniform
+from onlinebayes.objectives import Objective, ppo, sac
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomic
+from onlinebayes.simulators import Task, TorchSimulator
+from onlinebayes.trainers import Problem, collector_of
+from onlinebayes.transforms import ParameterRandomization
+from recipes.common import settle
+
+EPISODES = 50
+
+
+@dataclass(frozen=True)
+class Case:
+    """One environment and how a policy learns it.
+
+    Args:
+        simulator: ours.
+        task: ours.
+        space: parameters that differ between the worlds; none for the default ones.
+        objective: specs -> policy and learning.
+        worlds, steps, batches: how much.
+        goal: mean return, at least.
+    """
+
+    simulator: type[TorchSimulator]
+    task: Task
+    space: ParameterSpace
+    objective: Callable[..., Objective]
+    worlds: int
+    steps: int
+    batches: int
+    goal: float
+
+
+SAME = ParameterSpace({})
+FORCE = ParameterSpace({"force": Parameter(0.0007, 0.003, "length/step2", "log")})
+POWER = ParameterSpace({"power": Parameter(0.001, 0.006, "length/step2", "log")})
+CASES = {
+    "CartPole-v1": Case(CartPole, CartPoleTask(), SAME, ppo, 64, 64, 60, 495.0),
+    "Pendulum-v1": Case(
+        Pendulum,
+        PendulumTask(),
+        SAME,
+        partial(sac, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8),
+        64,
+        16,
+        60,
+        -160.0,
+    ),
+    "Acrobot-v1": Case(Acrobot, AcrobotTask(), SAME, ppo, 64, 64, 60, -80.0),
+    "MountainCar-v0": Case(
+        MountainCar,
+        MountainCarTask(),
+        FORCE,
+        partial(ppo, normalise=True, gamma=0.995, frames_per_batch=8192, minibatch=1024),
+        64,
+        128,
+        80,
+        -115.0,
+    ),
+    "MountainCarContinuous-v0": Case(
+        MountainCarContinuous,
+        MountainCarContinuousTask(),
+        POWER,
+        partial(sac, normalise=True, gamma=0.995, tau=0.01, reward_scale=0.1, alpha=0.1, memory=200_000),
+        64,
+        32,
+        60,
+        93.0,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """All environments and seeds."""
+
+    environments: tuple[str, ...] = tuple(CASES)
+    """which"""
+    seeds: tuple[int, ...] = (1, 2, 3, 4, 5)
+    """of networks, worlds and draws"""
+    out: str = "out/gymnasium"
+    """finished jobs go here"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Mean return over episodes of Gymnasium's environment, what it took, and the return in the course of learning."""
+
+    score: float
+    frames: int
+    seconds: float
+    course: tuple[float, ...]
+
+
+def main(study: Study) -> int:
+    """Train what is missing, print the table."""
+    settle()
+    jobs = [(name, seed) for name in study.environments for seed in study.seeds]
+    table = ResultTable("gymnasium", "make gymnasium", study.seeds)
+    outcomes: dict[tuple[str, int], Outcome] = {}
+    with Progress("gymnasium", len(jobs)) as progress:
+        for done, (name, seed) in enumerate(jobs):
+            file = Path(study.out) / f"{name}-{seed}.json"
+            if not file.exists():
+                progress.update(done, f"{name}, seed {seed}")
+                write_atomic(file, json.dumps(asdict(train(CASES[name], name, seed))) + "\n")
+            outcomes[name, seed] = Outcome(**json.loads(file.read_text("utf-8")))
+    for name in study.environments:
+        of = [outcomes[name, seed] for seed in study.seeds]
+        median, goal = statistics.median(o.score for o in of), CASES[name].goal
+        spread = " ".join(f"{o.score:.1f}" for o in of)
+        table.add(f"{name}: return", median, spread=spread, goal=f">= {goal:g}", holds=median >= goal)
+        table.add(f"{name}: frames", of[0].frames, unit="frames")
+    print(table.to_markdown())
+    print(f"written: {table.write()}")
+    return 0 if table.holds else 1
+
+
+def train(case: Case, name: str, seed: int) -> Outcome:
+    """Train one policy; of the policies along the way the one that is best in our worlds at default parameters."""
+    start = time.monotonic()
+    seed_everything(seed)
+    problem = Problem(case.simulator(case.space), case.task, BoxUniform(case.space))
+    default = problem.simulator.nominal
+    objective = case.objective(*problem.specs)
+    drawn = ParameterRandomization(problem.prior)
+    collector = collector_of(problem.worlds(case.worlds, drawn, seed), objective.policy, case.steps)
+    best, kept, course = -float("inf"), objective.policy.state_dict(), []
+    for batch in range(1, case.batches + 1):
+        data = collector.next()
+        assert data is not None
+        objective.update(data)
+        if batch % 10 == 0:
+            course.append(problem.score(objective.policy, default, episodes=128))
+            if course[-1] > best:
+                best, kept = course[-1], {k: v.clone() for k, v in objective.policy.state_dict().items()}
+    objective.policy.load_state_dict(kept)
+    frames = case.batches * case.worlds * case.steps
+    return Outcome(judged(objective, name, seed), frames, time.monotonic() - start, tuple(course))
+
+
+@torch.no_grad()
+def judged(objective: Objective, name: str, seed: int) -> float:
+    """Mean return of the deterministic policy over episodes of Gymnasium's own environment."""
+    envs = [gymnasium.make(name) for _ in range(EPISODES)]
+    seen = [env.reset(seed=1000 * seed + i)[0] for i, env in enumerate(envs)]
+    total, going = [0.0] * EPISODES, set(range(EPISODES))
+    discrete = isinstance(envs[0].action_space, gymnasium.spaces.Discrete)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        while going:
+            rows = sorted(going)
+            observed = torch.stack([torch.as_tensor(seen[i], dtype=torch.float32) for i in rows])
+            action = objective.policy(TensorDict({"observation": observed}, batch_size=(len(rows),)))["action"]
+            for i, a in zip(rows, action, strict=True):
+                seen[i], reward, terminated, truncated, _ = envs[i].step(int(a.argmax()) if discrete else a.numpy())
+                total[i] += float(reward)
+                if terminated or truncated:
+                    going.discard(i)
+    return statistics.fmean(total)
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Study, description=__doc__)))
