@@ -178,7 +178,7 @@ def _archetype(shape: Shape, ghost: bool) -> Any:
     fill = rr.components.FillMode.MajorWireframe if ghost else rr.components.FillMode.Solid
     style: dict[str, Any] = {"colors": [colour], "fill_mode": fill}
     match shape.kind:
-        case "box":
+        case "box" | "plane":
             return rr.Boxes3D(half_sizes=[shape.size], **style)
         case "sphere":
             return rr.Ellipsoids3D(half_sizes=[[shape.size[0]] * 3], **style)
