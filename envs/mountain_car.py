@@ -197,5 +197,7 @@ def hill() -> tuple[Float[Tensor, "V 3"], Int[Tensor, "F 3"]]:
     bottom, front, back = (torch.stack((x, low + y, z), -1) for y, z in ((-0.1, low), (-0.1, z), (0.1, z)))
     i = torch.arange(PIECES)
     rows = [torch.cat((bottom, front)), torch.cat((front, back))]
-    quads = torch.cat((torch.stack((i, i + 1, i + PIECES + 2), -1), torch.stack((i, i + PIECES + 2, i + PIECES + 1), -1)))
+    quads = torch.cat(
+        (torch.stack((i, i + 1, i + PIECES + 2), -1), torch.stack((i, i + PIECES + 2, i + PIECES + 1), -1))
+    )
     return torch.cat(rows), torch.cat((quads, quads + 2 * (PIECES + 1)))

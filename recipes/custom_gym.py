@@ -13,6 +13,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import torch
@@ -64,7 +65,7 @@ class Settings:
     """the run's folder goes here"""
 
 
-def set_parameters(env: gymnasium.Env, values: Mapping[str, float]) -> None:
+def set_parameters(env: Any, values: Mapping[str, float]) -> None:
     """What Gymnasium calls them."""
     env.unwrapped.l, env.unwrapped.m = values["length"], values["mass"]
 

@@ -18,9 +18,9 @@ from torch import Tensor
 from envs.driven_pendulum.dynamics import Pendulum
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.checks import timesteps_of
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 MODEL = Path(__file__).with_name("driven_pendulum.xml")
 MASS, DAMPING = "body.bob.mass", "joint.hinge.damping"
@@ -44,7 +44,7 @@ PARAMETERS = ParameterSpace(
 )
 
 
-class DrivenPendulumRig(Simulator):
+class DrivenPendulumRig(Identifiable):
     """N driven pendulums, integrated by :mod:`envs.driven_pendulum.dynamics`.
 
     The state holds ``"qpos"`` and ``"qvel"`` (N, 1) and the commands of the last timesteps, newest first, under

@@ -51,7 +51,7 @@ class ReachTask(Task):
     """
 
     observation_size = 12
-    observation_sizes: Mapping[str, int] = {"observation": 12, "achieved_goal": 3, "desired_goal": 3}  # noqa: RUF012
+    observation_sizes: Mapping[str, int] = {"observation": 12, "achieved_goal": 3, "desired_goal": 3}
     goal_size = 3
 
     def __init__(self, horizon: int = 50, tolerance: float = TOLERANCE) -> None:

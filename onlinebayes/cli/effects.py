@@ -14,9 +14,9 @@ from onlinebayes.identification import Windows, charted, make_windows
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
 from onlinebayes.simulators.effects.base import split_axis
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def import_modules(section: Section) -> None:
@@ -26,7 +26,7 @@ def import_modules(section: Section) -> None:
             import_module(name)
 
 
-def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] | tuple[str, ...]:
+def check_candidates(section: Section, simulator: Identifiable) -> Literal["all"] | tuple[str, ...]:
     """``"all"``, or effect names and ``name@target`` keys that all exist.
 
     Raises:
@@ -48,7 +48,7 @@ def check_candidates(section: Section, simulator: Simulator) -> Literal["all"] |
     return candidates
 
 
-def check_effect(key: str, simulator: Simulator) -> None:
+def check_effect(key: str, simulator: Identifiable) -> None:
     """Raise :class:`BadInput` unless ``name`` or ``name@target`` exists for this simulator."""
     name, at, target = key.partition("@")
     vocabulary = {**EFFECTS, **simulator.own_effects}
@@ -61,7 +61,7 @@ def check_effect(key: str, simulator: Simulator) -> None:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", nearest(target, known))
 
 
-def check_constant(address: str, value: float, simulator: Simulator) -> None:
+def check_constant(address: str, value: float, simulator: Identifiable) -> None:
     """Raise :class:`BadInput` unless ``name@target.parameter`` exists and may have this value, added or not."""
     key, _, parameter = address.rpartition(".")
     if not key:
@@ -82,11 +82,11 @@ def check_constant(address: str, value: float, simulator: Simulator) -> None:
 def add_effects(
     section: Section,
     by_hand: Sequence[str],
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     bounds: Mapping[str, Parameter],
     horizon: float,
-) -> tuple[Simulator, tuple[str, ...]]:
+) -> tuple[Identifiable, tuple[str, ...]]:
     """The simulator with the effects of ``add`` and of the command line.
 
     Args:
@@ -103,7 +103,7 @@ def add_effects(
     added: dict[str, Effect] = {}
 
     @cache
-    def moving() -> tuple[Simulator, Windows]:
+    def moving() -> tuple[Identifiable, Windows]:
         """How the machine moves, which is worked out where an effect is added at all."""
         model, turned = charted(simulator, measurement)
         return model, make_windows(model, turned, horizon, 0.0, None)
@@ -126,8 +126,8 @@ def add_effects(
 
 def _built(
     key: str,
-    simulator: Simulator,
-    moving: Callable[[], tuple[Simulator, Windows]],
+    simulator: Identifiable,
+    moving: Callable[[], tuple[Identifiable, Windows]],
     bounds: Mapping[str, Parameter],
     where: str,
 ) -> Effect:

@@ -33,14 +33,14 @@ import numpy as np
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco.assets import take_shapes
 from onlinebayes.simulators.mujoco.model import compile_spec, quiet
 
-RETURNS = "return a Simulator, an MjSpec, or a dm_control model, entity, environment or Physics"
+RETURNS = "return a Identifiable, an MjSpec, or a dm_control model, entity, environment or Physics"
 
 
-def from_factory(model: str, parameters: ParameterSpace) -> Simulator | mujoco.MjSpec:
+def from_factory(model: str, parameters: ParameterSpace) -> Identifiable | mujoco.MjSpec:
     """What the factory gives.
 
     Args:
@@ -56,7 +56,7 @@ def from_factory(model: str, parameters: ParameterSpace) -> Simulator | mujoco.M
         if not callable(make := getattr(found, name, None)):
             raise BadInput(f"module '{module}' has no factory '{name}'", f"name a function; it may {RETURNS}")
         made = make(parameters) if _takes_parameters(make) else make()
-        return made if isinstance(made, Simulator) else _spec(made, model)
+        return made if isinstance(made, Identifiable) else _spec(made, model)
     except BadInput:
         raise
     except (Exception, SystemExit) as error:  # the user's own code: whatever it raises is theirs to mend

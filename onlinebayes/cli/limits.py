@@ -9,12 +9,12 @@ from onlinebayes.cli.section import Section
 from onlinebayes.criticism.experiment import Allowed, Payload
 from onlinebayes.identification import joint_names
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 KEYS = ("max_command", "max_rate", "travel", "max_speed", "seconds", "payload")
 
 
-def read_allowed(top: Section, simulator: Simulator) -> Allowed:
+def read_allowed(top: Section, simulator: Identifiable) -> Allowed:
     """The user's own limits; none where the file has no ``[next]``.
 
     Args:
@@ -68,7 +68,7 @@ def _range(section: Section, key: str, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _payload(section: Section, simulator: Simulator) -> Payload | None:
+def _payload(section: Section, simulator: Identifiable) -> Payload | None:
     if "payload" not in section:
         return None
     table = section.section("payload", ("body", "mass"))

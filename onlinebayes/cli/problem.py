@@ -25,7 +25,7 @@ from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableRea
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.matching import matches
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 LARGEST, MOST_DOTS = 2**20, 2000
 """Bytes of a problem file, and dots in one of its lines."""
@@ -56,7 +56,7 @@ class Problem:
     """
 
     path: Path
-    simulator: Simulator
+    simulator: Identifiable
     measurement: Measurement
     holdout: tuple[str, ...] | None
     candidates: Literal["all"] | tuple[str, ...]
@@ -151,7 +151,7 @@ def _selection(section: Section) -> Selection:
 
 
 def _scope(
-    top: Section, effects: Section, parameters: Declared, simulator: Simulator, measurement: Measurement
+    top: Section, effects: Section, parameters: Declared, simulator: Identifiable, measurement: Measurement
 ) -> Scope | None:
     """How parameters differ between runs, every name in it checked."""
     scopes = effects.section("scope")
@@ -178,7 +178,9 @@ def _columns(top: Section, tables: Sequence[str]) -> set[str]:
     return kept | set(top.section("signals").values) | set(top.section("commands").values)
 
 
-def _read_tables(top: Section, tables: Sequence[str], simulator: Simulator, note: Callable[[str], None]) -> Measurement:
+def _read_tables(
+    top: Section, tables: Sequence[str], simulator: Identifiable, note: Callable[[str], None]
+) -> Measurement:
     if not tables:
         raise top.error("measurements", "no table is named", 'write e.g. ["log.csv"]')
     units = signal_units(simulator)

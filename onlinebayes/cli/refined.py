@@ -62,8 +62,8 @@ def load_refined(folder: str | Path) -> Refined:
     if missing:
         raise BadInput(f"report.json has no value of {missing[0]}", "run refine again", where=str(folder))
     space = problem.simulator.parameters
-    theta, sd = (space.vector({name: fmean(pair[k] for pair in found[name]) for name in space}) for k in (0, 1))
-    return Refined(problem, space.clamp(theta), sd)
+    means, sds = (space.vector({name: fmean(pair[k] for pair in found[name]) for name in space}) for k in (0, 1))
+    return Refined(problem, space.clamp(means), sds)
 
 
 def _address(name: str, known: tuple[str, ...]) -> str:

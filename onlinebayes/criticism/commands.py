@@ -26,15 +26,15 @@ from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Interrupt, Watch, one_torch_thread
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 Say = Callable[[str], None]
 
 
 @one_torch_thread()
 def compare(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     *,
     holdout: Sequence[str] | None = None,
@@ -77,7 +77,7 @@ def compare(
 
 @one_torch_thread()
 def diagnose(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     *,
     holdout: Sequence[str] | None = None,
@@ -102,7 +102,7 @@ def diagnose(
 
 @one_torch_thread()
 def refine(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     *,
     holdout: Sequence[str] | None = None,

@@ -34,8 +34,8 @@ from onlinebayes.identification.replaying.measured_starts import delays
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, Watch
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay, SensorBias, SensorDelay
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_LATE = 4
 """So many signals are tried as late in an actuator's place."""
@@ -44,7 +44,7 @@ TWICE_AS_GOOD = 0.5
 """Share of the error of actuators' delays that a late log may leave, as the two are much alike."""
 
 
-def first_fit(simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch) -> Grounds:
+def first_fit(simulator: Identifiable, measurement: Measurement, selection: Selection, watch: Watch) -> Grounds:
     """The base model fitted, the first answer said before; arguments as :func:`suspect`.
 
     Raises:
@@ -57,7 +57,11 @@ def first_fit(simulator: Simulator, measurement: Measurement, selection: Selecti
 
 
 def suspect(
-    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
+    base: Grounds,
+    simulator: Identifiable,
+    measurement: Measurement,
+    selection: Selection,
+    watch: Watch = UNWATCHED,
 ) -> Suspicion | None:
     """The wiring fault that explains the base model's misfit, if one does, no effect having been tried.
 
@@ -73,7 +77,7 @@ def suspect(
 
 
 def inquire(
-    simulator: Simulator, context: SearchContext, most: int, base: Grounds | None = None
+    simulator: Identifiable, context: SearchContext, most: int, base: Grounds | None = None
 ) -> tuple[SearchResult, Suspicion | None]:
     """What the search found, and the wiring fault that explains more than that, if there is one.
 
@@ -114,7 +118,7 @@ class _Wiring:
     """
 
     base: Grounds
-    simulator: Simulator
+    simulator: Identifiable
     context: SearchContext
     leads: Leads | None
 
@@ -180,7 +184,7 @@ class _Wiring:
 
 
 def _faults_of_the_log(
-    simulator: Simulator, found: SearchResult, measurement: Measurement, selection: Selection
+    simulator: Identifiable, found: SearchResult, measurement: Measurement, selection: Selection
 ) -> tuple[list[Fault], float]:
     """What the accepted effects may be if the log is to blame, and what share of their error it must not exceed.
 
@@ -207,7 +211,7 @@ def _delays(found: SearchResult, kind: type[SensorDelay] | type[ActuatorDelay]) 
 
 
 def _zeros(
-    simulator: Simulator, found: SearchResult, measurement: Measurement, selection: Selection
+    simulator: Identifiable, found: SearchResult, measurement: Measurement, selection: Selection
 ) -> dict[str, float]:
     """Position of a hinge -> the offset [rad] by which one effect, the only one accepted or its rival, reads it.
 

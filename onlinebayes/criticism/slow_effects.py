@@ -28,7 +28,7 @@ from onlinebayes.identification.replaying.ladder import affordable
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST = 10.0  # times H
 LEAST = 2.0
@@ -36,7 +36,11 @@ WINDOWS = 8  # in the fit runs' whole time T: seven blocks, and something to spa
 
 
 def slower(
-    simulator: Simulator, measurement: Measurement, selection: Selection, found: SearchResult, watch: Watch = UNWATCHED
+    simulator: Identifiable,
+    measurement: Measurement,
+    selection: Selection,
+    found: SearchResult,
+    watch: Watch = UNWATCHED,
 ) -> Selection | None:
     """The selection with the longer windows in which more than noise is left; None where none is, or none fit.
 

@@ -23,7 +23,7 @@ from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import Watch
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,12 @@ class Task:
         otherwise_tied: the base model with constraints that are soft in place of rigid, or rigid in place of soft.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     fit_runs: Measurement
     held_runs: Measurement
     selection: Selection
     notes: tuple[str, ...]
-    otherwise_tied: Simulator | None = None
+    otherwise_tied: Identifiable | None = None
 
     def slower(self, found: SearchResult, watch: Watch) -> Selection | None:
         """Longer windows over which more is left than over these; None without any."""
@@ -84,7 +84,7 @@ class Task:
 
 
 def prepare(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     holdout: Sequence[str] | None,
     selection: Selection | None,

@@ -9,7 +9,7 @@ from typing import Literal
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class FittedModel:
         replays: fit runs first, then the held-out ones (none while those stay closed).
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     theta: Float[Tensor, " P"]
     covariance: Float[Tensor, "P P"]
     parameters: Mapping[str, Estimate]

@@ -1,9 +1,11 @@
 """Policies and how they learn: specs -> policy, loss module, buffer."""
 
+from onlinebayes.objectives.actor_critic import ActorCritic, RecurrentNetwork, actor_critic
 from onlinebayes.objectives.base import Objective
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.ddpg import DDPG, Exploration, ddpg
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
+from onlinebayes.objectives.ensemble import EnsembleMLP
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import Inputs, inputs_of
 from onlinebayes.objectives.networks import action_value, state_value, stochastic_policy
@@ -17,17 +19,21 @@ __all__ = [
     "DDPG",
     "PPO",
     "SAC",
+    "ActorCritic",
     "DeterministicLoss",
+    "EnsembleMLP",
     "EpisodeReplay",
     "Exploration",
     "Follower",
     "Hindsight",
     "Inputs",
     "Objective",
+    "RecurrentNetwork",
     "RunningNormalization",
     "SoftLoss",
     "TransitionBuffer",
     "action_value",
+    "actor_critic",
     "ddpg",
     "inputs_of",
     "ppo",

@@ -8,7 +8,8 @@ f is a multilayer perceptron on the observed keys. Any TensorDict module with th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import torch
@@ -84,26 +85,60 @@ def stochastic_policy(
         BadInput: an action of another kind, or a key that the spec lacks.
     """
     inputs = inputs if inputs is not None else inputs_of(observation_spec, in_keys)
-    if isinstance(action_spec, OneHot | Categorical):
-        outputs, head, keys = action_spec.space.n, [], ["logits"]
-        kind = OneHotCategorical if isinstance(action_spec, OneHot) else CategoricalDistribution
-        settings = {}
-    elif isinstance(action_spec, Bounded) and action_spec.ndim == 1:
-        outputs, head, keys = 2 * action_spec.shape[-1], [LocationScale()], ["loc", "scale"]
-        kind, settings = TanhNormal, {"low": action_spec.space.low, "high": action_spec.space.high}
-    else:
-        raise unsupported(action_spec, "OneHot (A,), Categorical () or Bounded (A,)")
-    body = mlp(inputs.width, outputs, widths, activation, observation_spec.device)
-    module = TensorDictModule(Network(inputs, nn.Sequential(body, *head)), list(inputs.keys), keys)
-    return ProbabilisticActor(
-        module,
-        in_keys=keys,
-        out_keys=[action_key],
-        spec=action_spec,
-        distribution_class=kind,
-        distribution_kwargs=settings,
-        return_log_prob=log_prob,
-    )
+    head = action_head(action_spec)
+    body = mlp(inputs.width, head.outputs, widths, activation, observation_spec.device)
+    network = Network(inputs, nn.Sequential(body, *head.modules))
+    module = TensorDictModule(network, list(inputs.keys), list(head.keys))
+    return head.actor(module, action_spec, action_key=action_key, log_prob=log_prob)
+
+
+@dataclass(frozen=True)
+class ActionHead:
+    """How a network's numbers become a distribution over actions.
+
+    Args:
+        outputs: numbers that the network gives.
+        modules: what follows the network.
+        keys: of the distribution's parameters.
+        distribution: their distribution.
+        settings: its further arguments.
+    """
+
+    outputs: int
+    modules: tuple[nn.Module, ...]
+    keys: tuple[str, ...]
+    distribution: type[torch.distributions.Distribution]
+    settings: Mapping[str, Any]
+
+    def actor(
+        self, module: TensorDictModule, action_spec: TensorSpec, *, action_key: NestedKey, log_prob: bool = False
+    ) -> ProbabilisticActor:
+        """A policy around a module that writes :attr:`keys`."""
+        return ProbabilisticActor(
+            module,
+            in_keys=list(self.keys),
+            out_keys=[action_key],
+            spec=action_spec,
+            distribution_class=self.distribution,
+            distribution_kwargs=dict(self.settings),
+            return_log_prob=log_prob,
+        )
+
+
+def action_head(action_spec: TensorSpec) -> ActionHead:
+    """The head for an action of one world.
+
+    Raises:
+        BadInput: neither ``OneHot`` (A,) nor ``Categorical`` () nor ``Bounded`` (A,).
+    """
+    if isinstance(action_spec, OneHot) and action_spec.ndim == 1:
+        return ActionHead(action_spec.space.n, (), ("logits",), OneHotCategorical, {})
+    if isinstance(action_spec, Categorical) and action_spec.ndim == 0:
+        return ActionHead(action_spec.space.n, (), ("logits",), CategoricalDistribution, {})
+    if isinstance(action_spec, Bounded) and action_spec.ndim == 1:
+        settings = {"low": action_spec.space.low, "high": action_spec.space.high}
+        return ActionHead(2 * action_spec.shape[0], (LocationScale(),), ("loc", "scale"), TanhNormal, settings)
+    raise unsupported(action_spec, "OneHot (A,), Categorical () or Bounded (A,)")
 
 
 def state_value(

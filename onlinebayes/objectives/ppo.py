@@ -30,6 +30,7 @@ from torchrl.objectives.value import GAE
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
 
+LOG_PROB = "action_log_prob"
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
 
 
@@ -67,6 +68,9 @@ class PPO:
         """
         data = selected(data, [*self.loss.in_keys, *map(after, self.inputs.keys)])
         self.inputs.observe(data)
+        if self.inputs.normalisation is not None:
+            # The statistics have moved since the policy acted: ratios are those of what learns, not of what they did.
+            data[LOG_PROB] = self._log_prob(data)
         data["next", "reward"] = self.reward_scale * data["next", "reward"]
         with torch.no_grad():
             data = self.advantage(data)
@@ -91,6 +95,10 @@ class PPO:
         """Continue from what :meth:`state_dict` gave."""
         self.loss.load_state_dict(state["loss"])
         self.optimiser.load_state_dict(state["optimiser"])
+
+    @torch.no_grad()
+    def _log_prob(self, data: TensorDictBase) -> torch.Tensor:
+        return self.policy.get_dist(data.select(*self.policy.in_keys)).log_prob(data[self.loss.tensor_keys.action])
 
     def _step(self, total: torch.Tensor) -> None:
         total.backward()
@@ -148,7 +156,7 @@ def ppo(
     # A plain loop over T: the vectorised form splits episodes apart, which costs more than it saves below ~1000 steps.
     advantage = GAE(gamma=gamma, lmbda=lmbda, value_network=critic, vectorized=False, deactivate_vmap=True)
     buffer = ReplayBuffer(
-        storage=LazyTensorStorage(frames_per_batch, device=observation_spec.device),
+        storage=LazyTensorStorage(frames_per_batch, device=observation_spec.device or "cpu"),
         sampler=SamplerWithoutReplacement(drop_last=True),
         batch_size=minibatch,
     )

@@ -6,7 +6,7 @@ import copy
 from typing import Generic, TypeVar
 
 import torch
-from torch import nn
+from torch import Tensor, nn
 
 Followed = TypeVar("Followed", bound=nn.Module)
 
@@ -27,7 +27,8 @@ class Follower(Generic[Followed]):
             raise ValueError(f"tau = {tau}: needs 0 < tau <= 1")
         self.network: Followed = copy.deepcopy(network).requires_grad_(False)
         self.tau = tau
-        self._ahead, self._behind = list(network.parameters()), list(self.network.parameters())
+        self._ahead: list[Tensor] = list(network.parameters())
+        self._behind: list[Tensor] = list(self.network.parameters())
 
     @torch.no_grad()
     def step(self) -> None:

@@ -1,16 +1,19 @@
-"""What every long piece of work needs: errors, atomic files, progress, interruption, seeds, result tables, TOML."""
+"""What every long piece of work needs: errors, atomic files, checkpoints, progress, interruption, seeds, TOML."""
 
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
+from onlinebayes.runs.lock import Lock
 from onlinebayes.runs.names import nearest, similar
+from onlinebayes.runs.plain import plain
 from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.random_state import random_state, set_random_state
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, seed_everything
+from onlinebayes.runs.stateful import Stateful, gather, restore, restore_part
 from onlinebayes.runs.threads import one_torch_thread
 from onlinebayes.runs.toml import to_toml
 from onlinebayes.runs.watch import UNWATCHED, Watch
@@ -21,19 +24,25 @@ __all__ = [
     "Checkpoint",
     "Checkpoints",
     "Interrupt",
+    "Lock",
     "Progress",
     "ResultTable",
     "Row",
     "RunFolder",
+    "Stateful",
     "Stopped",
     "Watch",
     "atomic_path",
+    "gather",
     "generator",
     "heed",
     "nearest",
     "one_line",
     "one_torch_thread",
+    "plain",
     "random_state",
+    "restore",
+    "restore_part",
     "seed_everything",
     "set_random_state",
     "similar",

@@ -5,21 +5,25 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from onlinebayes.runs.errors import BadInput
 
+PARTIAL = ".partial-"
+"""Begins the name of every file that is still being written."""
+
 
 @contextmanager
-def atomic_path(destination: str | Path) -> Iterator[Path]:
+def atomic_path(destination: str | Path, *, durable: bool = False) -> Iterator[Path]:
     """Give a temporary path to write to; on success it replaces ``destination``, on any error it is removed.
 
     Args:
         destination: the file to create or replace; missing parent folders are made.
+        durable: return only when the file is on the disk, so that it survives a power cut.
 
     Raises:
-        BadInput: the folder cannot be made or written, or a folder has the file's name.
+        BadInput: the folder cannot be made or written, a folder has the file's name, or the disk is full.
     """
     destination = Path(destination)
     if destination.is_dir():
@@ -27,7 +31,7 @@ def atomic_path(destination: str | Path) -> Iterator[Path]:
     try:
         destination.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(
-            prefix=f".{destination.stem}-", suffix=destination.suffix, dir=destination.parent
+            prefix=f"{PARTIAL}{destination.stem}-", suffix=destination.suffix, dir=destination.parent
         )
     except OSError as error:
         raise BadInput(
@@ -41,39 +45,40 @@ def atomic_path(destination: str | Path) -> Iterator[Path]:
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)
+        if durable:
+            _flush(temporary)
         temporary.replace(destination)
+        if durable:
+            _flush(destination.parent)
+    except OSError as error:
+        if error.filename not in (None, str(temporary)):
+            raise  # about a file that the block reads
+        raise BadInput(
+            f"cannot be written: {error.strerror or error}",
+            "make room, or choose another folder",
+            where=str(destination),
+        ) from error
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def write_atomic(destination: str | Path, content: str | bytes, *, durable: bool = False) -> None:
-    """Write ``content`` (text as UTF-8) to ``destination`` atomically; errors as :func:`atomic_path`.
-
-    Args:
-        destination, content: what goes where.
-        durable: return only when the file is on the disk, so that it survives a power cut.
-
-    Raises:
-        BadInput: as :func:`atomic_path`, or the disk is full.
-    """
+    """Write ``content`` (text as UTF-8) to ``destination`` atomically; arguments and errors as :func:`atomic_path`."""
     data = content.encode() if isinstance(content, str) else content
-    try:
-        with atomic_path(destination) as temporary, temporary.open("wb") as file:
-            file.write(data)
-            if durable:
-                file.flush()
-                os.fsync(file.fileno())
-        if durable:
-            _flush_folder(Path(destination).parent)
-    except OSError as error:
-        raise BadInput(
-            f"cannot be written: {error.strerror}", "make room, or choose another folder", where=str(destination)
-        ) from error
+    with atomic_path(destination, durable=durable) as temporary:
+        temporary.write_bytes(data)
 
 
-def _flush_folder(folder: Path) -> None:
-    """Let the disk know of a renamed file."""
-    handle = os.open(folder, os.O_RDONLY)
+def remove_partial(folder: str | Path) -> None:
+    """Remove the files of a folder that a kill left half written; nobody else may be writing there."""
+    for path in Path(folder).glob(f"{PARTIAL}*"):
+        path.unlink(missing_ok=True)
+
+
+def _flush(path: Path) -> None:
+    """Bring a file's content, or a folder's list of names, to the disk."""
+    handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)
     finally:

@@ -8,17 +8,17 @@ with RunFolder("out/pendulum", "pendulum") as folder:
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import IO, Any
+from typing import Any
 
 from onlinebayes.runs.checkpoints import Checkpoints
 from onlinebayes.runs.errors import BadInput
-from onlinebayes.runs.files import write_atomic
+from onlinebayes.runs.files import remove_partial, write_atomic
+from onlinebayes.runs.lock import Lock
 
 ABOUT, LOCK = "run.json", ".lock"
 
@@ -45,44 +45,33 @@ class RunFolder:
         self.folder, self.recipe = Path(folder), recipe
         self.settings = dict(settings) if settings is not None else {}
         self.checkpoints = Checkpoints(self.folder, recipe, keep=keep)
-        self._lock: IO[str] | None = None
+        self._lock = Lock(self.folder / LOCK)
 
     def __enter__(self) -> RunFolder:
+        where = str(self.folder)
         if self.folder.exists() and not self.folder.is_dir():
-            raise BadInput("is a file", "give the name of a folder", where=str(self.folder))
+            raise BadInput("is a file", "give the name of a folder", where=where)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
-            self._lock = (self.folder / LOCK).open("a+")
         except OSError as error:
             raise BadInput(
-                f"cannot write here: {error.strerror}", "choose a folder you may write to", where=str(self.folder)
+                f"cannot write here: {error.strerror}", "choose a folder you may write to", where=where
             ) from error
-        try:
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError as error:
-            self._lock.seek(0)
-            holder = self._lock.read().strip() or "another process"
-            self._lock.close()
-            self._lock = None
-            raise BadInput(
-                f"the run folder is in use by {holder}", "wait for it, or choose another folder", where=str(self.folder)
-            ) from error
-        self._lock.truncate(0)
-        self._lock.write(f"process {os.getpid()}")
-        self._lock.flush()
+        if not os.access(self.folder, os.W_OK | os.X_OK):
+            raise BadInput("cannot write here: the folder is read-only", "choose another folder", where=where)
+        self._lock.acquire()
         try:
             self._claim()
+            remove_partial(self.folder)
         except BaseException:
-            self.__exit__(None, None, None)
+            self._lock.release()
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._lock is not None:
-            self._lock.close()
-            self._lock = None
+        self._lock.release()
 
     def path(self, name: str) -> Path:
         """Where a file of the run lies."""
@@ -93,11 +82,11 @@ class RunFolder:
         about = self.folder / ABOUT
         mine = json.loads(json.dumps({"recipe": self.recipe, "settings": self.settings}, default=str))
         if not about.exists():
-            write_atomic(about, json.dumps(mine, indent=1) + "\n")
+            write_atomic(about, json.dumps(mine, indent=1) + "\n", durable=True)
             return
         try:
             theirs = json.loads(about.read_text("utf-8"))
-            recipe, settings = theirs["recipe"], theirs["settings"]
+            recipe, settings = theirs["recipe"], dict(theirs["settings"])
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BadInput(f"{ABOUT} cannot be read", "choose another folder", where=str(self.folder)) from error
         if recipe != self.recipe:

@@ -3,6 +3,7 @@
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.drawing import Drawable, Shape
 from onlinebayes.simulators.env import SimulatorEnv
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.parameterized import Parameterized
 from onlinebayes.simulators.stepping import Actuator, Joint
 from onlinebayes.simulators.task import GoalTask, Task
@@ -12,6 +13,7 @@ __all__ = [
     "Actuator",
     "Drawable",
     "GoalTask",
+    "Identifiable",
     "Joint",
     "Parameterized",
     "Shape",

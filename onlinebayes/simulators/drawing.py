@@ -107,7 +107,7 @@ class View:
 
 
 def planar(x: Tensor, z: Tensor, angle: Tensor, y: float = 0.0) -> Float[Tensor, "T 7"]:
-    """Poses in the x-z plane; a positive angle turns a shape's top towards +x [rad], what has a smaller y is in front."""
+    """Poses in the x-z plane; a positive angle turns a top towards +x [rad], what has a smaller y is in front."""
     x, z, angle = torch.broadcast_tensors(x.double(), z.double(), angle.double())
     zero = torch.zeros_like(x)
     return torch.stack((x, zero + y, z, torch.cos(angle / 2), zero, torch.sin(angle / 2), zero), dim=-1)
@@ -123,9 +123,7 @@ def scene(
     return shapes, torch.cat(poses, dim=1) if poses else torch.zeros(*states.batch_size, 0, 7, dtype=torch.float64)
 
 
-def view_of(
-    shapes: Sequence[Shape], poses: Float[Tensor, "T S 7"], turn: tuple[float, float] | None = None
-) -> View:
+def view_of(shapes: Sequence[Shape], poses: Float[Tensor, "T S 7"], turn: tuple[float, float] | None = None) -> View:
     """The view that holds every shape in every pose, with a margin; of planes nothing.
 
     Without ``turn`` a motion that stays in one plane is seen from the side, any other from above and aside.
@@ -203,8 +201,10 @@ def _patches(
     if shape.kind != "mesh" or shape.faces is None:
         angles = 2 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
         around = np.cos(angles)[:, None] * axes[0] + np.sin(angles)[:, None] * axes[1]
-        dark = tuple(0.7 * part for part in shape.colour[:3])
-        return [(_support(shape, pose[None], around)[0] @ axes[:2].T, shape.colour, (*dark, shape.colour[3]))]
+        red, green, blue = (0.7 * part for part in shape.colour[:3])
+        return [
+            (_support(shape, pose[None], around)[0] @ axes[:2].T, shape.colour, (red, green, blue, shape.colour[3]))
+        ]
     assert shape.vertices is not None
     corners = (shape.vertices.double().numpy() @ _rotation(pose[3:]).T + pose[:3])[shape.faces.numpy()]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -212,7 +212,7 @@ def _patches(
     towards = normals @ axes[2] < 0
     light = 0.75 + 0.25 * np.clip(normals @ LIGHT / np.maximum(length, 1e-300), 0, 1)
     order = np.argsort(-(corners.mean(1) @ axes[2]), kind="stable")
-    found = []
+    found: list[tuple[np.ndarray, Colour, Colour | None]] = []
     for k in order[towards[order]]:
         red, green, blue = (float(light[k] * part) for part in shape.colour[:3])
         found.append((corners[k] @ axes[:2].T, (red, green, blue, shape.colour[3]), None))

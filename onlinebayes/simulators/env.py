@@ -19,6 +19,7 @@ from torchrl.envs import EnvBase
 
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.snapshots import restore, snapshot
 from onlinebayes.simulators.task import Task
 
 
@@ -227,7 +228,7 @@ class SimulatorEnv(EnvBase):
     def get_extra_state(self) -> dict[str, Any]:
         """Everything that decides what comes next but the actions; a part of :meth:`state_dict`."""
         return {
-            "simulator": self.simulator.snapshot(),
+            "simulator": snapshot(self.simulator),
             "theta": self._theta.clone(),
             "steps": self._steps.clone(),
             "constant": {key: value.clone() for key, value in self._constant.flatten_keys(".").items()},
@@ -245,7 +246,7 @@ class SimulatorEnv(EnvBase):
                 f"a saved environment of shape {tuple(state['theta'].shape)} (worlds, parameters)",
                 f"this one has {tuple(self._theta.shape)}: build it as it was",
             )
-        self.simulator.restore(state["simulator"])
+        restore(self.simulator, state["simulator"])
         self._theta, self._steps = state["theta"].clone(), state["steps"].clone()
         constant = TensorDict(dict(state["constant"]), batch_size=self.batch_size, device=self.device)
         self._constant = constant.unflatten_keys(".")

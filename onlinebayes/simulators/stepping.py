@@ -177,7 +177,7 @@ class Stepper:
         enable: Tensor | None,
         step: float,
     ) -> Hidden:
-        """Hidden states of force stages before and after each row; see ``Simulator.hidden_states_along``."""
+        """Hidden states of force stages before and after each row; see ``Identifiable.hidden_states_along``."""
         rests = {effect.key: effect.rest(len(command), step, command) for effect in self.effects}
         settling = math.ceil(max((e.memory for e in self.effects if e.has_command), default=0.0) / step)
         before = command[:, :1].expand(-1, settling, -1)

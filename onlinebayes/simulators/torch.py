@@ -21,14 +21,14 @@ from torch import Tensor
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.checks import refuse_twice, timesteps_of
 from onlinebayes.simulators.effects import Effect, Scales, TargetKind
 from onlinebayes.simulators.effects.base import all_but
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Integrator, Joint, Stepper, diverged
 
 
-class TorchSimulator(Simulator):
+class TorchSimulator(Identifiable):
     """N worlds of one mechanical system given by its acceleration.
 
     A subclass states the class attributes and :meth:`acceleration`.
@@ -241,7 +241,7 @@ class TorchSimulator(Simulator):
     def hidden_states_along(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> dict[str, TensorDict]:
-        """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
+        """Hidden states of force stages along a known motion; see :meth:`Identifiable.hidden_states_along`."""
         q, v, command = (
             motion.get(key).to(dtype=self.dtype, device=self.device) for key in ("qpos", "qvel", "command")
         )
@@ -281,7 +281,7 @@ class TorchSimulator(Simulator):
         return grown
 
     def without_effect(self, key: str) -> Self:
-        """A new simulator without one of its effects; see :meth:`Simulator.without_effect`."""
+        """A new simulator without one of its effects; see :meth:`Identifiable.without_effect`."""
         leaner = copy.copy(self)
         leaner.effects = all_but(key, self.effects)
         gone = {f"{effect.key}.{name}" for effect in self.effects if effect.key == key for name in effect.parameters}
@@ -297,14 +297,14 @@ class TorchSimulator(Simulator):
         return other
 
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
-        """A new simulator with other bounds for one parameter; see :meth:`Simulator.with_bounds`."""
+        """A new simulator with other bounds for one parameter; see :meth:`Identifiable.with_bounds`."""
         other = copy.copy(self)
         other.parameters = self.parameters.replaced(name, parameter)
         other._populate(self.worlds)
         return other
 
     def with_timestep(self, timestep: float) -> Self:
-        """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
+        """A new simulator that integrates with another step; see :meth:`Identifiable.with_timestep`."""
         if not 0.0 < timestep < math.inf:
             raise BadInput(f"timestep = {timestep:g} s", "it must be positive and finite")
         other = copy.copy(self)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
@@ -110,9 +111,9 @@ class Recording:
             times = simulator.dt * torch.arange(1, len(commands) + 1, dtype=torch.float64)
             inputs = TensorDict({"command": commands[None]}, batch_size=(1, len(commands)))
             again = simulator.rollout(mean[None], states[:1], inputs, times)[0].exclude("valid")
-            again = torch.cat([states[:1].select(*again.keys(True, True)), again])
+            again = cast(TensorDict, torch.cat([states[:1].select(*again.keys(True, True)), again]))
             if "task" in states:
-                again["task"] = states["task"]
+                again.set("task", states.get("task"))
             episodes["simulated"] = Episode(*scene(systems, mean, again))
         return episodes
 

@@ -15,7 +15,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from envs.driven_pendulum import MODEL, BalanceTask, DrivenPendulumRig
 from onlinebayes.inference import Belief
 from onlinebayes.objectives import PPO, ppo
-from onlinebayes.simulators import Simulator, SimulatorEnv
+from onlinebayes.simulators import Identifiable, SimulatorEnv
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.trainers import Problem, collector_of, improve
 from onlinebayes.transforms import ParameterRandomization
@@ -38,7 +38,7 @@ class Training:
     timestep: float = 0.01
 
 
-def training_worlds(simulator: Simulator, how: Training, period: float) -> MujocoSimulator:
+def training_worlds(simulator: Identifiable, how: Training, period: float) -> MujocoSimulator:
     """The model with its effects, one step a control period."""
     spec = mujoco.MjSpec.from_file(str(MODEL))
     spec.option.timestep = how.timestep
@@ -46,7 +46,7 @@ def training_worlds(simulator: Simulator, how: Training, period: float) -> Mujoc
     return MujocoSimulator(spec, own, 1, period, threads=1, effects=simulator.effects)
 
 
-def train(simulator: Simulator, worlds_from: Belief, how: Training, seed: int, say: Callable[[str], None]) -> PPO:
+def train(simulator: Identifiable, worlds_from: Belief, how: Training, seed: int, say: Callable[[str], None]) -> PPO:
     """Train in worlds of ``simulator`` whose parameters come from ``worlds_from``."""
     torch.manual_seed(seed)
     task, frames = BalanceTask(), how.worlds * how.steps

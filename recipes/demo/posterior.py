@@ -30,7 +30,7 @@ from onlinebayes.inference import (
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import generator
-from onlinebayes.simulators import Simulator
+from onlinebayes.simulators import Identifiable
 
 CHUNK = 50  # parameters replayed at once: a rollout keeps every row of every run
 
@@ -68,14 +68,14 @@ class Experiment:
         every: rows between observations.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     command: Float[Tensor, "R T U"]
     angle: Float[Tensor, "K1 R"]
     noise: float
     every: int
 
     @classmethod
-    def of(cls, simulator: Simulator, measurement: Measurement, how: Rounds) -> Experiment:
+    def of(cls, simulator: Identifiable, measurement: Measurement, how: Rounds) -> Experiment:
         """The first seconds of every run."""
         data = measurement.data
         period = float(data["time"][0, 1] - data["time"][0, 0])
@@ -126,7 +126,7 @@ class Beside:
 
 
 def infer(
-    simulator: Simulator, measurement: Measurement, how: Rounds, seed: int, say: Callable[[str], None]
+    simulator: Identifiable, measurement: Measurement, how: Rounds, seed: int, say: Callable[[str], None]
 ) -> Posterior:
     """The posterior of the simulator's parameters given the measured runs.
 

@@ -20,8 +20,8 @@ from torch import Tensor
 
 from onlinebayes.criticism import CONFOUNDED, Trial, grown_theta, trials
 from onlinebayes.identification import Projected, Windows, columns, linearise, noise_rows, project
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ class Likeness:
 
 
 def traces(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     effects: Mapping[str, Effect],
@@ -112,7 +112,7 @@ def _share(trace: Trace) -> Float[Tensor, " C"]:
 
 
 def _trace(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     effect: Effect,

@@ -19,7 +19,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.report.svg import Array, Curve, Panel, chart
 from onlinebayes.identification import Fit, Windows, fit, replay, signal_rms
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
 
 SHOWN_RUNS, SHOWN_EVERY = 3, 12
@@ -47,7 +47,7 @@ class Fingerprint:
     torque: Array
 
 
-def fingerprint(simulator: Simulator, windows: Windows, recording: Recording) -> Fingerprint:
+def fingerprint(simulator: Identifiable, windows: Windows, recording: Recording) -> Fingerprint:
     """Refit ``simulator``, which lacks the effect, to a recording with it."""
     fitted = fit(simulator, windows, simulator.nominal)
     time, residual = _residual(fitted, windows)

@@ -1,4 +1,4 @@
-"""The reach task: its kinematics, its goals, what is asked of a task with goals, and that hindsight is what it takes."""
+"""The reach task: its kinematics, its goals, what is asked of a task with goals, and what hindsight is worth."""
 
 from __future__ import annotations
 

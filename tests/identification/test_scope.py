@@ -25,8 +25,8 @@ from onlinebayes.identification.replaying.scoped import (
 from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction, SensorBias
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.testing import check_simulator
 from tests.criticism.rigs import FREE, SLIDE, TRUTH, measure, model
@@ -68,11 +68,11 @@ def test_the_map(loaded) -> None:
 
 
 @pytest.mark.parametrize("around", [ScopedSimulator, ChartedSimulator])
-def test_no_hook_of_a_simulator_stays_behind(around: type[Simulator]) -> None:
+def test_no_hook_of_a_simulator_stays_behind(around: type[Identifiable]) -> None:
     """What a simulator may override is passed through, or the base class's answer would hide the physics' own."""
-    hooks = {name for name, value in vars(Simulator).items() if not name.startswith("_") and name != "parameters"}
+    hooks = {name for name, value in vars(Identifiable).items() if not name.startswith("_") and name != "parameters"}
     assert {"with_gravity_compensation", "actuator_forces"} <= hooks
-    passed = {name for base in around.__mro__[: around.__mro__.index(Simulator)] for name in vars(base)}
+    passed = {name for base in around.__mro__[: around.__mro__.index(Identifiable)] for name in vars(base)}
     assert hooks - passed == set()
 
 

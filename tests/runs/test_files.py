@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 
 import pytest
 
 from onlinebayes.runs import BadInput, atomic_path, write_atomic
+from onlinebayes.runs.files import remove_partial
 
 
 def test_text_and_bytes_arrive_whole(tmp_path):
@@ -46,3 +48,31 @@ def test_a_file_in_the_way_is_bad_input(tmp_path):
 def test_the_message_is_one_line_of_place_problem_cure():
     assert str(BadInput("x is\n3", "use 4", where="a.csv")) == "a.csv: x is 3; use 4"
     assert str(BadInput("x")) == "x"
+
+
+def test_a_full_disk_is_one_line_and_keeps_the_old_file(tmp_path, monkeypatch):
+    write_atomic(tmp_path / "a.txt", "old")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(BadInput, match=r"a\.txt: cannot be written: No space left on device; make room"):
+        write_atomic(tmp_path / "a.txt", "new", durable=True)
+    monkeypatch.undo()
+    assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+    assert (tmp_path / "a.txt").read_text() == "old"
+
+
+def test_an_error_of_another_file_keeps_its_own_words(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"missing\.csv"), atomic_path(tmp_path / "a.txt"):
+        (tmp_path / "missing.csv").read_text()
+
+
+def test_what_a_kill_left_is_removed(tmp_path):
+    with atomic_path(tmp_path / "a.txt") as temporary:
+        left = temporary.with_name(temporary.name + ".txt")
+        left.write_text("half")
+        (tmp_path / ".b").write_text("")
+    remove_partial(tmp_path)
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".b", "a.txt"]

@@ -18,9 +18,9 @@ from onlinebayes.criticism.candidates.scales import largest_forces, seen_in, tar
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, AirDrag, Backlash, Effect, GravityTilt, Scales, TargetKind
 from onlinebayes.simulators.effects.base import split_axis
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ class Trial:
     reach: float
 
 
-def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str | Effect] = "all") -> tuple[Effect, ...]:
+def propose(
+    simulator: Identifiable, windows: Windows, wanted: str | Sequence[str | Effect] = "all"
+) -> tuple[Effect, ...]:
     """The effects to try, without those that the simulator carries already.
 
     Args:
@@ -95,12 +97,12 @@ def propose(simulator: Simulator, windows: Windows, wanted: str | Sequence[str |
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
-def _slow(simulator: Simulator, effect: Effect) -> bool:
+def _slow(simulator: Identifiable, effect: Effect) -> bool:
     """Whether it is play behind a motor, whose refits take minutes: tried where it is named."""
     return isinstance(effect, Backlash) and effect.target not in simulator.servos
 
 
-def _same_law(simulator: Simulator, effect: Effect) -> bool:
+def _same_law(simulator: Identifiable, effect: Effect) -> bool:
     """Whether other candidates say the same with less: one joint's drag, the constant loads of slides.
 
     Air drag of what one joint moves is that joint's quadratic drag, a tilt is a constant load of every slide.
@@ -111,20 +113,20 @@ def _same_law(simulator: Simulator, effect: Effect) -> bool:
     return isinstance(effect, AirDrag) and len(chain) == 1 and chain[0] in simulator.joint_kinds
 
 
-def _targets(simulator: Simulator, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
+def _targets(simulator: Identifiable, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
     """What effects of one kind can be tried at; of the signals those that were measured."""
     measured = {simulator.signals[i] for i in windows.columns}
     return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
 
 
-def _still(simulator: Simulator, windows: Windows, kind: TargetKind, element: str) -> bool:
+def _still(simulator: Identifiable, windows: Windows, kind: TargetKind, element: str) -> bool:
     """Whether it is a joint, or a joint's signal, that stands still in every window: it shows no effect of its own."""
     joint = {"joint": element, "signal": element.partition(".")[2]}.get(kind, "")
     joints = joint_names(simulator)
     return joint in joints and bool(windows.free.any()) and not bool(windows.free[:, joints.index(joint)].any())
 
 
-def _placed(simulator: Simulator, windows: Windows, effect: Effect, named: bool) -> bool:
+def _placed(simulator: Identifiable, windows: Windows, effect: Effect, named: bool) -> bool:
     """Whether the position that the effect depends on, if it does, was measured.
 
     Raises:
@@ -140,7 +142,7 @@ def _placed(simulator: Simulator, windows: Windows, effect: Effect, named: bool)
     return False
 
 
-def can_have(simulator: Simulator, effect: Effect) -> bool:
+def can_have(simulator: Identifiable, effect: Effect) -> bool:
     """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)
@@ -178,7 +180,7 @@ def opposites(effects: Sequence[Effect], tried: Sequence[Trial]) -> dict[int, in
     return found
 
 
-def grown(simulator: Simulator, effects: Sequence[Effect]) -> Simulator:
+def grown(simulator: Identifiable, effects: Sequence[Effect]) -> Identifiable:
     """The simulator with all these effects."""
     for effect in effects:
         simulator = simulator.with_effect(effect)
@@ -186,7 +188,7 @@ def grown(simulator: Simulator, effects: Sequence[Effect]) -> Simulator:
 
 
 def grown_theta(
-    simulator: Simulator, theta: Float[Tensor, " P"], effects: Sequence[Effect], trial: Trial | None = None
+    simulator: Identifiable, theta: Float[Tensor, " P"], effects: Sequence[Effect], trial: Trial | None = None
 ) -> Float[Tensor, " Q"]:
     """Theta of :func:`grown` with every new effect neutral, except the one that the trial moves."""
     values = list(theta.unbind())

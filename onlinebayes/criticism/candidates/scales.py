@@ -22,8 +22,8 @@ from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.identification.replaying.replay import rollout
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.replaying.timed import instants
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, Scales, TargetKind
+from onlinebayes.simulators.identifiable import Identifiable
 
 DEAD_TIME = 0.1  # of the horizon
 ROOM = 1.25  # times the force of a replay, where the force depends on the motion
@@ -32,7 +32,11 @@ HELD = 1.1  # inertia by the smallest force over the least one, above which some
 
 
 def target_scales(
-    simulator: Simulator, windows: Windows, kind: TargetKind, target: str, forces: Float[Tensor, " U"] | None = None
+    simulator: Identifiable,
+    windows: Windows,
+    kind: TargetKind,
+    target: str,
+    forces: Float[Tensor, " U"] | None = None,
 ) -> Scales:
     """Typical sizes at a target, from the measurements and one step of the simulator.
 
@@ -78,7 +82,7 @@ def target_scales(
     )
 
 
-def largest_forces(simulator: Simulator, windows: Windows) -> Float[Tensor, " U"]:
+def largest_forces(simulator: Identifiable, windows: Windows) -> Float[Tensor, " U"]:
     """Largest force of each actuator, before its gear, while the nominal model replays the windows [N, N m].
 
     Where that depends on the motion, the model's is not quite the machine's, and there is :data:`ROOM` for more. What
@@ -101,7 +105,7 @@ def largest_forces(simulator: Simulator, windows: Windows) -> Float[Tensor, " U"
     return torch.where(largest > 0, largest, commands).clamp_min(1e-9)
 
 
-def _body_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:
+def _body_scales(simulator: Identifiable, windows: Windows, target: str, time: float) -> Scales:
     """Mass and size of a body, or the largest ones of the world; the speed of the moving mass on all joints at once.
 
     A hinge whose inertia is I moves the mass M at a distance of about sqrt(I / M) from its axis, and a free body turns
@@ -121,7 +125,7 @@ def _body_scales(simulator: Simulator, windows: Windows, target: str, time: floa
     return Scales(force=1.0, speed=max(speed, 1e-9), travel=1.0, time=time, inertia=mass, length=length)
 
 
-def _signal_scales(simulator: Simulator, windows: Windows, target: str, time: float) -> Scales:
+def _signal_scales(simulator: Identifiable, windows: Windows, target: str, time: float) -> Scales:
     """Range of what was measured of a signal."""
     s = windows.columns.index(simulator.signals.index(target))
     values = windows.value[..., s][windows.measured[..., s]]
@@ -130,7 +134,7 @@ def _signal_scales(simulator: Simulator, windows: Windows, target: str, time: fl
     return Scales(force=1.0, speed=1.0, travel=max(travel, 1e-9), time=time, unit=kind)
 
 
-def _motion(simulator: Simulator, windows: Windows, j: int) -> tuple[Tensor, float, float]:
+def _motion(simulator: Identifiable, windows: Windows, j: int) -> tuple[Tensor, float, float]:
     """Positions visited, largest speed and acceleration of joint j, from averages over bins."""
     by = seen_in(simulator, windows, joint_names(simulator)[j])
     seen, dt = windows.seen[..., by.column], windows.bin_step
@@ -160,12 +164,12 @@ def _filled(shown: Float[Tensor, "W n"], seen: Bool[Tensor, "W n"]) -> tuple[Flo
     return (1 - part) * shown.gather(1, before) + part * shown.gather(1, after), between
 
 
-def seen_in(simulator: Simulator, windows: Windows, joint: str) -> SeenBy:
+def seen_in(simulator: Identifiable, windows: Windows, joint: str) -> SeenBy:
     """By which of the measured signals the joint is seen."""
     return seen_by(joint, [simulator.signals[column] for column in windows.columns])
 
 
-def _one_step(simulator: Simulator, windows: Windows, j: int) -> tuple[float, float]:
+def _one_step(simulator: Identifiable, windows: Windows, j: int) -> tuple[float, float]:
     """Effective inertia of joint j at a window's start, and the acceleration that the largest commands give it.
 
     A joint that its friction or a contact holds hardly answers a small force. Larger ones are tried as well, as long as

@@ -16,13 +16,13 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import project, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 ROUNDS = 4
 
 
 def adapted(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     free: int,

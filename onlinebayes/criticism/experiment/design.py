@@ -35,8 +35,8 @@ from onlinebayes.identification.data.windows import joint_names
 from onlinebayes.identification.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 FEWEST_INPUTS, MOST_INPUTS = 12, 96
 WORK = 2e7  # integration steps that comparing the inputs may take: minutes for an arm of six joints
@@ -63,7 +63,7 @@ class _Trials:
 @one_torch_thread()
 def next_experiment(
     result: Criticism,
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     *,
     candidates: str | Sequence[str | Effect] = "all",

@@ -22,7 +22,7 @@ from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 HORIZONS = 12
@@ -90,7 +90,7 @@ class Limits:
 
 
 def find_limits(
-    simulator: Simulator, measurement: Measurement, windows: Windows, allowed: Allowed, least_seconds: float
+    simulator: Identifiable, measurement: Measurement, windows: Windows, allowed: Allowed, least_seconds: float
 ) -> Limits:
     """The limits for one model and what was measured of it.
 
@@ -125,7 +125,7 @@ def find_limits(
 
 
 def _commands(
-    simulator: Simulator, measurement: Measurement, allowed: Allowed
+    simulator: Identifiable, measurement: Measurement, allowed: Allowed
 ) -> tuple[Float[Tensor, " U"], Float[Tensor, " U"]]:
     low, high = [], []
     for name in simulator.commands:
@@ -145,7 +145,7 @@ def _commands(
 
 
 def _rates(
-    simulator: Simulator, measurement: Measurement, allowed: Allowed, low: Tensor, high: Tensor
+    simulator: Identifiable, measurement: Measurement, allowed: Allowed, low: Tensor, high: Tensor
 ) -> Float[Tensor, " U"]:
     """Largest admissible rates; where the measured command never changed, the whole range in a second."""
     time, both = measurement.data["time"], measurement.data["mask"][:, 1:]
@@ -160,7 +160,7 @@ def _rates(
 
 
 def _motion(
-    simulator: Simulator, windows: Windows, allowed: Allowed
+    simulator: Identifiable, windows: Windows, allowed: Allowed
 ) -> tuple[Float[Tensor, " J"], Float[Tensor, " J"], Float[Tensor, " J"]]:
     low, high, speed = [], [], []
     for name in joint_names(simulator):

@@ -18,7 +18,7 @@ from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits
 from onlinebayes.identification.replaying.replay import VISIBLE
 from onlinebayes.measurements import Measurement, Signal
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 SHRINK, TIMES = 0.7, 12
 
@@ -34,7 +34,7 @@ class Hypothesis:
     """
 
     name: str
-    simulator: Simulator
+    simulator: Identifiable
     theta: Float[Tensor, " P"]
 
 
@@ -52,7 +52,7 @@ def play(hypothesis: Hypothesis, inputs: Inputs) -> TensorDict:
 
 
 def at_rest(
-    simulator: Simulator,
+    simulator: Identifiable,
     theta: Float[Tensor, "N P"],
     start: Float[Tensor, "N J"],
     held: Float[Tensor, "N U"],

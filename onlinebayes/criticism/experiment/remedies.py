@@ -22,7 +22,7 @@ from onlinebayes.criticism.experiment.rivals import Pair
 from onlinebayes.criticism.experiment.separation import separations
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.measurements import Signal
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 ACCURACY = 1e-3
@@ -92,7 +92,7 @@ def _payloads(
     return found
 
 
-def _half_masses(simulator: Simulator) -> list[Payload]:
+def _half_masses(simulator: Identifiable) -> list[Payload]:
     if not isinstance(simulator, MujocoSimulator):
         return []
     model = simulator.model

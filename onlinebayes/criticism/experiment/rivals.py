@@ -35,8 +35,8 @@ from onlinebayes.identification.replaying.clock import in_step
 from onlinebayes.identification.replaying.scoped import with_effect_values
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_RIVALS = 4
 MOST_EXCLUDED = 6
@@ -120,7 +120,10 @@ def _sorted(pair: Pair) -> tuple[str, str]:
 
 
 def find_rivals(
-    result: Criticism, simulator: Simulator, measurement: Measurement, candidates: str | Sequence[str | Effect]
+    result: Criticism,
+    simulator: Identifiable,
+    measurement: Measurement,
+    candidates: str | Sequence[str | Effect],
 ) -> Rivals:
     """The rivals that a criticism leaves.
 
@@ -182,7 +185,7 @@ def explanation(name: str, fitted: Fit, windows: Windows) -> Explanation:
 
 def _swaps(
     result: Criticism,
-    simulator: Simulator,
+    simulator: Identifiable,
     grounds: Grounds,
     final: Explanation,
     accepted: Sequence[Effect],
@@ -213,7 +216,7 @@ def _swaps(
 
 
 def _fitted(
-    simulator: Simulator, grounds: Grounds, final: Explanation, kept: Sequence[Effect], effect: Effect
+    simulator: Identifiable, grounds: Grounds, final: Explanation, kept: Sequence[Effect], effect: Effect
 ) -> Fit | None:
     """The best of the fits from each point where screening would try the effect; None where all diverge."""
     model = grounds.rung.of(grown(simulator, [*kept, effect]))

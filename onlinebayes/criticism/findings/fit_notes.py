@@ -12,8 +12,8 @@ from onlinebayes.identification import quantities
 from onlinebayes.identification.replaying.wrapper import unwrap
 from onlinebayes.identification.results import Estimate, Selection
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 CUT = 0.9
@@ -21,7 +21,7 @@ CUT = 0.9
 
 
 def fit_notes(
-    simulator: Simulator,
+    simulator: Identifiable,
     found: SearchResult,
     selection: Selection,
     parameters: Mapping[str, Estimate],
@@ -51,7 +51,7 @@ def fit_notes(
     )
 
 
-def _of_the_step(simulator: Simulator, found: SearchResult, refined: bool) -> Iterator[str]:
+def _of_the_step(simulator: Identifiable, found: SearchResult, refined: bool) -> Iterator[str]:
     final = found.final
     if not final.numerics.sufficient:
         found_before = "; sizes of what is named carry that error" if found.accepted else ""
@@ -82,7 +82,7 @@ def _of_the_step(simulator: Simulator, found: SearchResult, refined: bool) -> It
         yield "the last fit did not converge fully"
 
 
-def _another_method(simulator: Simulator, found: SearchResult, refined: bool) -> str:
+def _another_method(simulator: Identifiable, found: SearchResult, refined: bool) -> str:
     """By which method and step the model was integrated in place of its own, why, and what refined.xml has of it."""
     rung = found.final.rung
     smooth = rung.method == "runge_kutta"

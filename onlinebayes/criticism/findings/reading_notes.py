@@ -5,7 +5,7 @@ from __future__ import annotations
 from onlinebayes.identification.fitting.before_runs import remembers_commands
 from onlinebayes.identification.fitting.gaps import rows_missing
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def gap_notes(fit_runs: Measurement) -> tuple[str, ...]:
@@ -18,7 +18,7 @@ def gap_notes(fit_runs: Measurement) -> tuple[str, ...]:
     return (f"{rows} to be missing in the log; commands are {read}: the model follows the log no better otherwise",)
 
 
-def tie_notes(simulator: Simulator, otherwise: Simulator | None) -> tuple[str, ...]:
+def tie_notes(simulator: Identifiable, otherwise: Identifiable | None) -> tuple[str, ...]:
     """That constraints are rigid, where they could be soft.
 
     Args:
@@ -33,7 +33,7 @@ def tie_notes(simulator: Simulator, otherwise: Simulator | None) -> tuple[str, .
     )
 
 
-def start_notes(fit_runs: Measurement, simulator: Simulator) -> tuple[str, ...]:
+def start_notes(fit_runs: Measurement, simulator: Identifiable) -> tuple[str, ...]:
     """That no command was given before the runs, where the model remembers commands and that was found."""
     if not fit_runs.idle_before or not remembers_commands(simulator):
         return ()

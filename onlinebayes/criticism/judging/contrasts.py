@@ -25,7 +25,7 @@ from onlinebayes.identification.fitting.blocks import BLOCK_CORRELATION_TIMES, M
 from onlinebayes.identification.fitting.fit import Fit
 from onlinebayes.identification.fitting.projection import project
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 AT_ONCE = 512  # flips
 RIDGE = 1e-6
@@ -60,7 +60,7 @@ def contrast_p_values(current: Fit, windows: Windows, addresses: Sequence[str], 
     return dict(zip(addresses, p.tolist(), strict=True))
 
 
-def owners(simulator: Simulator, windows: Windows) -> Int[Tensor, " W"]:
+def owners(simulator: Identifiable, windows: Windows) -> Int[Tensor, " W"]:
     """Number of the run, or of the group of runs, that each window belongs to; -1 for those of no group or run."""
     return simulator.owner_of(windows) if isinstance(simulator, ScopedSimulator) else windows.run
 

@@ -24,7 +24,7 @@ from onlinebayes.identification.fitting.per_run_values import held_out_model
 from onlinebayes.identification.fitting.projection import project, signal_rms, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise_starts
 from onlinebayes.identification.results import FittedModel
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 FAR = 2.0  # floors: an error that is worth a word
 NAMED = 3  # signals: more are counted
@@ -80,7 +80,9 @@ def _over_floor(error: HeldOutError) -> dict[str, float]:
     }
 
 
-def left_with_fitted_starts(simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " S"]:
+def left_with_fitted_starts(
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]
+) -> Float[Tensor, " S"]:
     """RMS of each signal over the windows, each begun at its best start [floors]; inf where the model diverges."""
     model, parts, values = held_out_model(simulator, windows, theta)
     starts = parts.start

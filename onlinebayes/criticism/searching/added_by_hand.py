@@ -22,12 +22,12 @@ from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def begun_as_candidates(
-    grounds: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection
+    grounds: Grounds, simulator: Identifiable, measurement: Measurement, selection: Selection
 ) -> Grounds:
     """The base model with its own effects begun as candidates; as it was fitted where that leaves no less.
 

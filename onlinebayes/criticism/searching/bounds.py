@@ -24,7 +24,7 @@ from onlinebayes.identification.fitting.fit import Fit, fit
 from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 WIDER = 10.0
 ON_BOUND = 1e-6  # of the range
@@ -46,7 +46,7 @@ class Widened:
     grounds: Grounds
 
 
-def excluded(simulator: Simulator, context: SearchContext, base: Grounds, stage: Stage) -> Widened | None:
+def excluded(simulator: Identifiable, context: SearchContext, base: Grounds, stage: Stage) -> Widened | None:
     """The bound that excludes the truth, if one does; of several the one that predicts best.
 
     Args:

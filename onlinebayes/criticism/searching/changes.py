@@ -16,8 +16,8 @@ from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.per_run_parameters import Differing, beats, find_differing, with_own_values
 from onlinebayes.criticism.searching.stage import Stage
 from onlinebayes.identification.fitting.numerics import Grounds, settle
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Changed:
         halved: whether it removes half of the squared error above the floor, or reaches it.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     judged: Differing
     equals: tuple[str, ...]
     grounds: Grounds
@@ -42,7 +42,7 @@ class Changed:
 
 
 def find_change(
-    simulator: Simulator,
+    simulator: Identifiable,
     context: SearchContext,
     current: Grounds,
     stage: Stage,

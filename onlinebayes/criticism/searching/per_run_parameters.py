@@ -45,7 +45,7 @@ from onlinebayes.identification.replaying.scoped import ScopedSimulator, unscope
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_CHANGES_REFITTED = 3
 """So many parameters are refitted with a value a run at most."""
@@ -111,7 +111,7 @@ def find_differing(
     return tuple(sorted(judged, key=lambda one: -one.gain.gain))
 
 
-def with_own_values(simulator: Simulator, runs: Sequence[str], address: str) -> ScopedSimulator:
+def with_own_values(simulator: Identifiable, runs: Sequence[str], address: str) -> ScopedSimulator:
     """The simulator with one value of a parameter in every run, or every group of runs of its scope."""
     scope = simulator.scope if isinstance(simulator, ScopedSimulator) else Scope()
     return ScopedSimulator(unscoped(simulator), replace(scope, per_run=(*scope.per_run, address)), runs)

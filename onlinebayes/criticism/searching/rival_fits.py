@@ -16,8 +16,8 @@ from onlinebayes.identification.fitting.fit import Fit, improve, unfitted
 from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def rival_as_judged(judged: Judged) -> Rival:
 
 
 def fit_with_rival(
-    rival: Rival, simulator: Simulator, effects: Sequence[Effect], incumbent: Incumbent, hopeless: float
+    rival: Rival, simulator: Identifiable, effects: Sequence[Effect], incumbent: Incumbent, hopeless: float
 ) -> Fit | None:
     """The model with the rival in it, everything refitted from the model as it stands.
 

@@ -38,8 +38,8 @@ from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, make_blocks
 from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_EFFECTS = 6
 MOST_FLEXIBLE_TRIES = 2  # of what is tried last: two laws may hide each other
@@ -72,7 +72,7 @@ class SearchResult:
     changes: tuple[Changed, ...] = ()
     taken_back: tuple[Added, ...] = ()
 
-    def simulator(self, base: Simulator) -> Simulator:
+    def simulator(self, base: Identifiable) -> Identifiable:
         """The base model at its own step, with a value in every run of what was found to differ between them."""
         return self.changes[-1].simulator if self.changes else base
 
@@ -82,7 +82,7 @@ class SearchResult:
         return bool(self.stages) and any(judged.undecided for judged in self.stages[-1].judged)
 
 
-def ground(simulator: Simulator, measurement: Measurement, selection: Selection) -> Grounds:
+def ground(simulator: Identifiable, measurement: Measurement, selection: Selection) -> Grounds:
     """The base model fitted, its own effects from where candidates begin, with the noise floor of the fit runs."""
     grounds = settle(simulator, measurement, selection.horizon_s, measured_floors(measurement))
     return begun_as_candidates(grounds, simulator, measurement, selection)
@@ -94,7 +94,7 @@ def enough_motion(base: Grounds, selection: Selection) -> bool:
     return moves and make_blocks(base.windows, 0.0, selection.folds).count >= FEWEST_BLOCKS
 
 
-def search(simulator: Simulator, context: SearchContext, most: int, base: Grounds | None = None) -> SearchResult:
+def search(simulator: Identifiable, context: SearchContext, most: int, base: Grounds | None = None) -> SearchResult:
     """Look for missing effects.
 
     Args:
@@ -141,7 +141,7 @@ class _Search:
     """
 
     context: SearchContext
-    simulator: Simulator
+    simulator: Identifiable
     base: Grounds
     effects: tuple[Effect, ...]
     working: WorkingModel

@@ -16,7 +16,7 @@ from onlinebayes.criticism.searching.rival_fits import Incumbent, Rival, can_rep
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import HOPELESS_RATIO
 from onlinebayes.identification.replaying.scoped import effect_entries
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 NEAR_ERROR_RATIO = 1.5
 """At a coarser step a rival may leave so many times the error of the one that was accepted."""
@@ -25,7 +25,7 @@ LOOKALIKE_Z_SHARE = 0.5
 """What looks like the accepted effect had this share of its z in the same round at least."""
 
 
-def alternatives(base: Simulator, found: SearchResult, folds: int | None) -> dict[str, tuple[str, ...]]:
+def alternatives(base: Identifiable, found: SearchResult, folds: int | None) -> dict[str, tuple[str, ...]]:
     """Accepted effect -> the effects it cannot be told from.
 
     Args:
@@ -71,7 +71,7 @@ def _overlooked(found: SearchResult, first: Judged, accepted: list[str]) -> list
     ]
 
 
-def _swapped(base: Simulator, found: SearchResult, rivals: list[Rival], folds: int | None) -> tuple[str, ...]:
+def _swapped(base: Identifiable, found: SearchResult, rivals: list[Rival], folds: int | None) -> tuple[str, ...]:
     """The rivals that do as well in the first effect's place, everything refitted."""
     if not rivals:
         return ()

@@ -21,8 +21,8 @@ from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.stage import Added, blocks_for
 from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.identification.fitting.projection import misfit
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class WorkingModel:
         changes: the parameters that were given one value a run.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     grounds: Grounds
     accepted: tuple[Added, ...] = ()
     changes: tuple[Changed, ...] = ()
@@ -96,7 +96,7 @@ def drop_idle(working: WorkingModel, earlier: Sequence[Added], context: SearchCo
     return None
 
 
-def carry_theta(source: Simulator, theta: Float[Tensor, " P"], target: Simulator) -> Float[Tensor, " Q"]:
+def carry_theta(source: Identifiable, theta: Float[Tensor, " P"], target: Identifiable) -> Float[Tensor, " Q"]:
     """Theta of ``target``: the values of ``source`` where it has the same parameter, else nominal ones."""
     values = dict(zip(source.parameters, theta.unbind(), strict=True))
     nominal = target.nominal.to(theta)

@@ -23,7 +23,7 @@ from onlinebayes.identification.replaying.ladder import Rung, ladder
 from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 DRAWS = 32  # of one parameter; of P parameters a P-th of them
 FEWEST_DRAWS = 4
@@ -44,7 +44,7 @@ class Bench:
         rung: a finer rung to try them on instead.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     measurement: Measurement
     horizon: float
     base: Grounds
@@ -123,11 +123,11 @@ class Bench:
             return data.rows(data.runs[0], 0, rows)
         return data.select(data.runs[:: max(1, int(len(data.runs) * mean / enough))])
 
-    def model(self, fault: Fault) -> Simulator:
+    def model(self, fault: Fault) -> Identifiable:
         """The coarse model with a fault put right."""
         return fault.model(self.coarse)
 
-    def _first_order(self, fault: Fault) -> Simulator:
+    def _first_order(self, fault: Fault) -> Identifiable:
         """The same by a method of first order: hundreds of replays tell gross misfits apart, and a few are fitted."""
         return self.model(fault).with_first_order()
 
@@ -150,7 +150,7 @@ class Bench:
         return torch.cat([fitted[None], nominal[None], space.from_unit(draws)])
 
     @cached_property
-    def coarse(self) -> Simulator:
+    def coarse(self) -> Identifiable:
         """The base model on the rung."""
         return self._rung.of(self.simulator)
 
@@ -169,14 +169,14 @@ def total(by_signal: Float[Tensor, " S"], unit: Float[Tensor, " S"] | float = 1.
 
 
 def replay_rms(
-    simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
+    simulator: Identifiable, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
 ) -> Float[Tensor, "M W"]:
     """RMS of every window's replay from its smoothed start [floors]; infinite where it diverged."""
     return replay_rms_of_parts(simulator, windows, thetas, floor)[0]
 
 
 def replay_rms_of_parts(
-    simulator: Simulator, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
+    simulator: Identifiable, windows: Windows, thetas: Float[Tensor, "M P"], floor: Float[Tensor, " S"]
 ) -> Float[Tensor, "C M W"]:
     """The same over the first rows of each window, as many as each of :data:`SCREENED_PARTS` says.
 

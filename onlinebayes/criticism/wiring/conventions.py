@@ -27,7 +27,7 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.charted import orientation_paths, with_orientation_paths
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 Columns = Callable[[str, Float[Tensor, " T"], Float[Tensor, "T 3"]], Float[Tensor, "T 3"]]
 # What a table may hold -> where in it w, x, y, z stand, and with which sign.
@@ -71,7 +71,7 @@ class Reread(Fault):
             measurement, self.rotation.turns, lambda run, time, old: self.paths[origin(run)].at(time)[1]
         )
 
-    def model(self, simulator: Simulator) -> Simulator:
+    def model(self, simulator: Identifiable) -> Identifiable:
         """The simulator whose turns are relative to the other path."""
         return with_orientation_paths(simulator, self.rotation.joint, self.paths)
 
@@ -123,7 +123,7 @@ class OtherAxes(Fault):
         return _with_columns(measurement, self.names, turned)
 
 
-def conventions(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
+def conventions(simulator: Identifiable, measured: set[str]) -> Iterator[Fault]:
     """Every such fault of the simulator's free and ball joints.
 
     Args:

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 Kind = Literal["signal", "command"]
 MISPLACED = 0.1  # rad: what nobody calls an encoder's bias; a servo's horn has teeth a quarter of a radian apart
@@ -73,7 +73,7 @@ class Fault(ABC):
         """The measurement with the fault put right."""
         return measurement
 
-    def model(self, simulator: Simulator) -> Simulator:
+    def model(self, simulator: Identifiable) -> Identifiable:
         """The simulator with the fault put right."""
         return simulator
 
@@ -276,7 +276,7 @@ class Compensated(Fault):
         """``gravity_compensation`` of every actuator."""
         return "\n".join(f"[actuators.{_bare(name)}]\ngravity_compensation = true" for name in self.actuators)
 
-    def model(self, simulator: Simulator) -> Simulator:
+    def model(self, simulator: Identifiable) -> Identifiable:
         """The simulator whose weight is carried."""
         return simulator.with_gravity_compensation() or simulator
 

@@ -30,12 +30,12 @@ from onlinebayes.identification.data.coordinates import velocity
 from onlinebayes.identification.data.windows import joint_names
 from onlinebayes.identification.replaying.charted import orientation_paths
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 TURNS = (math.pi / 2, -math.pi / 2, math.pi)
 
 
-def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, ...]:
+def hypotheses(simulator: Identifiable, measurement: Measurement) -> tuple[Fault, ...]:
     """Every fault to try, those of the signals first: where a command's explains as much, the signal's is named first.
 
     Args:
@@ -53,7 +53,7 @@ def hypotheses(simulator: Simulator, measurement: Measurement) -> tuple[Fault, .
     )
 
 
-def _of_signals(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
+def _of_signals(simulator: Identifiable, measured: set[str]) -> Iterator[Fault]:
     # A turn is no column of the table: of an orientation only the velocities are looked at, its three axes together.
     joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
     for rates in _angular(simulator, measured):
@@ -86,7 +86,7 @@ def _of_sensors(signals: list[str]) -> Iterator[Fault]:
             yield Rescaled("signal", every, factor, instead)
 
 
-def _angular(simulator: Simulator, measured: set[str]) -> list[tuple[str, ...]]:
+def _angular(simulator: Identifiable, measured: set[str]) -> list[tuple[str, ...]]:
     """The measured angular velocities of each free and ball joint."""
     found: dict[str, list[str]] = {}
     for joint in joint_names(simulator):
@@ -102,7 +102,7 @@ def _columns(joint: str, measured: set[str]) -> list[tuple[str, ...]]:
     return [names] if len(names) < 2 else [names, names[:1], names[1:]]
 
 
-def _of_commands(simulator: Simulator) -> Iterator[Fault]:
+def _of_commands(simulator: Identifiable) -> Iterator[Fault]:
     for name in simulator.commands:
         for factor, instead in COMMAND.items():
             yield Rescaled("command", (name,), factor, instead)

@@ -22,7 +22,7 @@ from torch import Tensor
 from onlinebayes.criticism.wiring.bench import replay_rms
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import fit
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 GRID = 0.08  # of a window: the first moves
 REACH = 8  # of them
@@ -41,7 +41,7 @@ class _Trial:
     """
 
     columns: Sequence[int]
-    simulator: Simulator
+    simulator: Identifiable
     windows: Windows
     struck: Int[Tensor, " V"]
     theta: Float[Tensor, " P"]
@@ -68,7 +68,7 @@ class _Trial:
 def settled(
     stretches: Sequence[Stretch],
     columns: Sequence[int],
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
 ) -> tuple[list[Stretch], Float[Tensor, " P"]]:

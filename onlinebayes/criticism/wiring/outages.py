@@ -26,7 +26,7 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import fit, unfitted
 from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 STRUCK_MEDIANS = 3.0
 """A window that errs by more than so many times the median error may be struck."""
@@ -91,7 +91,7 @@ class Outage(Fault):
         return replace(measurement, data=data)
 
 
-def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, Float[Tensor, " P"]] | None:
+def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> tuple[Outage, Float[Tensor, " P"]] | None:
     """The outage that the windows speak for and the theta beside it; None where no few of them stand out, or being off
     explains none.
 
@@ -125,7 +125,7 @@ def outage(base: Grounds, coarse: Simulator, windows: Windows) -> tuple[Outage, 
     return (Outage(tuple(coarse.commands[u] for u in columns), _spans(stretches, part)), theta) if stretches else None
 
 
-def sudden(base: Grounds, coarse: Simulator, windows: Windows) -> bool:
+def sudden(base: Grounds, coarse: Identifiable, windows: Windows) -> bool:
     """Whether some windows err by so much more than the others, at once, that no law is worth trying before an outage.
 
     Arguments as :func:`outage`.
@@ -139,7 +139,7 @@ def _moving(windows: Windows) -> Windows:
     return windows.select(torch.nonzero(windows.moving)[:, 0])
 
 
-def _starts(base: Grounds, coarse: Simulator) -> tuple[Float[Tensor, " P"], ...]:
+def _starts(base: Grounds, coarse: Identifiable) -> tuple[Float[Tensor, " P"], ...]:
     """The fitted theta and the nominal one."""
     return base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))
 
@@ -149,7 +149,7 @@ def _some_stand_out(errors: Float[Tensor, " W"], apart: float = STRUCK_MEDIANS) 
     return bool((errors > apart * errors.median()).any())
 
 
-def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Simulator, windows: Windows) -> Float[Tensor, " P"]:
+def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Identifiable, windows: Windows) -> Float[Tensor, " P"]:
     """Theta of the half of the windows that fit best, from the best of these starts."""
     half = (windows.count + 1) // 2
     found = []
@@ -163,7 +163,7 @@ def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Simulator, windows: W
     return min(found, key=lambda one: one[0])[1]
 
 
-def _misfit(coarse: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
+def _misfit(coarse: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
     """Squared residual of each window with its start projected out; infinite where the model diverges."""
     whole = torch.nonzero(_errors(coarse, windows, theta).isfinite())[:, 0]
     fitted = unfitted(coarse, windows.select(whole), theta)
@@ -171,7 +171,7 @@ def _misfit(coarse: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> 
     return misfit.index_copy(0, whole, fitted.projected.residual.square().sum(1))
 
 
-def _errors(simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
+def _errors(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
     return replay_rms(simulator, windows, theta[None], windows.noise)[0]
 
 
@@ -183,7 +183,7 @@ def _sets(actuators: int) -> Iterator[tuple[int, ...]]:
 
 
 def _best_edges(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], columns: Sequence[int]
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], columns: Sequence[int]
 ) -> tuple[Int[Tensor, "W 2"], Float[Tensor, " W"]]:
     """The rows from and to which being off explains each window best, and what error that leaves [floors]."""
     K = windows.rows
@@ -203,7 +203,7 @@ def _best_edges(
 
 
 def _tried(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     columns: Sequence[int],

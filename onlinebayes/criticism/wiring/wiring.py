@@ -39,7 +39,7 @@ from onlinebayes.identification.fitting.projection import misfit, signal_rms
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 LEAST_FLOORS = 3.0
 """A base model that errs by fewer floors has no such fault."""
@@ -140,7 +140,11 @@ class Leads:
 
 
 def screen_faults(
-    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
+    base: Grounds,
+    simulator: Identifiable,
+    measurement: Measurement,
+    selection: Selection,
+    watch: Watch = UNWATCHED,
 ) -> Leads | None:
     """Screen every hypothesis by replay alone; None where the base model errs by too little for such a fault.
 
@@ -161,7 +165,7 @@ def screen_faults(
 def fit_faults(
     faults: Sequence[tuple[Fault, Float[Tensor, " P"]]],
     base: Grounds,
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     selection: Selection,
 ) -> Suspicion | None:
@@ -176,7 +180,11 @@ def fit_faults(
 
 
 def outages(
-    base: Grounds, simulator: Simulator, measurement: Measurement, selection: Selection, watch: Watch = UNWATCHED
+    base: Grounds,
+    simulator: Identifiable,
+    measurement: Measurement,
+    selection: Selection,
+    watch: Watch = UNWATCHED,
 ) -> Suspicion | None:
     """Actuators that were off for parts of runs, if that explains the misfit; arguments as :func:`screen_faults`."""
     if not simulator.commands:

@@ -26,7 +26,7 @@ from torch import Tensor
 
 from onlinebayes.identification.data.coordinates import Rotation
 from onlinebayes.identification.data.rotations import exponential, inverse, logarithm, product
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 POSE = "pose"
 """Key of a trajectory's positions as the model has them, quaternions included, where ``"qpos"`` holds turns."""
@@ -43,7 +43,7 @@ class Chart:
         turn: measured ones there [rad].
     """
 
-    physics: Simulator
+    physics: Identifiable
     turning: tuple[Rotation, ...]
     quaternion: Float[Tensor, "W K1 B 4"]
     turn: Float[Tensor, "W K1 B 3"]

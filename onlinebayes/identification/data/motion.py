@@ -19,7 +19,7 @@ from torch import Tensor
 
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 SHIFT = 0.37  # [m, rad], no part of a turn
 ALIKE = 1e-9  # of the velocities' size
@@ -74,7 +74,7 @@ def seen_by(joint: str, names: Sequence[str]) -> SeenBy:
     )
 
 
-def check_seen(simulator: Simulator, joints: Sequence[str], names: Sequence[str]) -> None:
+def check_seen(simulator: Identifiable, joints: Sequence[str], names: Sequence[str]) -> None:
     """Every joint of the simulator is seen, and what is seen by its velocity alone moves alike wherever it is.
 
     Args:
@@ -131,14 +131,14 @@ def _or_speed(position: SeenBy, names: Sequence[str], seen: Bool[Tensor, " S"]) 
     return f"; {rate} does alone where nothing depends on the position: ignore the column {position.signal} then"
 
 
-def _somewhere(simulator: Simulator) -> Float[Tensor, "2 P"]:
+def _somewhere(simulator: Identifiable) -> Float[Tensor, "2 P"]:
     """The nominal theta, and one inside the bounds: a parameter may be nothing in the model as it was built."""
     nominal = simulator.nominal
     inside = simulator.parameters.from_unit(torch.full_like(nominal, INSIDE))
     return torch.stack([nominal, inside])
 
 
-def _after_a_step(simulator: Simulator, theta: Float[Tensor, "M P"], moved: int | None) -> Float[Tensor, "M J"]:
+def _after_a_step(simulator: Identifiable, theta: Float[Tensor, "M P"], moved: int | None) -> Float[Tensor, "M J"]:
     """Velocities a timestep after all joints moved at 1, one of them displaced [m/s, rad/s]."""
     q = simulator.state["qpos"][:1].repeat(len(theta), 1)
     if moved is not None:

@@ -22,7 +22,7 @@ from onlinebayes.identification.data.run_history import RunHistory
 from onlinebayes.identification.data.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 START_LOOSENESS = 20.0
 MEMORY = 20.0  # horizons before a window whose commands are kept for hidden states
@@ -134,7 +134,7 @@ class Windows:
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
-def joint_names(simulator: Simulator) -> tuple[str, ...]:
+def joint_names(simulator: Identifiable) -> tuple[str, ...]:
     """The simulator's joint coordinates, each of which must have one position and one velocity.
 
     Raises:
@@ -152,7 +152,7 @@ def joint_names(simulator: Simulator) -> tuple[str, ...]:
 
 
 def make_windows(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     horizon: float,
     memory: float = 0.0,
@@ -200,7 +200,7 @@ def make_windows(
 
 
 def _gather(
-    simulator: Simulator, measurement: Measurement, grids: tuple[RunGrid, ...], tiling: Tiling, history: int
+    simulator: Identifiable, measurement: Measurement, grids: tuple[RunGrid, ...], tiling: Tiling, history: int
 ) -> Windows:
     """Everything that the windows of a tiling hold, ``history`` rows of commands before each included."""
     names = tuple(signal.name for signal in measurement.signals)
@@ -239,7 +239,7 @@ def _gather(
     )
 
 
-def _in_order(simulator: Simulator, measurement: Measurement) -> Measurement:
+def _in_order(simulator: Identifiable, measurement: Measurement) -> Measurement:
     """The measurement with the simulator's commands in the simulator's order, its signals checked."""
     for signal in measurement.signals:
         if signal.name not in simulator.signals:

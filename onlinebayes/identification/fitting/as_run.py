@@ -24,7 +24,7 @@ from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.identification.replaying.ladder import Rung, first_order
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 NOISE_FLOORS = 1.2  # floors
 FAR_BETTER = 2 / 3
@@ -53,12 +53,12 @@ class RunSetup:
             step tells nothing of where a fit ends.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     measurement: Measurement
     horizon: float
     thorough: bool = False
 
-    def windows(self, model: Simulator, known: AsRun) -> Windows:
+    def windows(self, model: Identifiable, known: AsRun) -> Windows:
         """Windows at the model's step, those that are known where it is the same."""
         if model.timestep == known.rung.timestep:
             return known.windows

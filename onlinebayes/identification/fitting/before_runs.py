@@ -15,7 +15,7 @@ from onlinebayes.identification.data.windows import MEMORY, make_windows
 from onlinebayes.identification.fitting.numerics import Grounds, settled_misfit
 from onlinebayes.identification.fitting.readings import follows_far_better
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def commanded_at_once(measurement: Measurement) -> bool:
@@ -23,12 +23,12 @@ def commanded_at_once(measurement: Measurement) -> bool:
     return bool(measurement.data["command"][:, :1].any())
 
 
-def remembers_commands(simulator: Simulator) -> bool:
+def remembers_commands(simulator: Identifiable) -> bool:
     """Whether an effect of the simulator remembers commands."""
     return any(effect.has_command and effect.memory > 0 for effect in simulator.effects)
 
 
-def idle_before(simulator: Simulator, fit_runs: Measurement, horizon: float) -> bool:
+def idle_before(simulator: Identifiable, fit_runs: Measurement, horizon: float) -> bool:
     """Whether a base model that remembers commands follows the log better without any before a run.
 
     Args:

@@ -16,10 +16,10 @@ from tensordict import TensorDict
 
 from onlinebayes.identification.fitting.numerics import settled_misfit
 from onlinebayes.measurements import Measurement, Signal
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
-def follow(simulator: Simulator, have: Collection[str]) -> set[str]:
+def follow(simulator: Identifiable, have: Collection[str]) -> set[str]:
     """The positions that constraints tie to those among ``have``, ``qpos.<joint>``, in the model's own pose."""
     names = [name for name in simulator.signals if name.startswith("qpos.")]
     known = [j for j, name in enumerate(names) if name in have]
@@ -29,7 +29,7 @@ def follow(simulator: Simulator, have: Collection[str]) -> set[str]:
     return {names[j] for j in pose.isfinite().nonzero()[:, 0].tolist() if j not in known}
 
 
-def completed(simulator: Simulator, measurement: Measurement) -> tuple[Measurement, tuple[str, ...]]:
+def completed(simulator: Identifiable, measurement: Measurement) -> tuple[Measurement, tuple[str, ...]]:
     """The measurement with the positions that follow from it, and a note that names them.
 
     Args:
@@ -72,7 +72,9 @@ def completed(simulator: Simulator, measurement: Measurement) -> tuple[Measureme
     return replace(measurement, data=more, signals=(*measurement.signals, *signals)), (note,)
 
 
-def tied_as_logged(simulator: Simulator, fit_runs: Measurement, horizon: float) -> tuple[Simulator, Simulator | None]:
+def tied_as_logged(
+    simulator: Identifiable, fit_runs: Measurement, horizon: float
+) -> tuple[Identifiable, Identifiable | None]:
     """The simulator with rigid constraints or with its own soft ones, whichever fits the log better, and the other.
 
     There is no other where the model has no constraints that could be either. A machine is rigid where nobody said how

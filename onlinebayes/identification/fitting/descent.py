@@ -34,7 +34,7 @@ from onlinebayes.identification.fitting.projection import Projected, project, st
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.identification.replaying.replay import replay_binned
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_STEPS = 40
 """A descent ends after so many steps."""
@@ -77,7 +77,7 @@ class Descent:
 
 
 def descend(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     lin: Linearisation,
     current: Projected,
@@ -131,7 +131,7 @@ def descend(
 
 
 def best_damped(
-    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+    simulator: Identifiable, windows: Windows, lin: Linearisation, projected: Projected
 ) -> tuple[Float[Tensor, " P"], bool]:
     """The best of the undamped and several damped steps, all replayed at once with the starts that go with them.
 
@@ -148,7 +148,7 @@ def best_damped(
 
 
 def backtracked(
-    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+    simulator: Identifiable, windows: Windows, lin: Linearisation, projected: Projected
 ) -> tuple[Linearisation, Projected] | None:
     """Theta and all starts moved together by part of the undamped step; None where no part lowers the error.
 
@@ -169,7 +169,7 @@ def backtracked(
 
 
 def step_to(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     lin: Linearisation,
     current: Projected,
@@ -214,7 +214,7 @@ def step_to(
 
 
 def descended(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     current: Projected,
     theta: Float[Tensor, " P"],
@@ -241,7 +241,7 @@ def difference_steps(projected: Projected) -> Float[Tensor, " P"]:
 
 
 def bounded_step(
-    simulator: Simulator, projected: Projected, theta: Float[Tensor, " P"], damping: float
+    simulator: Identifiable, projected: Projected, theta: Float[Tensor, " P"], damping: float
 ) -> tuple[Float[Tensor, " P"], float]:
     """The damped step within the bounds, and by how much it promises to lower the objective."""
     C, r = projected.columns.flatten(0, 1), projected.residual.flatten()

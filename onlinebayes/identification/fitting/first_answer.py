@@ -20,13 +20,13 @@ from onlinebayes.identification.replaying.ladder import ladder
 from onlinebayes.identification.replaying.replay import history_rows, replay
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_STEPS = 500_000
 """The first answer takes no more steps of integration: some seconds of them."""
 
 
-def first_answer(simulator: Simulator, measurement: Measurement, selection: Selection) -> str:
+def first_answer(simulator: Identifiable, measurement: Measurement, selection: Selection) -> str:
     """One sentence; nothing where nothing moves.
 
     Args:
@@ -57,8 +57,8 @@ def first_answer(simulator: Simulator, measurement: Measurement, selection: Sele
 
 
 def _affordable(
-    simulator: Simulator, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"]
-) -> tuple[Simulator, Windows]:
+    simulator: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"]
+) -> tuple[Identifiable, Windows]:
     """The model by its own method at its own step, or at the shortest longer one that does not take long."""
     own = (rung for rung in ladder(simulator, horizon, row_step(measurement)) if rung.method == "own")
     steps = sorted({rung.timestep for rung in own if rung.timestep >= simulator.timestep})

@@ -22,7 +22,7 @@ from onlinebayes.identification.fitting.outlying_starts import best_starts, misf
 from onlinebayes.identification.fitting.projection import Projected, project, row_weights
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 ROUNDS = 2  # in which windows' starts settle one by one before a further descent
 NOTICED = 0.01  # of the misfit: by what it falls at least where starts had not settled
@@ -39,7 +39,7 @@ class Fit:
         converged: whether no step was left that lowers the objective noticeably.
     """
 
-    simulator: Simulator
+    simulator: Identifiable
     lin: Linearisation
     projected: Projected
     converged: bool
@@ -51,7 +51,7 @@ class Fit:
 
 
 def fit(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     weight: Float[Tensor, " S"] | None = None,
@@ -75,7 +75,7 @@ def fit(
 
 
 def unfitted(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     weight: Float[Tensor, " S"] | None = None,

@@ -17,7 +17,7 @@ from onlinebayes.identification.data.lost_rows import lost
 from onlinebayes.identification.fitting.numerics import Grounds, settled_misfit
 from onlinebayes.identification.fitting.readings import follows_far_better
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def rows_missing(measurement: Measurement) -> int:
@@ -31,7 +31,7 @@ def rows_missing(measurement: Measurement) -> int:
     return count
 
 
-def held_over_gaps(simulator: Simulator, fit_runs: Measurement, horizon: float) -> bool:
+def held_over_gaps(simulator: Identifiable, fit_runs: Measurement, horizon: float) -> bool:
     """Whether the base model follows the log better where commands are held through the rows that it lacks.
 
     Args:

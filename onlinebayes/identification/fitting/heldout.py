@@ -23,11 +23,11 @@ from onlinebayes.identification.detail import HorizonError, WindowError
 from onlinebayes.identification.fitting.per_run_values import held_out_model
 from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
 from onlinebayes.identification.results import ReplayedRun
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def replay_runs(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"], held_out: bool
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], held_out: bool
 ) -> tuple[ReplayedRun, ...]:
     """Every run of the windows as measured and as simulated; rows from a window in which the model diverged are nan."""
     model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
@@ -70,7 +70,7 @@ def replay_error(replays: tuple[ReplayedRun, ...], signals: tuple[str, ...]) -> 
     return dict(zip(signals, _rms(measured, simulated).tolist(), strict=True))
 
 
-def start_spread(simulator: Simulator, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, "W K S"]:
+def start_spread(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, "W K S"]:
     """Variance that the starts' uncertainty gives the replay at every row [the signals' units squared]."""
     moved = torch.stack([torch.zeros_like(windows.start), *torch.diag_embed(windows.start_sd).unbind(1)])
     simulator, windows, theta = held_out_model(simulator, windows, theta)

@@ -21,7 +21,7 @@ from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names
 from onlinebayes.identification.fitting.sensitivities import linearise_starts
 from onlinebayes.identification.results import Selection
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 SAMPLE = 24  # windows that are looked at, spread over the runs
 FEWEST_ROWS = 10
@@ -49,7 +49,7 @@ def cut_to_runs(asked: Selection, used: Selection) -> tuple[str, ...]:
     return (f"windows last {used.horizon_s:g} s in place of {asked.horizon_s:g} s: no run is longer",)
 
 
-def steady(simulator: Simulator, measurement: Measurement, selection: Selection) -> Selection:
+def steady(simulator: Identifiable, measurement: Measurement, selection: Selection) -> Selection:
     """The selection with windows short enough for a machine that is unstable in open loop.
 
     Args:
@@ -80,7 +80,7 @@ def shortened(asked: Selection, used: Selection) -> tuple[str, ...]:
     )
 
 
-def growth(simulator: Simulator, windows: Windows) -> Float[Tensor, "W n"]:
+def growth(simulator: Identifiable, windows: Windows) -> Float[Tensor, "W n"]:
     """By how much an error of a start has grown at most until each bin, of the joint where it grows most [1]."""
     theta = simulator.parameters.clamp(simulator.nominal.to(windows.start))
     by_start = linearise_starts(simulator, windows, theta, windows.start).by_start.abs()

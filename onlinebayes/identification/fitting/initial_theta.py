@@ -12,13 +12,13 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import Fit, fit
 from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 DRAWS = 8  # of the box
 MUCH = 2.0  # noise: RMS of a fit that may not be the best one
 
 
-def starting_theta(simulator: Simulator, windows: Windows) -> Float[Tensor, " P"]:
+def starting_theta(simulator: Identifiable, windows: Windows) -> Float[Tensor, " P"]:
     """The best of the nominal theta and a few points of the box, by the replay from the smoothed starts."""
     space = simulator.parameters
     nominal = space.clamp(simulator.nominal.to(windows.start))

@@ -35,7 +35,7 @@ from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 STEP_ERROR_SHARE = 0.1
 """The integration error may be this share of the residual."""
@@ -70,7 +70,7 @@ class Grounds:
 
 
 def settle(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     horizon: float,
     noise: Float[Tensor, " S"],
@@ -128,7 +128,7 @@ def settle(
     return _as_run(setup, grounds)
 
 
-def settled_misfit(simulator: Simulator, measurement: Measurement, horizon: float) -> float:
+def settled_misfit(simulator: Identifiable, measurement: Measurement, horizon: float) -> float:
     """What a model leaves when it is fitted, arguments as :func:`settle` [floors]; infinite where it cannot be."""
     try:
         return misfit(settle(simulator, measurement, horizon, measured_floors(measurement)).fitted.projected)
@@ -203,7 +203,7 @@ def _as_run(setup: RunSetup, grounds: Grounds) -> Grounds:
 
 
 def check(
-    simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit
+    simulator: Identifiable, measurement: Measurement, windows: Windows, fitted: Fit
 ) -> tuple[Numerics, Float[Tensor, " P"]]:
     """Replay at a quarter of the step and compare, starts projected out.
 
@@ -237,13 +237,13 @@ def _rms(projected: Projected) -> float:
     return float((projected.residual.square().sum() / (projected.row_weight > 0).sum()).sqrt())
 
 
-def _leaves_out(simulator: Simulator, measurement: Measurement, windows: Windows, fitted: Fit) -> bool:
+def _leaves_out(simulator: Identifiable, measurement: Measurement, windows: Windows, fitted: Fit) -> bool:
     """Whether the windows' rows are further apart than the measured ones."""
     finest = min(fitted.simulator.timestep, simulator.timestep)
     return windows.step > even_step(measurement, finest) * (1 + 1e-9)
 
 
-def _too_coarse(simulator: Simulator, coarser: Grounds, rung: Rung) -> bool:
+def _too_coarse(simulator: Identifiable, coarser: Grounds, rung: Rung) -> bool:
     """Whether a method of first order, whose error falls as its step does, will err by too much on a rung."""
     if not rung.method == coarser.rung.method == "own" or not first_order(simulator):
         return False

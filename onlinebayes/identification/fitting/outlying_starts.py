@@ -28,7 +28,7 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import Projected, noise_rows, project, start_misfit, start_shift
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise_starts
 from onlinebayes.identification.replaying.replay import replay_binned
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 WORSE = 2.0  # times its misfit before the step
 NOTICED = 0.01  # of the whole misfit
@@ -51,7 +51,7 @@ def worsened(was: Float[Tensor, " W"], now: Float[Tensor, " W"]) -> Bool[Tensor,
 
 
 def best_starts(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     row_weight: Float[Tensor, "W m"],
     theta: Float[Tensor, " P"],
@@ -64,7 +64,7 @@ def best_starts(
 
 
 def refit_outlying_starts(
-    simulator: Simulator, windows: Windows, lin: Linearisation, projected: Projected
+    simulator: Identifiable, windows: Windows, lin: Linearisation, projected: Projected
 ) -> tuple[Float[Tensor, "W J2"], float, float]:
     """The starts, those of conspicuous windows moved to the better of the places where steps of their own end.
 
@@ -102,7 +102,7 @@ def refit_outlying_starts(
 class _Settling:
     """Windows whose starts settle one by one at a given theta; steps that promise less than ``least`` are not tried."""
 
-    simulator: Simulator
+    simulator: Identifiable
     windows: Windows
     row_weight: Float[Tensor, "W m"]
     weight: Float[Tensor, " S"]
@@ -133,7 +133,7 @@ class _Settling:
 
 
 def replayed_misfits(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     row_weight: Float[Tensor, "W m"],
     theta: Float[Tensor, "M P"],
@@ -150,7 +150,7 @@ def misfits(windows: Windows, lin: Linearisation, row_weight: Float[Tensor, "W m
 
 
 def replayed_rows(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
 ) -> tuple[Float[Tensor, "M W m"], Bool[Tensor, "M W"]]:
     """Residuals in noise units, the starts' priors' rows included, and which windows stayed finite."""
     binned, valid = replay_binned(simulator, windows, theta, starts)

@@ -29,7 +29,7 @@ from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.identification.scope import Scope, own_name
 from onlinebayes.identification.splitting import HALVES
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def run_halves(windows: Windows, of: Int[Tensor, " W"]) -> Int[Tensor, " W"]:
@@ -104,8 +104,8 @@ def own_covariance(fitted: Fit, blocks: Blocks) -> Float[Tensor, "F F"]:
 
 
 def held_out_model(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, " F"]
-) -> tuple[Simulator, Windows, Float[Tensor, " G"]]:
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " F"]
+) -> tuple[Identifiable, Windows, Float[Tensor, " G"]]:
     """What replays held-out windows: the model itself, or one in which a half of a run has the other half's own value.
 
     Args:

@@ -9,10 +9,10 @@ from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 
-def follows_far_better(final: Grounds, other: Measurement, tied: Simulator | None = None) -> bool:
+def follows_far_better(final: Grounds, other: Measurement, tied: Identifiable | None = None) -> bool:
     """Whether a model that leaves more than noise follows the log far better as ``other`` reads it.
 
     Args:

@@ -18,7 +18,7 @@ from torch import Tensor
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 RELATIVE_STEP = 1e-3
 START_STEP = 5.0  # of a start's sd
@@ -47,7 +47,7 @@ class Linearisation:
 
 
 def linearise(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     starts: Float[Tensor, "W J2"],
@@ -91,7 +91,7 @@ def linearise(
 
 
 def linearise_starts(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
     starts: Float[Tensor, "W J2"],
@@ -116,7 +116,7 @@ def moved_one_by_one(starts: Float[Tensor, "W J2"], step: Float[Tensor, "W J2"])
     return torch.cat([starts[None], starts + torch.diag_embed(step).movedim(1, 0)])
 
 
-def replay_numbers(simulator: Simulator) -> Int[Tensor, " P"]:
+def replay_numbers(simulator: Identifiable) -> Int[Tensor, " P"]:
     """Number of the moved replay in which each parameter moves: its own one, shared by the own values of all runs."""
     if isinstance(simulator, ScopedSimulator):
         return torch.unique(simulator.place, return_inverse=True)[1]
@@ -124,7 +124,7 @@ def replay_numbers(simulator: Simulator) -> Int[Tensor, " P"]:
 
 
 def parameter_steps(
-    simulator: Simulator, theta: Float[Tensor, " P"], largest: Float[Tensor, " P"] | None = None
+    simulator: Identifiable, theta: Float[Tensor, " P"], largest: Float[Tensor, " P"] | None = None
 ) -> Float[Tensor, " P"]:
     """Signed difference steps that stay within the bounds [SI]."""
     low, high = simulator.parameters.low.to(theta), simulator.parameters.high.to(theta)
@@ -135,7 +135,7 @@ def parameter_steps(
 
 
 def columns(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     base: Float[Tensor, " P"],
     moved: Float[Tensor, "M P"],

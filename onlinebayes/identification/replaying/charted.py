@@ -22,8 +22,8 @@ from onlinebayes.identification.replaying.wrapper import SimulatorWrapper
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import TargetKind
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 class ChartedSimulator(SimulatorWrapper):
@@ -36,7 +36,7 @@ class ChartedSimulator(SimulatorWrapper):
         paths: run -> the measured path of each of them.
     """
 
-    def __init__(self, physics: Simulator, paths: Mapping[str, tuple[OrientationPath, ...]]) -> None:
+    def __init__(self, physics: Identifiable, paths: Mapping[str, tuple[OrientationPath, ...]]) -> None:
         super().__init__(physics)
         self.paths, self.turning = paths, rotations(physics.signals)
         self.parameters = physics.parameters
@@ -109,31 +109,31 @@ class ChartedSimulator(SimulatorWrapper):
         return self._leave(self.physics.rollout(theta, self._enter(state), inputs, times))
 
     def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
-        """See :meth:`Simulator.project_onto_constraints`."""
+        """See :meth:`Identifiable.project_onto_constraints`."""
         there = self.physics.project_onto_constraints(self._enter(state)).clone(recurse=False)
         there["qpos"] = turns(self.turning, there["qpos"], *self._still(there["qpos"]))
         return there
 
     def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
         """None: they are worked out of slides and hinges only."""
-        return Simulator.constrained_positions(self, path, known)
+        return Identifiable.constrained_positions(self, path, known)
 
     def hidden_states_along(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> dict[str, TensorDict]:
-        """See :meth:`Simulator.hidden_states_along`; they see scalar joints alone: any reference does for turns."""
+        """See :meth:`Identifiable.hidden_states_along`; they see scalar joints alone: any reference does for turns."""
         return self.physics.hidden_states_along(theta, self._enter(motion), step)
 
     def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """See :meth:`Simulator.command_driven_states`."""
+        """See :meth:`Identifiable.command_driven_states`."""
         return self.physics.command_driven_states(theta, command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:
-        """See :meth:`Simulator.actuator_forces`; they depend on scalar joints alone."""
+        """See :meth:`Identifiable.actuator_forces`; they depend on scalar joints alone."""
         return self.physics.actuator_forces(theta, self._enter(motion), step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
@@ -144,10 +144,10 @@ class ChartedSimulator(SimulatorWrapper):
         return torch.cat([state["qpos"], read], dim=-1)
 
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
-        """See :meth:`Simulator.with_bounds`."""
+        """See :meth:`Identifiable.with_bounds`."""
         return self.around(self.physics.with_bounds(name, parameter))
 
-    def around(self, inner: Simulator) -> Self:
+    def around(self, inner: Identifiable) -> Self:
         """The same paths around another simulator."""
         return type(self)(inner, self.paths)
 
@@ -167,7 +167,7 @@ class ChartedSimulator(SimulatorWrapper):
         return state
 
 
-def charted(simulator: Simulator, measurement: Measurement) -> tuple[Simulator, Measurement]:
+def charted(simulator: Identifiable, measurement: Measurement) -> tuple[Identifiable, Measurement]:
     """The simulator and its measurement with turns in place of quaternions; themselves where all joints are scalar.
 
     Raises:
@@ -182,7 +182,9 @@ def charted(simulator: Simulator, measurement: Measurement) -> tuple[Simulator, 
     return ChartedSimulator(simulator, paths), measurement
 
 
-def orientation_paths(simulator: Simulator) -> tuple[tuple[Rotation, ...], Mapping[str, tuple[OrientationPath, ...]]]:
+def orientation_paths(
+    simulator: Identifiable,
+) -> tuple[tuple[Rotation, ...], Mapping[str, tuple[OrientationPath, ...]]]:
     """The free and ball joints whose orientations became turns, and run -> the measured path of each."""
     while isinstance(simulator, SimulatorWrapper):
         if isinstance(simulator, ChartedSimulator):
@@ -191,7 +193,7 @@ def orientation_paths(simulator: Simulator) -> tuple[tuple[Rotation, ...], Mappi
     return (), {}
 
 
-def with_orientation_paths(simulator: Simulator, joint: str, paths: Mapping[str, OrientationPath]) -> Simulator:
+def with_orientation_paths(simulator: Identifiable, joint: str, paths: Mapping[str, OrientationPath]) -> Identifiable:
     """The simulator with other paths (run -> path) for one of its free and ball joints."""
     if not isinstance(simulator, ChartedSimulator):
         assert isinstance(simulator, SimulatorWrapper)
@@ -201,7 +203,7 @@ def with_orientation_paths(simulator: Simulator, joint: str, paths: Mapping[str,
     return ChartedSimulator(simulator.physics, {run: (*c[:b], paths[run], *c[b + 1 :]) for run, c in own})
 
 
-def chart_of(simulator: Simulator, windows: Windows) -> Chart:
+def chart_of(simulator: Identifiable, windows: Windows) -> Chart:
     """The chart of a simulator without scope along these windows."""
     if isinstance(simulator, ChartedSimulator):
         return simulator.along(windows)

@@ -13,12 +13,12 @@ import math
 from onlinebayes.identification.data.grid import row_step
 from onlinebayes.identification.replaying.ladder import adjustable
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 OFF = 0.1  # steps by which a row may miss a whole number of them: the median of a jittering clock is no better known
 
 
-def in_step(simulator: Simulator, measurement: Measurement) -> Simulator:
+def in_step(simulator: Identifiable, measurement: Measurement) -> Identifiable:
     """The simulator with the next shorter step that divides the rows; itself where it does, or has a fixed step.
 
     Args:
@@ -32,7 +32,7 @@ def in_step(simulator: Simulator, measurement: Measurement) -> Simulator:
     return simulator.with_timestep(row * math.floor(ratio) if own > row else row / _parts(row, math.ceil(ratio)))
 
 
-def restepped(given: Simulator, used: Simulator, measurement: Measurement) -> tuple[str, ...]:
+def restepped(given: Identifiable, used: Identifiable, measurement: Measurement) -> tuple[str, ...]:
     """What to tell a user whose model is integrated with another step than its own; nothing where it is not.
 
     Args:

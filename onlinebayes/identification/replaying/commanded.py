@@ -3,7 +3,7 @@
     run r, theta_m:   commands since its first row -> a at all its rows  -> picked at each window's first row (M, W)
 
 Along the whole run where that is at hand, else along the history before each window. See
-``Simulator.command_driven_states``.
+``Identifiable.command_driven_states``.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 CHUNK = 6_000_000  # numbers that the commands of one call may take
 
 
 def commanded(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"], before: int = 0
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M W P"], before: int = 0
 ) -> dict[str, Tensor]:
     """Key of the state -> its value ``before`` rows before each window's start (M * W, n)."""
     command, mine, last = _by_run(windows) if windows.run_histories else _by_window(windows)

@@ -19,7 +19,7 @@ from typing import Literal
 
 from onlinebayes.identification.data.tiling import BINS
 from onlinebayes.identification.replaying.wrapper import unwrap
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 
 Method = Literal["own", "runge_kutta", "first_order"]
 
@@ -46,7 +46,7 @@ class Rung:
     soft_friction: bool = False
     scaled_moments: bool = False
 
-    def of(self, simulator: Simulator) -> Simulator:
+    def of(self, simulator: Identifiable) -> Identifiable:
         """The simulator run so; itself where it is already."""
         chosen = simulator.with_runge_kutta() if self.method == "runge_kutta" else simulator
         chosen = chosen.with_first_order() if self.method == "first_order" else chosen
@@ -59,7 +59,7 @@ class Rung:
         return replace(self, soft_friction=other.soft_friction, scaled_moments=other.scaled_moments)
 
 
-def ladder(simulator: Simulator, horizon: float, row: float) -> list[Rung]:
+def ladder(simulator: Identifiable, horizon: float, row: float) -> list[Rung]:
     """The rungs for windows of ``horizon`` [s] of a log with rows ``row`` [s] apart, coarse to fine.
 
     Only the model's own where its step is fixed.
@@ -81,13 +81,13 @@ def ladder(simulator: Simulator, horizon: float, row: float) -> list[Rung]:
     return [*rungs, *(rung for rung in finest if affordable(simulator, rung.timestep, horizon))]
 
 
-def affordable(simulator: Simulator, timestep: float, horizon: float) -> bool:
+def affordable(simulator: Identifiable, timestep: float, horizon: float) -> bool:
     """Whether windows of ``horizon`` [s] do not take too many steps [s] for a simulator that is walked one by one."""
     walked = any(effect.staged for effect in simulator.effects)
     return not walked or horizon <= MOST_WALKED * timestep * (1 + 1e-9)
 
 
-def reported(simulator: Simulator, *fitted: Simulator) -> Rung:
+def reported(simulator: Identifiable, *fitted: Identifiable) -> Rung:
     """How fitted models are run that are reported: in no longer steps than the given one, and by no cheaper method.
 
     Args:
@@ -104,20 +104,20 @@ def _whole(step: float, row: float) -> bool:
     return abs(ratio - round(ratio)) < ON_STEPS
 
 
-def adjustable(simulator: Simulator) -> bool:
+def adjustable(simulator: Identifiable) -> bool:
     """Whether the simulator can integrate with another step."""
-    return type(unwrap(simulator)).with_timestep is not Simulator.with_timestep
+    return type(unwrap(simulator)).with_timestep is not Identifiable.with_timestep
 
 
-def first_order(simulator: Simulator) -> bool:
+def first_order(simulator: Identifiable) -> bool:
     """Whether the model's own method is another than Runge's and Kutta's, which it could have."""
     return _has_methods(simulator) and simulator.with_runge_kutta() is not simulator
 
 
-def by_runge_kutta(simulator: Simulator) -> bool:
+def by_runge_kutta(simulator: Identifiable) -> bool:
     """Whether the model's own method is Runge's and Kutta's, and could be another."""
     return _has_methods(simulator) and simulator.with_runge_kutta() is simulator
 
 
-def _has_methods(simulator: Simulator) -> bool:
-    return type(unwrap(simulator)).with_runge_kutta is not Simulator.with_runge_kutta
+def _has_methods(simulator: Identifiable) -> bool:
+    return type(unwrap(simulator)).with_runge_kutta is not Identifiable.with_runge_kutta

@@ -18,12 +18,12 @@ from onlinebayes.identification.data.latency import without_latency
 from onlinebayes.identification.data.starts import window_starts
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay, SensorDelay
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def windows_to_replay(
-    simulator: Simulator,
+    simulator: Identifiable,
     measurement: Measurement,
     theta: Float[Tensor, " P"],
     horizon: float,
@@ -64,7 +64,7 @@ def windows_to_replay(
 
 
 def delays(
-    simulator: Simulator, theta: Float[Tensor, " P"], kind: type[SensorDelay] | type[ActuatorDelay]
+    simulator: Identifiable, theta: Float[Tensor, " P"], kind: type[SensorDelay] | type[ActuatorDelay]
 ) -> dict[str, float]:
     """Target -> by how much the simulator shows or drives it late [s], where that is one value for all runs."""
     names = simulator.parameters

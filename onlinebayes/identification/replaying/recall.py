@@ -3,7 +3,7 @@
     run r, theta_m:   motion of the run -> h at all its rows (M, R, G)  -> picked at each window's first row (M, W)
 
 One pass a run, however many windows it has; where effects remember little more than a window, one over what they
-remember before each, all windows at once: fewer steps, hardly more rows. See ``Simulator.hidden_states_along``.
+remember before each, all windows at once: fewer steps, hardly more rows. See ``Identifiable.hidden_states_along``.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from torch import Tensor
 
 from onlinebayes.identification.data.coordinates import velocity
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.sensing import unsense
 
 SLICED = 2.0  # times the runs' rows: what the windows' own histories may add up to
 
 
-def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]) -> dict[str, TensorDict]:
+def recall(simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M W P"]) -> dict[str, TensorDict]:
     """Key of effect -> its hidden state at each window's start, batch size (M * W,).
 
     Empty where no force stage remembers anything, or a run's motion is not known.
@@ -50,7 +50,7 @@ def recall(simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"]
 
 
 def _lately(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M W P"], motion: TensorDict, rows: int
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M W P"], motion: TensorDict, rows: int
 ) -> dict[str, TensorDict]:
     """The same from the rows before each window alone; ``motion`` is that of each window's run (W, K)."""
     M, W = theta.shape[:2]
@@ -64,8 +64,8 @@ def _lately(
     return {key: each.unflatten(0, (M, W))[:, window, last - begin].flatten(0, 1) for key, each in found.items()}
 
 
-def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDict | None:
-    """What ``Simulator.hidden_states_along`` asks for, of runs up to their last windows (R, K); None if unknown."""
+def _motion(simulator: Identifiable, windows: Windows, runs: list[int]) -> TensorDict | None:
+    """What ``Identifiable.hidden_states_along`` asks for, of runs up to their last windows (R, K); None if unknown."""
     longest = max(1, int(windows.first.max()))
     lines = []
     for r in runs:
@@ -86,7 +86,7 @@ def _motion(simulator: Simulator, windows: Windows, runs: list[int]) -> TensorDi
 
 
 def _placed(
-    simulator: Simulator, prefix: str, signals: Sequence[str | None], values: Float[Tensor, "K J"]
+    simulator: Identifiable, prefix: str, signals: Sequence[str | None], values: Float[Tensor, "K J"]
 ) -> Float[Tensor, "K n"]:
     """The signals' columns among all of the state's that begin with ``prefix``; those of other joints are 0."""
     names = [name for name in simulator.signals if name.startswith(prefix)]

@@ -29,7 +29,7 @@ from onlinebayes.identification.replaying.recall import recall
 from onlinebayes.identification.replaying.scoped import unfold
 from onlinebayes.identification.replaying.timed import pieces
 from onlinebayes.runs import heed
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.sensing import sense, unsense
 
 CHUNK = 6_000_000  # recorded numbers a rollout may hold
@@ -38,7 +38,7 @@ VISIBLE = frozenset({"qpos", "qvel", "qacc_warmstart", "time", "ctrl", "sensor"}
 
 
 def replay(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, "M P"],
     starts: Float[Tensor, "M W J2"],
@@ -52,7 +52,7 @@ def replay(
 
 
 def replay_binned(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, "M P"],
     starts: Float[Tensor, "M W J2"],
@@ -63,7 +63,7 @@ def replay_binned(
 
 
 def _played(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M P"], starts: Float[Tensor, "M W J2"]
 ) -> Iterator[tuple[Float[Tensor, "m W K S"], Bool[Tensor, "m W"]]]:
     """Signals and flags of :func:`replay`, some thetas at a time."""
     trajectory_width = windows.rows * windows.count * (starts.shape[-1] + len(windows.columns))
@@ -76,7 +76,7 @@ def _played(
 
 
 def rollout(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, "M P"],
     starts: Float[Tensor, "M W J2"],
@@ -124,7 +124,7 @@ def _joined(played: Sequence[TensorDict]) -> TensorDict:
     return trajectory.set("valid", trajectory["valid"].long().cummin(1).values.bool())
 
 
-def history_rows(simulator: Simulator, windows: Windows, known: Collection[str] = ()) -> int:
+def history_rows(simulator: Identifiable, windows: Windows, known: Collection[str] = ()) -> int:
     """Rows before each window that hidden states may remember which are not known; all there are without effects'.
 
     Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
@@ -138,7 +138,7 @@ def history_rows(simulator: Simulator, windows: Windows, known: Collection[str] 
     return min(rows, windows.history.shape[1])
 
 
-def fed_by_command(simulator: Simulator, recalled: Collection[str] = ()) -> frozenset[str]:
+def fed_by_command(simulator: Identifiable, recalled: Collection[str] = ()) -> frozenset[str]:
     """Parts of a state that are the same from every start: they follow from commands and theta, or were recalled."""
     moved = any(e.has_force and e.remembers and e.key not in recalled for e in simulator.effects)
     return simulator.fed_by_command | (frozenset() if moved else {"effects"})
@@ -153,7 +153,7 @@ def distinct(theta: Float[Tensor, "M P"]) -> tuple[Int[Tensor, " m"], Int[Tensor
 
 
 def sensor_readings(
-    simulator: Simulator,
+    simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, "M P"],
     starts: Float[Tensor, "M W J2"],
@@ -170,7 +170,7 @@ def sensor_readings(
 
 
 def _drive(
-    simulator: Simulator,
+    simulator: Identifiable,
     theta: Float[Tensor, "N P"],
     state: TensorDict,
     command: Float[Tensor, "W K U"],

@@ -23,8 +23,8 @@ from onlinebayes.identification.scope import Scope, address_of, own_name
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, TargetKind
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 class ScopedSimulator(SimulatorWrapper):
@@ -41,7 +41,7 @@ class ScopedSimulator(SimulatorWrapper):
         place, own: which of the physics' parameters each entry of phi is, and its number among the owners (-1: shared).
     """
 
-    def __init__(self, physics: Simulator, scope: Scope, runs: Sequence[str]) -> None:
+    def __init__(self, physics: Identifiable, scope: Scope, runs: Sequence[str]) -> None:
         super().__init__(physics)
         self.scope, self.runs = scope, tuple(runs)
         self.owners = tuple(dict.fromkeys(map(scope.owner, self.runs)))
@@ -165,35 +165,35 @@ class ScopedSimulator(SimulatorWrapper):
     def hidden_states_along(
         self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float
     ) -> dict[str, TensorDict]:
-        """Typical worlds; see :meth:`Simulator.hidden_states_along`."""
+        """Typical worlds; see :meth:`Identifiable.hidden_states_along`."""
         return self.physics.hidden_states_along(self.typical(theta), motion, step)
 
     def command_driven_states(
         self, theta: Float[Tensor, "N F"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """Typical worlds; see :meth:`Simulator.command_driven_states`."""
+        """Typical worlds; see :meth:`Identifiable.command_driven_states`."""
         return self.physics.command_driven_states(self.typical(theta), command, step)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N F"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:
-        """Of typical worlds; see :meth:`Simulator.actuator_forces`."""
+        """Of typical worlds; see :meth:`Identifiable.actuator_forces`."""
         return self.physics.actuator_forces(self.typical(theta), motion, step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
-        """See :meth:`Simulator.read`."""
+        """See :meth:`Identifiable.read`."""
         return self.physics.read(state)
 
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
-        """Other bounds for one address, in every run that has a value of its own; see :meth:`Simulator.with_bounds`."""
+        """Other bounds for one address, in every run with a value of its own; see :meth:`Identifiable.with_bounds`."""
         return self.around(self.physics.with_bounds(address_of(name), parameter))
 
-    def around(self, inner: Simulator) -> Self:
+    def around(self, inner: Identifiable) -> Self:
         """The same scope; an effect's parameters follow the present entries of phi, one a run where it says so."""
         return type(self)(inner, self.scope, self.runs)
 
 
-def scoped(simulator: Simulator, scope: Scope | None, measurement: Measurement, runs: Sequence[str]) -> Simulator:
+def scoped(simulator: Identifiable, scope: Scope | None, measurement: Measurement, runs: Sequence[str]) -> Identifiable:
     """The simulator with this scope; itself without one.
 
     Args:
@@ -211,17 +211,17 @@ def scoped(simulator: Simulator, scope: Scope | None, measurement: Measurement, 
     return ScopedSimulator(simulator, scope, runs)
 
 
-def unscoped(simulator: Simulator) -> Simulator:
+def unscoped(simulator: Identifiable) -> Identifiable:
     """The simulator without its scope."""
     return simulator.physics if isinstance(simulator, ScopedSimulator) else simulator
 
 
-def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
+def physical(simulator: Identifiable, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
     """What :func:`.wrapper.unwrap` of this simulator gets in the typical world."""
     return simulator.typical(theta) if isinstance(simulator, ScopedSimulator) else theta
 
 
-def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
+def in_run(simulator: Identifiable, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
     """What :func:`.wrapper.unwrap` of this simulator gets in a run; the typical theta where it has none."""
     if not isinstance(simulator, ScopedSimulator):
         return theta
@@ -230,8 +230,8 @@ def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[
 
 
 def unfold(
-    simulator: Simulator, windows: Windows, theta: Float[Tensor, "M F"], rows: Rows | None = None
-) -> tuple[Simulator, Float[Tensor, "M W P"]]:
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M F"], rows: Rows | None = None
+) -> tuple[Identifiable, Float[Tensor, "M W P"]]:
     """What is replayed, and every window's theta: over all of it, or over a piece's rows (see :mod:`.timed`)."""
     if isinstance(simulator, ScopedSimulator):
         return simulator.physics, in_time(simulator.physics, windows, simulator.of_windows(theta, windows), rows)
@@ -239,7 +239,7 @@ def unfold(
     return simulator, in_time(simulator, windows, everywhere, rows)
 
 
-def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
+def effect_entries(simulator: Identifiable, effect: Effect) -> dict[str, str]:
     """Entries that an effect has, or would have, in the simulator's parameters -> its short names, in their order."""
     if not isinstance(simulator, ScopedSimulator):
         return {f"{effect.key}.{name}": name for name in effect.parameters}
@@ -254,7 +254,7 @@ def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
     return found
 
 
-def effect_values(simulator: Simulator, theta: Float[Tensor, " F"], effect: Effect) -> dict[str, float]:
+def effect_values(simulator: Identifiable, theta: Float[Tensor, " F"], effect: Effect) -> dict[str, float]:
     """An effect's values, short name -> value [SI]; the mean over the runs where each has its own.
 
     Args:
@@ -269,7 +269,7 @@ def effect_values(simulator: Simulator, theta: Float[Tensor, " F"], effect: Effe
 
 
 def with_effect_values(
-    simulator: Simulator, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
+    simulator: Identifiable, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
 ) -> Float[Tensor, " F"]:
     """Theta with an effect's values set, the same ones in every run; the inverse of :func:`effect_values`.
 

@@ -10,11 +10,11 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect
+from onlinebayes.simulators.identifiable import Identifiable
 
 
-class SimulatorWrapper(Simulator):
+class SimulatorWrapper(Identifiable):
     """A simulator whose worlds are those of another one.
 
     Args:
@@ -24,14 +24,14 @@ class SimulatorWrapper(Simulator):
         physics: the other one.
     """
 
-    def __init__(self, inner: Simulator) -> None:
+    def __init__(self, inner: Identifiable) -> None:
         self.physics = inner
         self.worlds, self.dt, self.timestep = inner.worlds, inner.dt, inner.timestep
         self.commands, self.effects = inner.commands, inner.effects
         self.device, self.dtype = inner.device, inner.dtype
 
     @abstractmethod
-    def around(self, inner: Simulator) -> Self:
+    def around(self, inner: Identifiable) -> Self:
         """The same around another simulator."""
 
     @property
@@ -80,15 +80,15 @@ class SimulatorWrapper(Simulator):
         return self.physics.integrating_commands
 
     def project_onto_constraints(self, state: TensorDictBase) -> TensorDictBase:
-        """See :meth:`Simulator.project_onto_constraints`."""
+        """See :meth:`Identifiable.project_onto_constraints`."""
         return self.physics.project_onto_constraints(state)
 
     def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
-        """See :meth:`Simulator.constrained_positions`."""
+        """See :meth:`Identifiable.constrained_positions`."""
         return self.physics.constrained_positions(path, known)
 
     def with_rigid_constraints(self) -> Self:
-        """See :meth:`Simulator.with_rigid_constraints`."""
+        """See :meth:`Identifiable.with_rigid_constraints`."""
         other = self.physics.with_rigid_constraints()
         return self if other is self.physics else self.around(other)
 
@@ -97,7 +97,7 @@ class SimulatorWrapper(Simulator):
         return self.around(self.physics.with_effect(effect))
 
     def without_effect(self, key: str) -> Self:
-        """See :meth:`Simulator.without_effect`."""
+        """See :meth:`Identifiable.without_effect`."""
         return self.around(self.physics.without_effect(key))
 
     def with_worlds(self, worlds: int) -> Self:
@@ -105,40 +105,40 @@ class SimulatorWrapper(Simulator):
         return self.around(self.physics.with_worlds(worlds))
 
     def with_timestep(self, timestep: float) -> Self:
-        """See :meth:`Simulator.with_timestep`."""
+        """See :meth:`Identifiable.with_timestep`."""
         return self.around(self.physics.with_timestep(timestep))
 
     def with_runge_kutta(self) -> Self:
-        """See :meth:`Simulator.with_runge_kutta`."""
+        """See :meth:`Identifiable.with_runge_kutta`."""
         other = self.physics.with_runge_kutta()
         return self if other is self.physics else self.around(other)
 
     def with_first_order(self) -> Self:
-        """See :meth:`Simulator.with_first_order`."""
+        """See :meth:`Identifiable.with_first_order`."""
         other = self.physics.with_first_order()
         return self if other is self.physics else self.around(other)
 
     def with_soft_friction(self) -> Self:
-        """See :meth:`Simulator.with_soft_friction`."""
+        """See :meth:`Identifiable.with_soft_friction`."""
         other = self.physics.with_soft_friction()
         return self if other is self.physics else self.around(other)
 
     def with_scaled_moments(self) -> Self:
-        """See :meth:`Simulator.with_scaled_moments`."""
+        """See :meth:`Identifiable.with_scaled_moments`."""
         other = self.physics.with_scaled_moments()
         return self if other is self.physics else self.around(other)
 
-    def with_gravity_compensation(self) -> Simulator | None:
-        """See :meth:`Simulator.with_gravity_compensation`."""
+    def with_gravity_compensation(self) -> Identifiable | None:
+        """See :meth:`Identifiable.with_gravity_compensation`."""
         other = self.physics.with_gravity_compensation()
         return None if other is None else self.around(other)
 
     def with_payload(self, body: str, mass: float) -> Self:
-        """See :meth:`Simulator.with_payload`."""
+        """See :meth:`Identifiable.with_payload`."""
         return self.around(self.physics.with_payload(body, mass))
 
 
-def unwrap(simulator: Simulator) -> Simulator:
+def unwrap(simulator: Identifiable) -> Identifiable:
     """The simulator that others are around; itself where none is."""
     while isinstance(simulator, SimulatorWrapper):
         simulator = simulator.physics

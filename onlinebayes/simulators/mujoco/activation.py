@@ -74,7 +74,7 @@ class Recurrence:
 def activations(
     system: MujocoSystem, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
 ) -> dict[str, Tensor]:
-    """``"act"`` along commands where all is filters or integrators; see ``Simulator.command_driven_states``."""
+    """``"act"`` along commands where all is filters or integrators; see ``Identifiable.command_driven_states``."""
     model, h = system.model, float(system.model.opt.timestep)
     if not _followed(model):
         return {}

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from abc import abstractmethod
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import mujoco
 
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.checks import refuse_twice
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.effects.base import all_but
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco.closure import rigid
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.packing import packed, unpacked
@@ -42,7 +43,7 @@ class Blueprint:
     scaled_moments: bool
 
 
-class Remakable(Simulator):
+class Remakable(Identifiable):
     """A simulator made from a blueprint, and from another one for every variant of it.
 
     Attributes:
@@ -53,13 +54,21 @@ class Remakable(Simulator):
     _blueprint: Blueprint
     _system: MujocoSystem
 
+    @abstractmethod
+    def snapshot(self) -> dict[str, Any]:
+        """Where all worlds stand; see :class:`~onlinebayes.simulators.snapshots.Resumable`."""
+
+    @abstractmethod
+    def restore(self, snapshot: Mapping[str, Any]) -> None:
+        """Stand where a snapshot was taken."""
+
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
         refuse_twice(effect, self.effects)
         return self._remade(effects=(*self.effects, effect))
 
     def without_effect(self, key: str) -> Self:
-        """A new simulator without one of its effects; see :meth:`Simulator.without_effect`."""
+        """A new simulator without one of its effects; see :meth:`Identifiable.without_effect`."""
         return self._remade(effects=all_but(key, self.effects))
 
     def with_worlds(self, worlds: int) -> Self:
@@ -67,21 +76,21 @@ class Remakable(Simulator):
         return self._remade(worlds=worlds)
 
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
-        """A new simulator with other bounds for one of the model's parameters; see :meth:`Simulator.with_bounds`."""
+        """A new simulator with other bounds for one of the model's parameters; see :meth:`Identifiable.with_bounds`."""
         return self._remade(parameters=self._blueprint.parameters.replaced(name, parameter))
 
     def with_timestep(self, timestep: float) -> Self:
-        """A new simulator that integrates with another step; see :meth:`Simulator.with_timestep`."""
+        """A new simulator that integrates with another step; see :meth:`Identifiable.with_timestep`."""
         return self._remade(model=with_option(self._blueprint.model, "timestep", timestep), dt=timestep)
 
     def with_runge_kutta(self) -> Self:
-        """A new simulator with MuJoCo's RK4; see :meth:`Simulator.with_runge_kutta`."""
+        """A new simulator with MuJoCo's RK4; see :meth:`Identifiable.with_runge_kutta`."""
         if self.model.opt.integrator == RK4:
             return self
         return self._integrated(RK4)
 
     def with_first_order(self) -> Self:
-        """A new simulator with MuJoCo's implicitfast in place of RK4; see :meth:`Simulator.with_first_order`.
+        """A new simulator with MuJoCo's implicitfast in place of RK4; see :meth:`Identifiable.with_first_order`.
 
         Implicit in what damps, it bears the steps that RK4 does.
         """
@@ -106,17 +115,17 @@ class Remakable(Simulator):
         return self._remade(scaled_moments=True)
 
     def with_rigid_constraints(self) -> Self:
-        """See :meth:`Simulator.with_rigid_constraints`, and :func:`.closure.rigid`."""
+        """See :meth:`Identifiable.with_rigid_constraints`, and :func:`.closure.rigid`."""
         source = rigid(self._blueprint.model)
         return self if source is None else self._remade(model=source)
 
-    def with_gravity_compensation(self) -> Simulator | None:
-        """See :meth:`Simulator.with_gravity_compensation`, and :func:`.variants.gravity_compensated`."""
+    def with_gravity_compensation(self) -> Identifiable | None:
+        """See :meth:`Identifiable.with_gravity_compensation`, and :func:`.variants.gravity_compensated`."""
         source = gravity_compensated(self._blueprint.model, self.model)
         return None if source is None else self._remade(model=source)
 
     def with_payload(self, body: str, mass: float) -> Self:
-        """A new simulator with a point mass at a body's centre of mass; see :meth:`Simulator.with_payload`."""
+        """A new simulator with a point mass at a body's centre of mass; see :meth:`Identifiable.with_payload`."""
         return self._remade(model=laden(self._blueprint.model, self.model, body, mass))
 
     def with_columns(self, columns: Collection[str]) -> Self:

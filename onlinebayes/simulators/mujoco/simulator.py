@@ -113,7 +113,7 @@ class MujocoSimulator(Remakable):
         return inventory.joint_kinds(self.model)
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """See :meth:`Simulator.targets`.
+        """See :meth:`Identifiable.targets`.
 
         Actuators, but no measured wrenches; slide and hinge joints, bodies that move and their sites, by name, geoms
         that can touch something and bodies with such geoms, and the world.
@@ -152,7 +152,7 @@ class MujocoSimulator(Remakable):
 
     @property
     def contacts(self) -> dict[str, Contact]:
-        """See :meth:`Simulator.contacts`."""
+        """See :meth:`Identifiable.contacts`."""
         return contacts(self.model)
 
     @property
@@ -238,7 +238,7 @@ class MujocoSimulator(Remakable):
         return closed
 
     def constrained_positions(self, path: Float[Tensor, "T J"], known: Sequence[int]) -> Float[Tensor, "T J"]:
-        """See :meth:`Simulator.constrained_positions`; of models of slides and hinges."""
+        """See :meth:`Identifiable.constrained_positions`; of models of slides and hinges."""
         if self._closure is None or self.model.nq != len(self.joint_kinds):
             return super().constrained_positions(path, known)
         full, determined = self._closure.follow(to_host(path), known)
@@ -249,29 +249,29 @@ class MujocoSimulator(Remakable):
     def hidden_states_along(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> dict[str, TensorDict]:
-        """Hidden states of force stages along a known motion; see :meth:`Simulator.hidden_states_along`."""
+        """Hidden states of force stages along a known motion; see :meth:`Identifiable.hidden_states_along`."""
         return hidden_states_along(self._system, _finite(theta), motion.to(self.device), step)
 
     def command_driven_states(
         self, theta: Float[Tensor, "N P"], command: Float[Tensor, "N K U"], step: float
     ) -> dict[str, Float[Tensor, "N K1 n"]]:
-        """Activations where all are filters or integrators; see :meth:`Simulator.command_driven_states`."""
+        """Activations where all are filters or integrators; see :meth:`Identifiable.command_driven_states`."""
         return activations(self._system, _finite(theta), command.to(self.device), step)
 
     @property
     def memory_span(self) -> float:
-        """Ten times the longest time constant of an activation [s]; see :attr:`Simulator.memory_span`."""
+        """Ten times the longest time constant of an activation [s]; see :attr:`Identifiable.memory_span`."""
         return memory_span(self._system)
 
     @property
     def integrating_commands(self) -> tuple[str, ...]:
-        """Commands of actuators that integrate; see :attr:`Simulator.integrating_commands`."""
+        """Commands of actuators that integrate; see :attr:`Identifiable.integrating_commands`."""
         return inventory.integrating_commands(self._system)
 
     def actuator_forces(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
     ) -> Float[Tensor, "N K U"]:
-        """See :meth:`Simulator.actuator_forces`; of an actuator that acts on no joint, its gain times its command."""
+        """See :meth:`Identifiable.actuator_forces`; of an actuator on no joint, its gain times its command."""
         return actuator_forces(self._system, _finite(theta), motion.to(self.device), step)
 
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:

@@ -7,15 +7,15 @@ import dataclasses
 import torch
 
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, Scales, Seen, Servo
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.sensing import sense, unsense
 from onlinebayes.simulators.testing.simulator import check_simulator
 from onlinebayes.simulators.testing.trials import Trial, require, require_same
 
 
 def check_effect(
-    simulator: Simulator, effect: Effect, *, steps: int = 8, scale: float = 1.0, atol: float = 0.0, seed: int = 0
+    simulator: Identifiable, effect: Effect, *, steps: int = 8, scale: float = 1.0, atol: float = 0.0, seed: int = 0
 ) -> None:
     """Raise AssertionError unless the effect keeps the contract of :class:`Effect` on this simulator.
 
@@ -85,9 +85,9 @@ def _check_along(effect: Effect, seed: int, worlds: int = 3, rows: int = 9, time
     require_same(together, walked, 1e-12, "the hidden state along rows at once against row by row")
 
 
-def _check_left_out(simulator: Simulator, grown: Simulator, effect: Effect) -> None:
+def _check_left_out(simulator: Identifiable, grown: Identifiable, effect: Effect) -> None:
     """Where a simulator can let go of an effect, it is what it was."""
-    if type(grown).without_effect is Simulator.without_effect:
+    if type(grown).without_effect is Identifiable.without_effect:
         return
     left = grown.without_effect(effect.key)
     require(left.effects == simulator.effects, f"without_effect leaves {left.effects}")
@@ -95,7 +95,7 @@ def _check_left_out(simulator: Simulator, grown: Simulator, effect: Effect) -> N
     require(torch.equal(left.nominal, simulator.nominal), "without_effect changes nominal values")
 
 
-def _check_neutral(simulator: Simulator, grown: Simulator, steps: int, scale: float, seed: int) -> None:
+def _check_neutral(simulator: Identifiable, grown: Identifiable, steps: int, scale: float, seed: int) -> None:
     base = simulator.with_worlds(3)
     trial = Trial.draw(base, steps, scale, seed)
     theta = torch.cat([trial.theta, grown.nominal[len(base.parameters) :].expand(3, -1)], dim=1)
@@ -110,8 +110,8 @@ def _check_neutral(simulator: Simulator, grown: Simulator, steps: int, scale: fl
     require_same(behind, bare_behind, 0.0, "the effect at its neutral value changes the state behind a reading")
 
 
-def _check_refusals(grown: Simulator, simulator: Simulator, effect: Effect) -> None:
-    def strange() -> Simulator:
+def _check_refusals(grown: Identifiable, simulator: Identifiable, effect: Effect) -> None:
+    def strange() -> Identifiable:
         return simulator.with_effect(dataclasses.replace(effect, target="no such target"))  # type: ignore[type-var]
 
     for what, act in (

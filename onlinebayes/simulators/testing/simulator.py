@@ -1,4 +1,4 @@
-"""What every simulator must do."""
+"""What every simulator must do through which logs are replayed; :mod:`.engine` asks less."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.sensing import sense
 from onlinebayes.simulators.testing.trials import Trial, require, require_same, step_inputs, walk
 
@@ -17,7 +17,7 @@ _PATIENCE = 8  # times the trial's steps within which a NaN in a command must ha
 
 
 def check_simulator(
-    simulator: Simulator,
+    simulator: Identifiable,
     *,
     steps: int = 8,
     scale: float = 1.0,
@@ -25,7 +25,7 @@ def check_simulator(
     inert: Sequence[str] = (),
     seed: int = 0,
 ) -> None:
-    """Raise AssertionError unless the simulator keeps the contract of :class:`Simulator`.
+    """Raise AssertionError unless the simulator keeps the contract of :class:`~onlinebayes.simulators.Identifiable`.
 
     Checked: shapes, dtype and device; the same inputs give the same bits; a batch equals single worlds; a partial reset
     touches only its worlds; a rollout equals its steps, at coarser times too; a saved state restores the future; an
@@ -57,12 +57,12 @@ def check_simulator(
     _check_integration(worlds)
 
 
-def _restart(worlds: Simulator, trial: Trial) -> TensorDict:
+def _restart(worlds: Identifiable, trial: Trial) -> TensorDict:
     worlds.reset(trial.theta, trial.start)
     return walk(worlds, trial.command)
 
 
-def _check_declared(worlds: Simulator) -> None:
+def _check_declared(worlds: Identifiable) -> None:
     require(worlds.worlds == 4, f"with_worlds(4) has {worlds.worlds} worlds")
     count = worlds.dt / worlds.timestep
     require(abs(count - round(count)) < 1e-6 and count > 0.5, "dt is no whole number of timesteps")
@@ -72,7 +72,7 @@ def _check_declared(worlds: Simulator) -> None:
         require(len(set(names)) == len(names), f"a {kind} name stands twice: {names}")
 
 
-def _check_tensors(worlds: Simulator, path: TensorDict) -> None:
+def _check_tensors(worlds: Identifiable, path: TensorDict) -> None:
     require(not bool(worlds.failed.any()), "a world failed under the random commands: lower scale or steps")
     state = worlds.state
     require(state.batch_size == (4,), f"a state has batch size {tuple(state.batch_size)}, not (4,)")
@@ -86,7 +86,7 @@ def _check_tensors(worlds: Simulator, path: TensorDict) -> None:
     require(not torch.equal(state["qpos"], worlds.state["qpos"]), "state is a view of the simulator's memory, no copy")
 
 
-def _check_rollout(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
+def _check_rollout(worlds: Identifiable, trial: Trial, path: TensorDict) -> None:
     before = worlds.state
     rolled = worlds.rollout(trial.theta, trial.start, trial.inputs, trial.times)
     require_same(rolled, path, 0.0, "a rollout against its steps")
@@ -103,7 +103,7 @@ def _check_rollout(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
     require(fewer.batch_size == (3, len(trial.times)), "a rollout of 3 rows does not give 3 rows")
 
 
-def _check_completeness(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
+def _check_completeness(worlds: Identifiable, trial: Trial, path: TensorDict) -> None:
     middle = len(trial.times) // 2
     worlds.reset(trial.theta, path[:, middle - 1].clone())
     require_same(
@@ -114,14 +114,14 @@ def _check_completeness(worlds: Simulator, trial: Trial, path: TensorDict) -> No
     require_same(rolled, path[:, middle:], 0.0, "a rollout split in two")
 
 
-def _check_single(worlds: Simulator, trial: Trial, path: TensorDict, atol: float) -> None:
+def _check_single(worlds: Identifiable, trial: Trial, path: TensorDict, atol: float) -> None:
     single = worlds.with_worlds(1)
     for i in range(worlds.worlds):
         one = Trial(trial.theta[i : i + 1], trial.start[i : i + 1], trial.command[i : i + 1], trial.times)
         require_same(_restart(single, one), path[i : i + 1], atol, f"world {i} alone against world {i} of 4")
 
 
-def _check_partial_reset(worlds: Simulator, trial: Trial) -> None:
+def _check_partial_reset(worlds: Identifiable, trial: Trial) -> None:
     _restart(worlds, trial)
     before = worlds.state
     mask = torch.tensor([True, False, True, False], device=worlds.device)
@@ -141,13 +141,13 @@ def _check_partial_reset(worlds: Simulator, trial: Trial) -> None:
     require_same(path, walk(worlds, trial.command), 0.0, "worlds after a partial reset against a whole one")
 
 
-def _check_enable(worlds: Simulator, trial: Trial, path: TensorDict) -> None:
+def _check_enable(worlds: Identifiable, trial: Trial, path: TensorDict) -> None:
     inputs = trial.inputs.set("enable", torch.ones_like(trial.command))
     rolled = worlds.rollout(trial.theta, trial.start, inputs, trial.times)
     require_same(rolled, path, 0.0, "a rollout whose enable is 1 throughout")
 
 
-def _check_failure(worlds: Simulator, trial: Trial) -> None:
+def _check_failure(worlds: Identifiable, trial: Trial) -> None:
     """A command that is NaN from the second step on, long enough to arrive through a delay."""
     if not worlds.commands:
         return
@@ -176,7 +176,7 @@ def _rows(command: Float[Tensor, "N T U"]) -> TensorDict:
     return TensorDict({"command": command}, batch_size=command.shape[:2])
 
 
-def _check_parameters(worlds: Simulator, trial: Trial, path: TensorDict, inert: Sequence[str]) -> None:
+def _check_parameters(worlds: Identifiable, trial: Trial, path: TensorDict, inert: Sequence[str]) -> None:
     for i, name in enumerate(worlds.parameters):
         if name in inert:
             continue
@@ -188,13 +188,13 @@ def _check_parameters(worlds: Simulator, trial: Trial, path: TensorDict, inert: 
         require(not torch.equal(shown, base), f"parameter {name} changes nothing")
 
 
-def _check_integration(worlds: Simulator) -> None:
-    if type(worlds).with_timestep is not Simulator.with_timestep:
+def _check_integration(worlds: Identifiable) -> None:
+    if type(worlds).with_timestep is not Identifiable.with_timestep:
         finer = worlds.with_timestep(worlds.timestep / 2)
         require(finer.timestep == worlds.timestep / 2 == finer.dt, "with_timestep does not set timestep and dt")
         same = finer.parameters == worlds.parameters and finer.effects == worlds.effects
         require(same, "with_timestep drops parameters")
-    if type(worlds).with_runge_kutta is not Simulator.with_runge_kutta:
+    if type(worlds).with_runge_kutta is not Identifiable.with_runge_kutta:
         smooth = worlds.with_runge_kutta()
         require(smooth.timestep == worlds.timestep and smooth.dt == worlds.dt, "with_runge_kutta changes steps")
         same = smooth.parameters == worlds.parameters and smooth.effects == worlds.effects

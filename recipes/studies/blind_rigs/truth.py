@@ -35,13 +35,13 @@ from onlinebayes.identification import (
     windows_to_replay,
 )
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, ThermalDerating
+from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.blind_rigs.names import address_of, spelt
 
 
 def true_error(
-    made: BlindCase, problem: Problem, stepped: Simulator, floor: Mapping[str, float], without: str = ""
+    made: BlindCase, problem: Problem, stepped: Identifiable, floor: Mapping[str, float], without: str = ""
 ) -> float | None:
     """Held-out error of the model with the hidden effects, fitted [floors]; None where the library lacks one.
 
@@ -106,14 +106,14 @@ def in_floors(error: Mapping[str, float], floor: Mapping[str, float]) -> float:
     return math.sqrt(sum(squares) / len(squares)) if squares else math.nan
 
 
-def true_theta(made: BlindCase, model: Simulator) -> Float[Tensor, " P"]:
+def true_theta(made: BlindCase, model: Identifiable) -> Float[Tensor, " P"]:
     """The rig's values of the model's parameters, inside their bounds; nominal where the rig has no such value."""
     known = true_values(made, model)
     values = [known.get(name, float(nominal)) for name, nominal in zip(model.parameters, model.nominal, strict=True)]
     return model.parameters.clamp(torch.tensor(values, dtype=torch.float64))
 
 
-def true_values(made: BlindCase, model: Simulator) -> dict[str, float]:
+def true_values(made: BlindCase, model: Identifiable) -> dict[str, float]:
     """The rig's values under the model's addresses [SI]."""
     by_name = {f"{spelt(key, made.truth)}.": key for key in made.hidden}
     found = {}

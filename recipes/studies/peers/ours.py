@@ -11,7 +11,7 @@ from torch import Tensor
 
 from onlinebayes.criticism import Criticism, refine
 from onlinebayes.identification import Windows, rollout, sensor_readings
-from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.peers.task import Claim, Fitted, Task
 
 
@@ -45,7 +45,7 @@ def fit(task: Task) -> Refined:
     return Refined(task, result)
 
 
-def replayed(model: Simulator, theta: Float[Tensor, " P"], windows: Windows) -> Float[Tensor, "W K S"]:
+def replayed(model: Identifiable, theta: Float[Tensor, " P"], windows: Windows) -> Float[Tensor, "W K S"]:
     """Signals of a model over windows; nan from the row on in which it diverged."""
     trajectory = rollout(model, windows, theta[None], windows.start[None])
     signals = sensor_readings(model, windows, theta[None], windows.start[None], trajectory)[0]

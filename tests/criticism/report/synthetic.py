@@ -30,8 +30,8 @@ from onlinebayes.identification.detail import Detail, HorizonError
 from onlinebayes.identification.fitting.heldout import window_errors
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorLag, ConstantLoad, DryFriction
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 DRIVE = """
@@ -53,7 +53,7 @@ SPACE = ParameterSpace(
 )
 
 
-class Unmoved(Simulator):
+class Unmoved(Identifiable):
     """A simulator of the right type that is never stepped: reports read its parameters only."""
 
     def __init__(self, space: ParameterSpace = SPACE) -> None:
@@ -190,7 +190,7 @@ def detail(base: FittedModel, final: FittedModel) -> Detail:
     )
 
 
-def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Simulator | None = None) -> Criticism:
+def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Identifiable | None = None) -> Criticism:
     """A ``missing_effect`` with two accepted effects; vary it with ``dataclasses.replace``."""
     simulator = simulator or Unmoved()
     replays = runs(rate, seconds)

@@ -17,8 +17,8 @@ from onlinebayes.identification.fitting.numerics import settle
 from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ActuatorDelay
+from onlinebayes.simulators.identifiable import Identifiable
 from tests.criticism.rigs import NOISE, TRUTH, commands, model
 
 RUNS, ROWS, STEP, LATE = 7, 201, 0.01, 6
@@ -47,7 +47,7 @@ def log(idle: bool, late: int = LATE) -> Measurement:
     return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
 
 
-def delayed() -> Simulator:
+def delayed() -> Identifiable:
     return model().with_effect(ActuatorDelay("motor", Parameter(0.0, 0.1, "s")))
 
 

@@ -16,7 +16,7 @@ from onlinebayes.identification.replaying.ladder import Rung, ladder
 from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators import Simulator
+from onlinebayes.simulators import Identifiable
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, StribeckFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, measure, model
@@ -29,7 +29,7 @@ SHIFTS = ["dry_friction", "constant_load", "actuator_lag", "actuator_delay", "se
 class OneIntegrator(MujocoSimulator):
     """A simulator that knows Euler only."""
 
-    with_runge_kutta = Simulator.with_runge_kutta
+    with_runge_kutta = Identifiable.with_runge_kutta
 
 
 def test_the_ladder_goes_down_to_a_sixteenth() -> None:
@@ -111,7 +111,7 @@ def test_a_gross_misfit_takes_one_evaluation_a_step_and_is_reported_by_the_model
         assert fitted.simulator.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
 
 
-def grounds(simulator: Simulator, rung: Rung, measurement: Measurement, noise: float) -> Grounds:
+def grounds(simulator: Identifiable, rung: Rung, measurement: Measurement, noise: float) -> Grounds:
     """The model fitted and checked on one rung, needed or not."""
     stepped = rung.of(simulator)
     windows = make_windows(stepped, measurement, 1.0, 0.1, torch.tensor([noise], dtype=torch.float64))

@@ -17,8 +17,8 @@ from onlinebayes.identification.replaying.scoped import ScopedSimulator, unfold
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
-from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import SensorScale, ThermalDerating
+from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.rigs import FREE, SLIDE, TRUTH, commands
 
@@ -30,11 +30,11 @@ ROWS = round(SECONDS / STEP) + 1
 SERVO = SLIDE.replace('<motor name="motor" joint="rail"/>', '<position name="motor" joint="rail" kp="60" kv="6"/>')
 
 
-def rig(xml: str = SLIDE) -> Simulator:
+def rig(xml: str = SLIDE) -> Identifiable:
     return MujocoSimulator(xml, FREE, threads=1).with_effect(HEAT)
 
 
-def simulated(simulator: Simulator, scale: float = 1.0) -> tuple[torch.Tensor, TensorDict]:
+def simulated(simulator: Identifiable, scale: float = 1.0) -> tuple[torch.Tensor, TensorDict]:
     """Commands (runs, rows) and the trajectories from rest and cold, row 0 included."""
     command = scale * commands(RUNS, ROWS, STEP, 0)
     rest = TensorDict({key: torch.zeros(RUNS, 1).double() for key in ("qpos", "qvel")}, batch_size=[RUNS])
@@ -72,7 +72,7 @@ def served() -> tuple[torch.Tensor, TensorDict]:
     return simulated(rig(SERVO).with_timestep(0.002), 0.05)
 
 
-def heat_of(simulator: Simulator, windows: Windows, theta: torch.Tensor = THETA) -> torch.Tensor:
+def heat_of(simulator: Identifiable, windows: Windows, theta: torch.Tensor = THETA) -> torch.Tensor:
     physics, unfolded = unfold(simulator, windows, theta[None])
     return recall(physics, windows, unfolded)[HEAT.key]["heat"]
 
