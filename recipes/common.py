@@ -16,7 +16,7 @@ from scipy.stats import qmc
 from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput, RunFolder, seed_everything
+from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
 from onlinebayes.trainers import OnlineState, OnlineTrainer, Point, Problem, Recording, Schedule, run_in_folder
 from onlinebayes.transforms import Distribution
 
@@ -114,6 +114,7 @@ def run(name: str, build: Callable[[Settings], Run], settings: Settings) -> int:
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return 130
+        write_atomic(folder.path("finished"), "")
     print(f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser")
     return outcome(made, state)
 

@@ -54,7 +54,7 @@ class Curve:
 def main(study: Study) -> int:
     """Run what is missing, print the table."""
     jobs = [(task, kind, seed) for task in study.tasks for seed in study.seeds for kind in KINDS]
-    todo = [job for job in jobs if not _log(study, *job).with_name("corner.png").exists()]
+    todo = [job for job in jobs if not _log(study, *job).with_name("finished").exists()]
     pool = ProcessPoolExecutor(study.processes, mp_context=get_context("spawn"))
     try:
         with Progress("online", len(jobs)) as progress:

@@ -8,11 +8,18 @@ from pathlib import Path
 import pytest
 
 from onlinebayes.runs import BadInput
-from recipes import cartpole, pendulum
+from recipes import acrobot, cartpole, custom_gym, custom_loop, dm_control, from_logs, mountain_car, pendulum, reach
 from recipes.common import Settings, run
+from recipes.studies import survival
 from recipes.studies.online import Study, _frames_to, tabulate
 
-BUILDS = {"cartpole": cartpole.build, "pendulum": pendulum.build}
+BUILDS = {
+    "acrobot": acrobot.build,
+    "cartpole": cartpole.build,
+    "mountain_car": mountain_car.build,
+    "pendulum": pendulum.build,
+    "reach": reach.build,
+}
 checked_elsewhere = pytest.mark.usefixtures("without_shape_checks")
 
 
@@ -23,11 +30,52 @@ def test_a_short_run_writes_its_folder_and_holds_the_truth_better_than_the_prior
     """Seeds are fixed: no false failures on one machine."""
     assert run(name, BUILDS[name], Settings(short=True, out=str(tmp_path))) == 0
     folder = tmp_path / f"{name}-online-0-short"
-    assert (folder / "corner.png").stat().st_size > 10_000
+    assert (folder / "run.rrd").stat().st_size < 50e6
+    assert "<svg" in (folder / "run.html").read_text("utf-8")
     with (folder / "log.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [row["step"] for row in rows] == ["1", "2"]
     assert all("narrowed" in row["notes"] or "widened" in row["notes"] for row in rows)
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_gymnasium_environment_stands_in_for_a_simulator(tmp_path: Path) -> None:
+    assert custom_gym.main(custom_gym.Settings(short=True, out=str(tmp_path))) == 0
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_our_pieces_work_in_a_loop_of_ones_own() -> None:
+    assert custom_loop.main(custom_loop.Settings(batches=20)) == 0
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_task_of_dm_control_is_learnt_in(tmp_path: Path) -> None:
+    assert dm_control.main(dm_control.Settings(short=True, out=str(tmp_path))) == 0
+    assert (tmp_path / "checkpoint-000001.pt").exists()
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_log_becomes_a_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert from_logs.main(from_logs.Settings(short=True, out=str(tmp_path))) == 0
+    assert "missing: actuator_delay@motor" in capsys.readouterr().out
+    assert (tmp_path / "checkpoint-000001.pt").exists()
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_killed_recipe_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
+    """One kill in the middle; ``make survival`` has twenty."""
+    seconds = survival.played("pendulum", tmp_path / "whole")
+    assert not survival.played_until("pendulum", tmp_path / "killed", 0.7 * seconds)
+    survival.played("pendulum", tmp_path / "killed")
+    first, second = (survival.last(tmp_path / name, "pendulum") for name in ("whole", "killed"))
+    assert survival.differing(first, second) == []
+    second["generator"] = second["generator"].clone().add_(1)
+    assert survival.differing(first, second) == ["/generator"]
 
 
 @pytest.mark.parametrize(("seed", "noise"), [(-1, 0.0), (0, -0.1), (0, 1.0)])

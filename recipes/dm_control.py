@@ -1,0 +1,98 @@
+"""A task of dm_control's suite whose physics differ from world to world: SAC swings up poles that nobody has weighed.
+
+    python -m recipes.dm_control [--task cartpole-swingup] [--short]      some minutes; needs the extra dm-control
+
+Mass of the pole and strength of the motor are drawn anew at every reset. The policy that learns in such worlds is
+judged in the model as it ships.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+import tyro
+from torchrl.envs import SerialEnv, TransformedEnv
+
+from envs.dm_control import suite
+from onlinebayes.inference import BoxUniform
+from onlinebayes.objectives import sac
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput, Checkpoints, Progress, seed_everything
+from onlinebayes.trainers import Point, collector_of, returns
+from onlinebayes.transforms import Distribution, ParameterRandomization
+from recipes.common import settle
+
+SPACES = {
+    "cartpole-swingup": ParameterSpace(
+        {"body.pole_1.mass": Parameter(0.05, 0.2, "kg", "log"), "actuator.slide.gear": Parameter(5.0, 20.0, "N")}
+    ),
+    "walker-walk": ParameterSpace({"body.torso.mass": Parameter(5.0, 20.0, "kg", "log")}),
+}
+WORLDS, STEPS, EPISODE = 8, 32, 1000
+
+
+@dataclass(frozen=True)
+class Settings:
+    """One run."""
+
+    task: str = "cartpole-swingup"
+    """domain and task of the suite"""
+    seed: int = 0
+    """of networks, worlds and draws"""
+    batches: int = 400
+    """of 8 worlds x 32 steps"""
+    short: bool = False
+    """a small budget: shows that the pieces connect"""
+    out: str = "out/dm_control"
+    """the policy goes here"""
+
+
+def worlds(task: str, number: int, distribution: Distribution, seed: int) -> TransformedEnv:
+    """Several worlds, one after the other, with parameters from a distribution."""
+    env = TransformedEnv(SerialEnv(number, lambda: suite(task, SPACES[task])), ParameterRandomization(distribution))
+    env.set_seed(seed)
+    return env
+
+
+def main(settings: Settings) -> int:
+    """Train, judge in the model as it ships, save; 0 when the policy is better than it was."""
+    settle()
+    seed_everything(settings.seed)
+    if settings.task not in SPACES:
+        raise BadInput(f"task '{settings.task}' has no parameters here", f"add some to SPACES; known: {list(SPACES)}")
+    space = SPACES[settings.task]
+    env = worlds(settings.task, WORLDS, BoxUniform(space), settings.seed)
+    specs = env.observation_spec["observation"][0], env.action_spec[0]
+    objective = sac(*specs, normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
+    shipped = suite(settings.task, space).reset()["theta"]
+    judged = worlds(settings.task, 2, Point(shipped), 99)
+    episode = 200 if settings.short else EPISODE
+    before = float(returns(judged, objective.policy, episode).mean())
+    batches = 4 if settings.short else settings.batches
+    collector = collector_of(env, objective.policy, STEPS)
+    with Progress("dm_control", batches) as progress:
+        for batch in range(1, batches + 1):
+            data = collector.next()
+            assert data is not None
+            objective.update(data)
+            progress.update(batch, f"reward a step {float(data['next', 'reward'].mean()):.3f}")
+    after = float(returns(judged, objective.policy, episode).mean())
+    saved = Checkpoints(Path(settings.out), f"dm_control-{settings.task}").save(
+        {"policy": objective.policy.state_dict()}
+    )
+    told = ", ".join(f"{name} {value:.3g}" for name, value in zip(space.names, shipped.tolist(), strict=True))
+    print(f"return in the model as it ships ({told}): {before:.1f} before, {after:.1f} after")
+    print(f"written: {saved}")
+    return 0 if settings.short or after > before else 1
+
+
+if __name__ == "__main__":
+    torch.set_num_threads(1)
+    try:
+        sys.exit(main(tyro.cli(Settings, description=__doc__)))
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
