@@ -127,7 +127,7 @@ def selected(data: TensorDictBase, keys: Sequence[NestedKey]) -> TensorDictBase:
             f"the batch has no {missing[0]!r}, which the objective learns from",
             "collect it with the objective's own policy in an environment that has this key",
         )
-    return data.select(*keys)
+    return data.select(*dict.fromkeys(keys))
 
 
 def after(key: NestedKey) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from torchrl.objectives.value import GAE
 
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
+from onlinebayes.runs import BadInput
 
 LOG_PROB = "action_log_prob"
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
@@ -64,9 +65,16 @@ class PPO:
         """One PPO pass over a collector's batch (N, T); returns the losses' means.
 
         Raises:
-            BadInput: the batch lacks a key, or one has another width than the networks were built for.
+            BadInput: the batch lacks a key, one has another width than the networks were built for, or the batch is
+                smaller than a minibatch or larger than the buffer.
         """
-        data = selected(data, [*self.loss.in_keys, *map(after, self.inputs.keys)])
+        data = selected(data, [*self.inputs.keys, *self.loss.in_keys, *map(after, self.inputs.keys)])
+        least, most = self.buffer.batch_size, self.buffer.storage.max_size
+        if not least <= data.numel() <= most:
+            raise BadInput(
+                f"a batch of {data.numel()} frames, for minibatches of {least} and a buffer of {most}",
+                "build ppo with another minibatch or frames_per_batch, or collect other batches",
+            )
         self.inputs.observe(data)
         if self.inputs.normalisation is not None:
             # The statistics have moved since the policy acted: ratios are those of what learns, not of what they did.

@@ -61,8 +61,8 @@ def restore_part(name: str, part: Stateful, state: Any) -> None:
     except BadInput:
         raise
     except (RuntimeError, KeyError, ValueError, TypeError) as error:
-        why = misfit(state, fresh, name) or f"{name} does not fit this run: {one_line(str(error))[:200]}"
-        raise BadInput(why, CURE) from error
+        why = misfit(state, fresh, name) or one_line(str(error))[:200]
+        raise BadInput(f"the saved {name} does not fit this run: {why}", CURE) from error
 
 
 def misfit(saved: Any, fresh: Any, path: str) -> str | None:

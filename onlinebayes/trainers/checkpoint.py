@@ -13,27 +13,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 from torchrl.collectors import Collector
 
-from onlinebayes.runs import BadInput, Checkpoints, one_line, random_state, set_random_state
+from onlinebayes.runs import BadInput, Checkpoints, Stateful, one_line, random_state, restore_part, set_random_state
 from onlinebayes.trainers.env_state import collector_state, env_state, load_collector_state, load_env_state
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState
-
-
-@runtime_checkable
-class Stateful(Protocol):
-    """A part that can say where it stands."""
-
-    def state_dict(self) -> dict[str, Any]:
-        """Plain values."""
-        ...
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> Any:
-        """Stand there again."""
-        ...
 
 
 class Saver:
@@ -94,13 +81,13 @@ def run_state(trainer: OnlineTrainer, state: OnlineState) -> dict[str, Any]:
 
 def load_run_state(trainer: OnlineTrainer, state: OnlineState, saved: Mapping[str, Any]) -> None:
     """Bring a trainer and a state that were built anew to where the run stood."""
-    trainer.objective.load_state_dict(saved["objective"])
+    restore_part("objective", trainer.objective, saved["objective"])
     state.load_state_dict(saved["online"], trainer.objective.policy)
     if saved["collector"] is not None and isinstance(trainer.collector, Collector):
         load_collector_state(trainer.collector, saved["collector"])
     load_env_state(trainer.simulations.env, saved["simulations"])
     load_env_state(trainer.held_out.env, saved["held_out"])
     if saved["real"] is not None and isinstance(trainer.real, Stateful):
-        trainer.real.load_state_dict(saved["real"])
+        restore_part("real", trainer.real, saved["real"])
     trainer.generator.set_state(saved["generator"].cpu())
     set_random_state(saved["random"])

@@ -34,13 +34,23 @@ def load_env_state(env: EnvBase, state: Mapping[str, Any]) -> None:
 
 
 def collector_state(collector: Any) -> dict[str, Any]:
-    """State of a collector's environment, and what it carries from one batch to the next."""
+    """State of a collector's environment, what it carries from one batch to the next, and what it has counted."""
     carried: TensorDictBase = collector._carrier
-    return {"env": env_state(collector.env), "carried": dict(carried.flatten_keys("\n").clone().items())}
+    return {
+        "env": env_state(collector.env),
+        "carried": dict(carried.flatten_keys("\n").clone().items()),
+        "frames": collector._frames,
+        "batches": collector._iter,
+        "episodes": collector._traj_pool.state_dict() if collector.track_traj_ids else None,
+    }
 
 
 def load_collector_state(collector: Any, state: Mapping[str, Any]) -> None:
     """The next batch is the one that would have come."""
     load_env_state(collector.env, state["env"])
-    carried = TensorDict(dict(state["carried"]), batch_size=collector.env.batch_size, device=collector.env.device)
+    device = None if collector._carrier_has_no_device else collector.env.device
+    carried = TensorDict(dict(state["carried"]), batch_size=collector.env.batch_size, device=device)
     collector._carrier = carried.unflatten_keys("\n")
+    collector._frames, collector._iter = state["frames"], state["batches"]
+    if collector.track_traj_ids:
+        collector._traj_pool.load_state_dict(state["episodes"])

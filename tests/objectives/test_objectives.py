@@ -86,6 +86,13 @@ def test_ppo_leaves_the_batch_as_it_was():
     assert (data == before).all()
 
 
+def test_ppo_refuses_a_batch_that_its_buffer_cannot_deal_out():
+    objective = ppo(OBSERVATION, BOUNDED, minibatch=64, frames_per_batch=128)
+    for n in (3, 9):  # rows of 16
+        with pytest.raises(BadInput, match=f"a batch of {16 * n} frames"):
+            objective.update(batch(objective.policy, n))
+
+
 def test_sac_memory_lets_old_worlds_fade():
     objective = sac(OBSERVATION, BOUNDED, memory=128, minibatch=16, frames_per_update=128)
     for value in (1.0, 2.0):

@@ -65,5 +65,5 @@ class Part:
 def test_a_parts_own_words_are_kept_in_one_line() -> None:
     with pytest.raises(BadInput, match=r"^too many rows$"):
         restore_part("buffer", Part(BadInput("too many rows")), {})
-    with pytest.raises(BadInput, match="buffer does not fit this run: a b"):
+    with pytest.raises(BadInput, match="the saved buffer does not fit this run: a b"):
         restore_part("buffer", Part(ValueError("a\nb")), {"rows": 1})

@@ -12,8 +12,7 @@ import pytest
 import torch
 from tensordict import TensorDictBase
 from torchrl.collectors import Collector
-from torchrl.data import LazyTensorStorage, RandomSampler, ReplayBuffer, SamplerWithoutReplacement
-from torchrl.envs import ObservationNorm, RewardSum, StepCounter, TransformedEnv, VecNormV2
+from torchrl.envs import RewardSum, StepCounter, TransformedEnv, VecNormV2
 
 from envs.hopper import PHYSICAL, HopperTask, hopper
 from envs.pendulum import Pendulum, PendulumTask
@@ -67,10 +66,6 @@ def differing(first: TensorDictBase, second: TensorDictBase) -> list[object]:
     return [key for key in keys if not torch.equal(first[key], second[key])]
 
 
-def plain_settings() -> dict[str, Any]:
-    return {"track_traj_ids": False}
-
-
 CASES: dict[str, tuple[tuple[Callable[[], Any], ...], dict[str, Any]]] = {
     "as the library builds it": ((), {"track_traj_ids": False}),
     "with trajectory numbers": ((), {}),
@@ -80,6 +75,7 @@ CASES: dict[str, tuple[tuple[Callable[[], Any], ...], dict[str, Any]]] = {
 }
 
 
+@pytest.mark.filterwarnings("ignore:Support of VecNormV2:UserWarning")
 @pytest.mark.usefixtures("without_shape_checks")
 @pytest.mark.parametrize("make", [pendulum, hopping])
 @pytest.mark.parametrize("case", CASES)
