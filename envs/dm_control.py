@@ -135,8 +135,11 @@ def _check(model: mujoco.MjModel, addresses: tuple[Address, ...]) -> None:
 
 
 def _set(model: mujoco.MjModel, cell: Cell, value: float) -> None:
-    owner, _, array = (model.opt, *cell.array.partition(".")[1:]) if "." in cell.array else (model, "", cell.array)
-    if isinstance(getattr(owner, array), np.ndarray):
-        getattr(owner, array)[cell.index] = cell.sign * value
+    """Write one cell; some of the options are numbers, not arrays."""
+    of_options = cell.array.startswith("opt.")
+    owner, name = (model.opt, cell.array.removeprefix("opt.")) if of_options else (model, cell.array)
+    held = getattr(owner, name)
+    if isinstance(held, np.ndarray):
+        held[cell.index] = cell.sign * value
     else:
-        setattr(owner, array, cell.sign * value)
+        setattr(owner, name, cell.sign * value)

@@ -79,7 +79,8 @@ def parser() -> argparse.ArgumentParser:
     )
     first.add_argument("--force", action="store_true", help="write over a file that is there")
     show = commands.add_parser("show", help="open the report and the recording", description="open what DIR holds")
-    show.add_argument("out", metavar="DIR", help="the folder that a command wrote")
+    show.add_argument("out", metavar="DIR", help="the folder that a command or a training run wrote")
+    show.add_argument("--html", action="store_true", help="open the page only")
     return top
 
 
@@ -135,7 +136,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.command == "show":
         from onlinebayes.cli.show import show
 
-        show(arguments.out)
+        show(arguments.out, html=arguments.html)
         return 0
     if arguments.command == "init":
         from onlinebayes.cli.init import init

@@ -6,6 +6,7 @@ Where no window can be opened, it says where they are and how to open them.
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -18,32 +19,54 @@ PAGES = {"report.html": "report", "run.html": "page"}
 """Of criticism, and of a training run."""
 RECORDINGS = "run*.rrd"
 """A training run that went on after a stop has several; the viewer shows them as one."""
+CONTENTS = {
+    "run.json": "recipe and settings",
+    "log.csv": "one row a step",
+    "tensorboard": "the same curves for TensorBoard",
+    "checkpoint-*": "all that the run needs to go on",
+    "report.json": "all figures of the report",
+}
+"""What else a folder may hold, and what it is."""
 
 
-def show(folder: str | Path) -> None:
-    """Open the page and the recordings of a folder, or print where they are and how to open them.
+def show(folder: str | Path, *, html: bool = False) -> None:
+    """Open the page and the recordings of a folder, or print where they are and how to open them; say what else is there.
+
+    Args:
+        folder: that a command or a run wrote.
+        html: open the page only.
 
     Raises:
-        BadInput: the folder is not there or holds neither a report nor a run.
+        BadInput: the folder is not there, holds neither a report nor a run, or no page although one is asked for.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise BadInput("no such folder", "name the folder given to --out, or a run's", where=str(folder))
-    found = [(name, folder / name) for name in PAGES if (folder / name).is_file()]
-    if not found:
+    pages = [(name, folder / name) for name in PAGES if (folder / name).is_file()]
+    recordings = sorted(folder.glob(RECORDINGS), key=lambda path: (len(path.name), path.name))
+    if not pages and (html or not recordings):
         raise BadInput(
             f"holds no {' and no '.join(PAGES)}", "name the folder given to --out, or a run's", where=str(folder)
         )
     screen = has_screen()
-    for name, page in found:
+    for name, page in pages:
         opened = screen and _opened_in_browser(page)
-        print(f"{PAGES[name] + ':':<10} {page.resolve()}{'' if opened else '   (open it in a browser)'}")
-    recordings = [str(path) for path in sorted(folder.glob(RECORDINGS), key=lambda path: (len(path.name), path.name))]
+        _tell(PAGES[name], f"{page.resolve()}{'' if opened else '   (open it in a browser)'}")
+    if html:
+        return
     if recordings:
+        paths = [str(path) for path in recordings]
         viewer = shutil.which("rerun") or str(Path(sys.executable).with_name("rerun"))
-        started = screen and _started([viewer, *recordings])
-        where = ", ".join(str(Path(path).resolve()) for path in recordings)
-        print(f"recording: {where}{'' if started else f'   (open it with: rerun {chr(32).join(recordings)})'}")
+        started = screen and _started([viewer, *paths])
+        where = ", ".join(str(path.resolve()) for path in recordings)
+        _tell("recording", f"{where}{'' if started else f'   (open it with: rerun {shlex.join(paths)})'}")
+    for pattern, what in CONTENTS.items():
+        if found := sorted(folder.glob(pattern)):
+            _tell("", f"{found[-1].name}: {what}")
+
+
+def _tell(label: str, text: str) -> None:
+    print(f"{label + ':' if label else '':<10} {text}")
 
 
 def has_screen() -> bool:

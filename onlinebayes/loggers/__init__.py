@@ -1,7 +1,9 @@
 """Loggers: a TorchRL logger for Rerun, a run's recording, and its page."""
 
-from onlinebayes.loggers.page import Curves, Page, write_page
+from onlinebayes.loggers.charts import Curves, calibration
+from onlinebayes.loggers.page import Film, Page, write_page
 from onlinebayes.loggers.recorder import RunRecorder
 from onlinebayes.loggers.rerun import RerunLogger
+from onlinebayes.loggers.scalars import tensorboard
 
-__all__ = ["Curves", "Page", "RerunLogger", "RunRecorder", "write_page"]
+__all__ = ["Curves", "Film", "Page", "RerunLogger", "RunRecorder", "calibration", "tensorboard", "write_page"]

@@ -1,7 +1,4 @@
-"""run.html: a run on one page that needs nothing but a browser.
-
-Curves are drawn by matplotlib as SVG, pictures are PNG; all of it stands in the file itself.
-"""
+"""run.html: a run on one page that needs nothing but a browser; charts, pictures and films stand in the file itself."""
 
 from __future__ import annotations
 
@@ -9,44 +6,43 @@ import base64
 import html
 import io
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import UInt8
 
+from onlinebayes.loggers.charts import COLOURS, Curves, to_svg
 from onlinebayes.runs import write_atomic
 
+__all__ = ["Curves", "Film", "Page", "to_html", "write_page"]
+
 STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #22262d; max-width: 62rem; margin: 2rem auto; padding: 0 1rem }
-h1 { font-size: 1.7rem; margin-bottom: 0 } h2 { font-size: 1.15rem; margin-top: 2rem }
+body { font: 16px/1.5 system-ui, sans-serif; color: #22262d; max-width: 62rem; margin: 2rem auto 4rem; padding: 0 1rem }
+h1 { font-size: 1.7rem; margin-bottom: 0 } h2 { font-size: 1.15rem; margin: 2.2rem 0 .6rem }
 p.lead { color: #5b626d; margin-top: .2rem }
-table { border-collapse: collapse } td, th { padding: .25rem .9rem .25rem 0; text-align: right }
-th { color: #5b626d; font-weight: 500; border-bottom: 1px solid #d5d9df }
-td:first-child, th:first-child { text-align: left }
-img, svg { max-width: 100%; height: auto } .row { display: flex; flex-wrap: wrap; gap: 1rem; align-items: flex-start }
+table { border-collapse: collapse; margin: 1.2rem 0 } td, th { padding: .3rem 1.6rem .3rem 0; text-align: right }
+th { color: #5b626d; font-weight: 500 } tr { border-bottom: 1px solid #e3e6ea }
+td { font-variant-numeric: tabular-nums } td:first-child, th:first-child { text-align: left }
+img, svg { max-width: 100%; height: auto }
+figure { margin: 0 } figcaption { color: #5b626d; font-size: .92rem }
+.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)); gap: 1.2rem }
 .bar { display: flex; height: 1.3rem; border-radius: 3px; overflow: hidden } .bar span { display: block }
 ul.notes { color: #5b626d; font-size: .92rem; padding-left: 1.2rem }
 """
-COLOURS = ("#2a6f97", "#d1495b", "#8a8f98", "#e9a23b", "#4c956c", "#7a5195")
 
 
 @dataclass(frozen=True)
-class Curves:
-    """A chart: some lines over one x.
+class Film:
+    """Moving pictures.
 
     Args:
-        title: above it.
-        x: name and values.
-        lines: name -> values; what is nan is left out.
-        bands: name of a line -> low and high around it.
-        levels: name -> height of a dashed line.
+        frames: pixels, all of one size (H, W, 3).
+        seconds: from one to the next [s].
     """
 
-    title: str
-    x: tuple[str, Sequence[float]]
-    lines: Mapping[str, Sequence[float]]
-    bands: Mapping[str, tuple[Sequence[float], Sequence[float]]]
-    levels: Mapping[str, float]
+    frames: Sequence[UInt8[np.ndarray, "H W 3"]]
+    seconds: float
 
 
 @dataclass(frozen=True)
@@ -62,6 +58,7 @@ class Page:
         pictures: caption -> pixels (H, W, 3).
         seconds: part -> seconds in all.
         notes: one line each.
+        films: caption -> film; it plays without end.
     """
 
     title: str
@@ -72,6 +69,7 @@ class Page:
     pictures: Mapping[str, np.ndarray]
     seconds: Mapping[str, float]
     notes: Sequence[str]
+    films: Mapping[str, Film] = field(default_factory=dict)
 
 
 def write_page(page: Page, path: str | Path) -> None:
@@ -82,16 +80,19 @@ def write_page(page: Page, path: str | Path) -> None:
 def to_html(page: Page) -> str:
     """The page as text."""
     parts = [f"<h1>{html.escape(page.title)}</h1>", f'<p class="lead">{html.escape(page.lead)}</p>']
-    parts += [_table(page.head, page.rows)]
-    parts += ['<div class="row">', *(_chart(chart) for chart in page.charts), "</div>"]
+    parts += [_table(page.head, page.rows)] if page.rows else []
+    parts += ['<div class="charts">', *(f"<figure>{to_svg(chart)}</figure>" for chart in page.charts), "</div>"]
+    for caption, film in page.films.items():
+        parts += [_figure(caption, _animated(film))]
     for caption, pixels in page.pictures.items():
-        parts += [f"<h2>{html.escape(caption)}</h2>", f'<img alt="{html.escape(caption)}" src="{_png(pixels)}">']
+        parts += [_figure(caption, _png(pixels))]
     if page.seconds:
         parts += ["<h2>Where the time went</h2>", _bar(page.seconds)]
     if page.notes:
         notes = "".join(f"<li>{html.escape(note)}</li>" for note in page.notes)
         parts += ["<h2>What was decided, and what went wrong</h2>", f'<ul class="notes">{notes}</ul>']
-    head = f'<meta charset="utf-8"><title>{html.escape(page.title)}</title><style>{STYLE}</style>'
+    meta = '<meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">'
+    head = f"{meta}<title>{html.escape(page.title)}</title><style>{STYLE}</style>"
     return f"<!doctype html><html lang=en><head>{head}</head><body>{''.join(parts)}</body></html>\n"
 
 
@@ -99,6 +100,10 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     cells = "".join(f"<th>{html.escape(cell)}</th>" for cell in head)
     lines = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
     return f"<table><tr>{cells}</tr>{lines}</table>"
+
+
+def _figure(caption: str, source: str) -> str:
+    return f'<h2>{html.escape(caption)}</h2><img alt="{html.escape(caption)}" src="{source}">'
 
 
 def _bar(seconds: Mapping[str, float]) -> str:
@@ -111,36 +116,22 @@ def _bar(seconds: Mapping[str, float]) -> str:
     return f'<div class="bar">{"".join(pieces)}</div><p>{" &nbsp; ".join(words)}</p>'
 
 
-def _chart(chart: Curves) -> str:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import MaxNLocator
-
-    figure = Figure(figsize=(4.6, 2.9), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for i, (name, values) in enumerate(chart.lines.items()):
-        colour = COLOURS[i % len(COLOURS)]
-        axes.plot(chart.x[1], values, "o-", markersize=3, color=colour, label=name)
-        if name in chart.bands:
-            axes.fill_between(chart.x[1], *chart.bands[name], color=colour, alpha=0.2, linewidth=0)
-    for name, level in chart.levels.items():
-        axes.axhline(level, color=COLOURS[1], linestyle="--", linewidth=1, label=name)
-    axes.set_title(chart.title, fontsize=10)
-    axes.set_xlabel(chart.x[0], fontsize=9)
-    axes.tick_params(labelsize=8)
-    axes.xaxis.set_major_locator(MaxNLocator(5, integer=True))
-    axes.spines[["top", "right"]].set_visible(False)
-    if len(chart.lines) + len(chart.levels) > 1:
-        axes.legend(fontsize=8, frameon=False)
-    text = io.StringIO()
-    figure.savefig(text, format="svg")
-    return text.getvalue()[text.getvalue().index("<svg") :]
-
-
-def _png(pixels: np.ndarray) -> str:
+def _png(pixels: UInt8[np.ndarray, "H W 3"]) -> str:
     from PIL import Image
 
     data = io.BytesIO()
     Image.fromarray(pixels).save(data, format="PNG", optimize=True)
-    return "data:image/png;base64," + base64.b64encode(data.getvalue()).decode()
+    return _embedded("png", data)
+
+
+def _animated(film: Film) -> str:
+    from PIL import Image
+
+    data = io.BytesIO()
+    first, *others = (Image.fromarray(frame).quantize(32) for frame in film.frames)
+    first.save(data, format="GIF", save_all=True, append_images=others, duration=round(1000 * film.seconds), loop=0)
+    return _embedded("gif", data)
+
+
+def _embedded(kind: str, data: io.BytesIO) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data.getvalue()).decode()}"

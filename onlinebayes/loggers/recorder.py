@@ -1,14 +1,16 @@
 """A training run as a Rerun recording: belief and proposal over time, returns, losses, seconds, episodes that move.
 
-| entity                                 | content                                                    |
-|----------------------------------------|------------------------------------------------------------|
-| ``summary``                            | Markdown: what stands after the step                       |
-| ``belief/PARAMETER/mean|low|high|truth`` | mean and 90 % interval, the truth where it is known      |
-| ``proposal/PARAMETER/low|high``        | 90 % interval of where simulations are drawn               |
-| ``corner``                             | picture: the belief's marginals and pairs                  |
-| ``figures/``, ``losses/``, ``fit/``    | returns and densities; policy losses; coverage, validation |
-| ``seconds/``                           | where the time of each step went                           |
-| ``episodes/NAME/SHAPE``                | the system's shapes along an episode                       |
+| entity                                   | content                                                    |
+|------------------------------------------|------------------------------------------------------------|
+| ``summary``                              | Markdown: what stands after the step                       |
+| ``belief/PARAMETER/mean|low|high|truth`` | mean and 90 % interval, the truth where it is known        |
+| ``proposal/PARAMETER/low|high``          | 90 % interval of where simulations are drawn               |
+| ``marginals/PARAMETER/belief|proposal``  | histograms                                                 |
+| ``corner``, ``calibration``              | pictures: the belief's pairs; coverage over nominal level  |
+| ``returns/``                             | of the policy and of baselines, in one view                |
+| ``figures/``, ``losses/``, ``fit/``      | what a judge says; policy losses; coverage, validation     |
+| ``seconds/``, ``speed/``                 | where the time of each step went; frames a second          |
+| ``episodes/NAME/SHAPE``                  | the system's shapes along an episode                       |
 
 Everything stands on two time lines: ``step``, and ``time``, on which the steps' episodes are played one after the other
 while curves and belief grow.
@@ -19,6 +21,8 @@ as one. Nothing here knows a trainer; a belief is anything with ``space`` and ``
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
@@ -27,15 +31,24 @@ import numpy as np
 import torch
 from jaxtyping import Float
 from torch import Tensor
+from torchrl.record.loggers import Logger
 
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.loggers import charts, layout
+from onlinebayes.loggers.shapes import alike, archetype
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape
+from onlinebayes.simulators.drawing import View, view_of
 
 if TYPE_CHECKING:
     from rerun import RecordingStream
 
 DRAWS = 2000
 LEVELS = (0.05, 0.95)
+BINS = 40
+MOST_BYTES = 40_000_000
+MOST_POSES = 500
+PLAYED = 60.0  # seconds in which the viewer plays a run
 
 
 @runtime_checkable
@@ -53,7 +66,7 @@ class Sampler(Protocol):
 
 
 class RunRecorder:
-    """Writes one run's recording.
+    """Writes one run's recording; the file is made when the first thing is told.
 
     Args:
         folder: of the run.
@@ -61,6 +74,8 @@ class RunRecorder:
         space: the parameters.
         seconds: longest episode [s].
         truth: their true values (P,), where they are known.
+        loggers: TorchRL's, e.g. :func:`~onlinebayes.loggers.tensorboard`: they are told all scalars.
+        most: size at which pictures and episodes of ever fewer steps are kept [bytes]; scalars always are.
     """
 
     def __init__(
@@ -71,41 +86,60 @@ class RunRecorder:
         *,
         seconds: float,
         truth: Float[Tensor, " P"] | None = None,
+        loggers: Sequence[Logger] = (),
+        most: int = MOST_BYTES,
     ) -> None:
-        import rerun as rr  # 0.7 s: only when a recording is wanted
-
-        self.space, self.truth = space, truth
-        number = len(list(Path(folder).glob("run*.rrd"))) + 1
+        self.space, self.truth, self.loggers, self.most = space, truth, loggers, most
+        earlier = [path for path in Path(folder).glob("run*.rrd") if re.fullmatch(r"run(-\d+)?\.rrd", path.name)]
+        number = max((int(path.stem[4:] or 1) for path in earlier), default=0) + 1
         self.path = Path(folder) / ("run.rrd" if number == 1 else f"run-{number}.rrd")
-        self._stream: RecordingStream = rr.RecordingStream(
-            "onlinebayes", recording_id=f"{name}-{Path(folder).name}", send_properties=False
-        )
-        self._stream.save(self.path)
-        self._stream.send_blueprint(_blueprint(space))
+        self._id = f"{name}-{Path(folder).resolve().name}"
+        self._earlier = sum(path.stat().st_size for path in earlier)
         self._slot = 1.1 * seconds  # of each step on the time line ``time``
+        self._opened: RecordingStream | None = None
+        self._scalars: dict[str, None] = {}  # in the order of their first appearance
+        self._pictures: dict[str, None] = {}
+        self._drawn: dict[str, Shape] = {}
+        self._view: View | None = None
+        self._layout: tuple[Any, ...] = ()
+        self._step = 1
 
     def step(self, step: int, values: Mapping[str, float]) -> None:
         """Scalars of one step by entity: ``figures/return``, ``losses/loss_actor``, ``seconds/fit``."""
-        import rerun as rr
+        self._curves(step, values)
+        for logger in self.loggers:
+            for name, value in values.items():
+                logger.log_scalar(name, float(value), step)
 
-        self._at(step)
-        for name, value in values.items():
-            self._stream.log([*name.split("/")], rr.Scalars(float(value)))
+    def returns(self, step: int, values: Mapping[str, float]) -> None:
+        """Returns by who made them: ``online``, ``oracle``, ``posterior-first``, ``prior``, or any other name."""
+        self.step(step, {f"returns/{name}": value for name, value in values.items()})
+
+    def seconds(self, step: int, seconds: Mapping[str, float], frames: int | None = None) -> None:
+        """Where the seconds of a step went by part, and over all of them how fast its simulated frames came."""
+        values = {f"seconds/{name}": value for name, value in seconds.items()}
+        total = sum(seconds.values())
+        self.step(step, values | ({"speed/frames a second": frames / total} if frames is not None and total else {}))
+
+    def calibration(self, step: int, levels: Sequence[float], coverage: Sequence[float]) -> None:
+        """Share of held-out truths in the regions of these nominal levels, each in [0, 1]."""
+        chart = charts.calibration([float(v) for v in levels], [float(v) for v in coverage])
+        self.picture(step, "calibration", charts.to_pixels(chart))
 
     def summary(self, step: int, text: str) -> None:
         """What stands after a step, in Markdown."""
         import rerun as rr
 
-        self._at(step)
-        self._stream.log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
+        self._at(step).log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
     def belief(self, step: int, belief: Sampler, proposal: Sampler | None = None) -> None:
-        """Intervals of belief and proposal, parameter by parameter."""
+        """Intervals and histograms of belief and proposal, parameter by parameter."""
         values: dict[str, float] = {}
+        drawn: dict[str, Tensor] = {}
         for name, sampler in (("belief", belief), ("proposal", proposal)):
             if sampler is None:
                 continue
-            draws = sampler.sample((DRAWS,), torch.Generator().manual_seed(0))
+            draws = drawn[name] = sampler.sample((DRAWS,), torch.Generator().manual_seed(0))
             low, high = torch.quantile(draws, draws.new_tensor(LEVELS), dim=0)
             for i, parameter in enumerate(self.space.names):
                 if name == "belief":
@@ -113,14 +147,18 @@ class RunRecorder:
                 values |= {f"{name}/{parameter}/low": float(low[i]), f"{name}/{parameter}/high": float(high[i])}
         if self.truth is not None:
             values |= {f"belief/{n}/truth": float(v) for n, v in zip(self.space.names, self.truth, strict=True)}
-        self.step(step, values)
+        self._curves(step, values)
+        for i, parameter in enumerate(self.space.names):
+            self._marginal(step, parameter, {name: draws[:, i].double().cpu().numpy() for name, draws in drawn.items()})
 
     def picture(self, step: int, name: str, pixels: np.ndarray) -> None:
         """A picture (H, W, 3), 8 bits a colour, e.g. a corner plot."""
         import rerun as rr
 
-        self._at(step)
-        self._stream.log(name, rr.Image(np.ascontiguousarray(pixels)).compress(jpeg_quality=85))
+        if self._room(step):
+            self._pictures.setdefault(name)
+            image = rr.Image(np.ascontiguousarray(pixels)).compress(jpeg_quality=85)
+            self._at(step).log(layout.path(name), image)
 
     def episode(
         self,
@@ -143,83 +181,110 @@ class RunRecorder:
         """
         import rerun as rr
 
-        times = (step - 1) * self._slot + np.arange(len(poses)) * dt
+        if not len(poses) or not self._room(step):
+            return
+        if self._view is None:
+            self._view = view_of(shapes, poses)
+        stride = -(-len(poses) // MOST_POSES)
+        kept = poses[::stride].detach().float().cpu()
+        times = (step - 1) * self._slot + np.arange(len(kept)) * dt * stride
+        stream = self._at(step)
         for i, shape in enumerate(shapes):
-            entity = f"episodes/{name}/{shape.name}"
-            self._at(step)
-            self._stream.log(entity, _archetype(shape, ghost))
+            entity = layout.path("episodes", name, shape.name)
+            if not alike(self._drawn.get(entity), shape):
+                stream.log(entity, archetype(shape, ghost=ghost))
+                self._drawn[entity] = shape
             moving = slice(None) if shape.moving else slice(1)
             where = rr.Transform3D.columns(
-                translation=poses[moving, i, :3].numpy(), quaternion=poses[moving, i][:, [4, 5, 6, 3]].numpy()
+                translation=kept[moving, i, :3].numpy(), quaternion=kept[moving, i][:, [4, 5, 6, 3]].numpy()
             )
             steps = np.full(len(times), step)[moving]
             columns = [rr.TimeColumn("time", duration=times[moving]), rr.TimeColumn("step", sequence=steps)]
-            self._stream.send_columns(entity, columns, where)
-
-    def _at(self, step: int) -> None:
-        """Set both time lines to the beginning of a step's episode."""
-        self._stream.set_time("step", sequence=step)
-        self._stream.set_time("time", duration=(step - 1) * self._slot)
+            stream.send_columns(entity, columns, where)
 
     def flush(self) -> None:
         """Write what is pending: whoever opens the file now sees everything so far."""
-        self._stream.flush()
+        if self._opened is not None:
+            self._arrange()
+            self._opened.flush()
 
     def close(self) -> None:
         """Write what is pending and close the file."""
-        self._stream.flush()
-        self._stream.disconnect()
+        if self._opened is not None:
+            self._arrange()
+            self._opened.flush()
+            self._opened.disconnect()
+            self._opened = None
+
+    @property
+    def _stream(self) -> RecordingStream:
+        import rerun as rr  # 0.7 s: only when there is something to record
+
+        if self._opened is None:
+            self._opened = rr.RecordingStream("onlinebayes", recording_id=self._id, send_properties=False)
+            try:
+                self._opened.save(self.path)
+            except (OSError, RuntimeError) as error:
+                raise BadInput(
+                    f"cannot be written: {error}", "choose a folder you may write to", where=str(self.path)
+                ) from error
+        return self._opened
+
+    def _at(self, step: int) -> RecordingStream:
+        """The stream, both of its time lines at the beginning of a step's episode."""
+        stream = self._stream
+        self._step = max(self._step, step)
+        stream.set_time("step", sequence=step)
+        stream.set_time("time", duration=(step - 1) * self._slot)
+        return stream
+
+    def _curves(self, step: int, values: Mapping[str, float]) -> None:
+        import rerun as rr
+
+        stream = self._at(step)
+        for name, value in values.items():
+            parts = name.split("/")
+            if name not in self._scalars:
+                index = sum(other.split("/")[0] == parts[0] for other in self._scalars)
+                stream.log(layout.path(*parts), layout.style(name, index), static=True)
+                self._scalars[name] = None
+            stream.log(layout.path(*parts), rr.Scalars(float(value)))
+
+    def _marginal(self, step: int, name: str, draws: Mapping[str, np.ndarray]) -> None:
+        """Densities of a parameter on common bins."""
+        import rerun as rr
+
+        stream, edges = self._at(step), _edges(self.space[name], np.concatenate(list(draws.values())))
+        for who, values in draws.items():
+            heights = np.histogram(values, edges)[0] / (len(values) * np.diff(edges))
+            colour = [42, 111, 151, 255] if who == "belief" else [138, 143, 152, 120]
+            centres = (edges[1:] + edges[:-1]) / 2
+            chart = rr.BarChart(heights, color=colour, abscissa=centres, widths=np.diff(edges))
+            stream.log(layout.path("marginals", name, who), chart)
+
+    def _room(self, step: int) -> bool:
+        """Whether a step's pictures and episodes are kept: all until half of the bytes are spent, then ever fewer."""
+        spent = self._earlier + (self.path.stat().st_size if self._opened is not None else 0)
+        halvings = 0
+        while spent > self.most * (1 - 0.5 ** (halvings + 1)) and halvings < 8:
+            halvings += 1
+        return step % 4**halvings == 0
+
+    def _arrange(self) -> None:
+        """Send the layout where it has changed."""
+        # The whole run in some PLAYED seconds; told anew when its length has doubled.
+        speed = max(1.0, 2.0 ** math.ceil(math.log2(self._step * self._slot / PLAYED)))
+        now = (speed, tuple(self._scalars), tuple(self._pictures), self._view)
+        if self._opened is not None and now != self._layout:
+            self._opened.send_blueprint(
+                layout.blueprint(self.space, list(self._scalars), list(self._pictures), self._view, speed)
+            )
+            self._layout = now
 
 
-def _archetype(shape: Shape, ghost: bool) -> Any:
-    import rerun as rr
-
-    colour = [round(255 * part) for part in shape.colour]
-    fill = rr.components.FillMode.MajorWireframe if ghost else rr.components.FillMode.Solid
-    style: dict[str, Any] = {"colors": [colour], "fill_mode": fill}
-    match shape.kind:
-        case "box" | "plane":
-            return rr.Boxes3D(half_sizes=[shape.size], **style)
-        case "sphere":
-            return rr.Ellipsoids3D(half_sizes=[[shape.size[0]] * 3], **style)
-        case "ellipsoid":
-            return rr.Ellipsoids3D(half_sizes=[shape.size], **style)
-        case "cylinder":
-            return rr.Cylinders3D(lengths=[2 * shape.size[1]], radii=[shape.size[0]], **style)
-        case "capsule":  # Rerun's begins at its origin, ours is centred
-            start = [[0.0, 0.0, -shape.size[1]]]
-            return rr.Capsules3D(lengths=[2 * shape.size[1]], radii=[shape.size[0]], translations=start, **style)
-    assert shape.vertices is not None
-    faces = None if shape.faces is None else shape.faces.numpy()
-    return rr.Mesh3D(vertex_positions=shape.vertices.numpy(), triangle_indices=faces, albedo_factor=colour)
-
-
-def _blueprint(space: ParameterSpace) -> Any:
-    """Belief on the left, what the policy gains in the middle, the episode on the right, the rest in tabs below."""
-    import rerun.blueprint as rrb
-
-    beliefs = [
-        rrb.TimeSeriesView(name=f"{name} [{space[name].unit}]", contents=[f"belief/{name}/**", f"proposal/{name}/**"])
-        for name in space.names
-    ]
-    curves = [
-        rrb.TimeSeriesView(name="return and density", contents="figures/**"),
-        rrb.TimeSeriesView(name="coverage and fit", contents="fit/**"),
-        rrb.TimeSeriesView(name="policy losses", contents="losses/**"),
-        rrb.TimeSeriesView(name="seconds", contents="seconds/**"),
-    ]
-    return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(
-                rrb.Spatial3DView(name="real (solid) and simulated (wireframe)", contents="episodes/**"),
-                rrb.Tabs(
-                    rrb.Spatial2DView(name="belief", contents="corner"),
-                    rrb.TextDocumentView(name="summary", contents="summary"),
-                ),
-            ),
-            rrb.Horizontal(*beliefs, rrb.Tabs(*curves)),
-            row_shares=[3, 2],
-        ),
-        rrb.TimePanel(timeline="time"),
-        collapse_panels=True,
-    )
+def _edges(parameter: Parameter, draws: Float[np.ndarray, " M"]) -> Float[np.ndarray, " E"]:
+    """Bins that hold the draws; even in the logarithm where the parameter's scale is that."""
+    low, high = float(draws.min()), float(draws.max())
+    if parameter.scale == "log" and low > 0:
+        return np.geomspace(low, max(high, low * (1 + 1e-9)), BINS + 1)
+    return np.linspace(low, max(high, low + 1e-12), BINS + 1)

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
+from collections import deque
 from types import TracebackType
 from typing import TextIO
+
+WINDOW = 30.0
+"""Over which the speed is taken [s]."""
 
 
 class Progress:
@@ -28,6 +33,8 @@ class Progress:
         self._last = -float("inf")
         self._width = 0
         self._pending = ""
+        self._began: tuple[float, float] | None = None  # step and time of the first update
+        self._frames: deque[tuple[float, int]] = deque()
 
     def __enter__(self) -> Progress:
         return self
@@ -37,14 +44,35 @@ class Progress:
     ) -> None:
         self.close()
 
-    def update(self, step: int, message: str = "") -> None:
-        """Say that ``step`` of ``total`` is done, with a short message."""
+    def update(self, step: float, message: str = "", *, frames: int | None = None) -> None:
+        """Say that ``step`` of ``total`` is done, with a short message.
+
+        Args:
+            step: whole steps are shown; a part of one tells how far the work in it is.
+            message: what is going on.
+            frames: simulated so far, in whatever step: then speed and time left are shown too.
+        """
         now = time.monotonic()
-        of_total = f"{step}/{self.total}" if self.total else str(step)
-        self._pending = f"{self.label} {of_total} [{now - self._start:.0f} s] {message}".rstrip()
+        of_total = f"{math.floor(step)}/{self.total}" if self.total else str(math.floor(step))
+        clock = [f"{now - self._start:.0f} s", *(self._speed(step, now, frames) if frames is not None else [])]
+        self._pending = f"{self.label} {of_total} [{', '.join(clock)}] {message}".rstrip()
         if now - self._last >= (0.1 if self._live else self.every):
             self._draw()
             self._last = now
+
+    def _speed(self, step: float, now: float, frames: int) -> list[str]:
+        """Frames a second over the last half minute, and the time left at the pace since the first update."""
+        self._began = self._began if self._began is not None else (step, now)
+        self._frames.append((now, frames))
+        while now - self._frames[0][0] > WINDOW and len(self._frames) > 2:
+            self._frames.popleft()
+        (then, before), told = self._frames[0], []
+        if now > then:
+            told.append(f"{(frames - before) / (now - then):.3g} frames/s")
+        done, spent = step - self._began[0], now - self._began[1]
+        if self.total and done > 0:
+            told.append(f"{_span(spent * max(self.total - step, 0) / done)} left")
+        return told
 
     def close(self) -> None:
         """Write what has not been shown yet and leave the line."""
@@ -63,3 +91,10 @@ class Progress:
             self._stream.write(self._pending + "\n")
         self._stream.flush()
         self._pending = ""
+
+
+def _span(seconds: float) -> str:
+    """A time to wait, in the unit that people would use."""
+    if seconds < 100:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000 else f"{seconds / 3600:.1f} h"

@@ -10,12 +10,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Generator, Tensor
 from torchrl.data import TensorSpec
+
+from onlinebayes.runs import BadInput
 
 
 class Task(ABC):
@@ -75,3 +77,23 @@ class GoalTask(Protocol):
     def success(self, achieved: Float[Tensor, "*batch G"], desired: Float[Tensor, "*batch G"]) -> Tensor:
         """Whether ``achieved`` is as good as ``desired`` (*batch)."""
         ...
+
+
+def check_observations(task: Task, values: Mapping[Any, Tensor], sizes: Mapping[Any, int], worlds: int) -> None:
+    """Raise BadInput unless a task's observations have the keys and widths that it says."""
+    wanted = {key: (worlds, size) for key, size in sizes.items()}
+    found = {key: tuple(value.shape) for key, value in values.items()}
+    if found != wanted:
+        raise BadInput(
+            f"{type(task).__name__}.observe gave {found} for {worlds} worlds, the task says {wanted}",
+            "make observation_size (or observation_sizes) and observe agree",
+        )
+
+
+def check_reward(task: Task, reward: Tensor, worlds: int) -> None:
+    """Raise BadInput unless a task's reward is one number a world."""
+    if reward.shape != (worlds,):
+        raise BadInput(
+            f"{type(task).__name__}.reward gave shape {tuple(reward.shape)} for {worlds} worlds",
+            f"give one number a world, shape ({worlds},)",
+        )

@@ -9,7 +9,7 @@ draw happens before the environment's own reset and reaches it on the leaf ``"th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from tensordict import NestedKey, TensorDict, TensorDictBase
@@ -35,23 +35,24 @@ class ParameterRandomization(Transform):
     The environment below must read theta in its reset and carry it in every step, as ``SimulatorEnv`` and
     ``Parameterized`` do. As a module (:meth:`forward`) it writes a fresh draw for every element of a tensordict.
 
-    Draws come from torch's global random numbers, until the environment's ``set_seed`` is called: from then on they
-    are decided by that seed alone.
+    Draws come from torch's global random numbers, until there is a seed: ``seed``, or the one that ``set_seed`` of a
+    ``SimulatorEnv`` is given. From then on they are decided by that seed alone.
 
     Args:
         distribution: where theta comes from; replaceable with :meth:`set_distribution`, which takes effect world by
             world as they reset.
         theta_key: of the parameters.
+        seed: of the draws.
 
     Raises:
         BadInput: the environment below does not read theta, at the first reset.
     """
 
-    def __init__(self, distribution: Distribution, *, theta_key: NestedKey = "theta") -> None:
+    def __init__(self, distribution: Distribution, *, theta_key: NestedKey = "theta", seed: int | None = None) -> None:
         super().__init__()
         self._distribution, self.theta_key = distribution, theta_key
-        self._seeding: object = None
-        self._random: Tensor | None = None
+        self._seeding: tuple[int, int] | None = None
+        self._random = None if seed is None else _random_state(seed)
         self._checked = False
 
     @property
@@ -67,13 +68,14 @@ class ParameterRandomization(Transform):
         """Write a fresh draw for every element."""
         return tensordict.set(self.theta_key, self._draw(tensordict.numel()).reshape(*tensordict.batch_size, -1))
 
-    def get_extra_state(self) -> dict[str, Tensor | None]:
-        """State of the random numbers that the environment's seed decides; None before it was set."""
-        return {"random": self._random}
+    def get_extra_state(self) -> dict[str, Any]:
+        """State of the random numbers that a seed decides, None without one, and the environment's seed they follow."""
+        return {"random": self._random, "seeding": self._seeding}
 
-    def set_extra_state(self, state: Mapping[str, Tensor | None]) -> None:
+    def set_extra_state(self, state: Mapping[str, Any]) -> None:
         """Draw on from there."""
-        self._random = state["random"]
+        self._random, seeding = state["random"], state["seeding"]
+        self._seeding = None if seeding is None else tuple(seeding)
 
     def _draw(self, number: int) -> Tensor:
         with torch.no_grad():
@@ -105,19 +107,46 @@ class ParameterRandomization(Transform):
         theta = drawn.new_zeros(batch.numel(), drawn.shape[-1]).index_copy_(0, rows, drawn)
         return tensordict.set(self.theta_key, theta.reshape(*batch, -1))
 
-    def _look_at(self, parent: EnvBase) -> None:
-        """Refuse an environment that would ignore theta; follow its seed."""
-        base = parent.base_env if isinstance(parent, TransformedEnv) else parent
+    def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         if not self._checked:
-            if self.theta_key not in parent.full_observation_spec.keys(True, True):
-                raise BadInput(
-                    f"{type(base).__name__} does not read {self.theta_key!r} at reset: nothing would be randomised",
-                    "wrap it with onlinebayes.simulators.Parameterized, or use a SimulatorEnv",
-                )
+            self._check_read(tensordict, tensordict_reset)
             self._checked = True
+        return tensordict_reset
+
+    def _look_at(self, parent: EnvBase) -> None:
+        """Refuse an environment that has no theta; follow the seed of one that says it."""
+        base = _base(parent)
+        if not self._checked and self.theta_key not in parent.full_observation_spec.keys(True, True):
+            raise self._unread(base)
         seeding = base.seeding if isinstance(base, SimulatorEnv) else None
         if seeding is not None and seeding != self._seeding:
-            outside = torch.get_rng_state()
-            torch.manual_seed(seeding[0])
-            self._random, self._seeding = torch.get_rng_state(), seeding
-            torch.set_rng_state(outside)
+            self._random, self._seeding = _random_state(seeding[0]), seeding
+
+    def _check_read(self, told: TensorDictBase, after: TensorDictBase) -> None:
+        """Refuse an environment that has theta and does not take it; ours takes it unless a state holds another."""
+        base = _base(self.parent)
+        if isinstance(base, SimulatorEnv):
+            return
+        reset, drawn = told.get("_reset", None), told.get(self.theta_key)
+        taken = after.get(self.theta_key).to(drawn)
+        rows = ... if reset is None else reset.reshape(drawn.shape[:-1])
+        if not torch.allclose(taken[rows], drawn[rows], rtol=1e-5):
+            raise self._unread(base)
+
+    def _unread(self, env: EnvBase) -> BadInput:
+        return BadInput(
+            f"{type(env).__name__} does not read {self.theta_key!r} at reset: nothing would be randomised",
+            "wrap it with onlinebayes.simulators.Parameterized, or use a SimulatorEnv",
+        )
+
+
+def _base(env: EnvBase) -> EnvBase:
+    """The environment below all transforms."""
+    while isinstance(env, TransformedEnv):
+        env = env.base_env
+    return env
+
+
+def _random_state(seed: int) -> Tensor:
+    """State of torch's random numbers right after that seed."""
+    return torch.Generator().manual_seed(seed).get_state()

@@ -134,6 +134,7 @@ def test_own_sensitivities_are_those_of_the_shared_parameter_in_their_windows(lo
     assert not bool(own.by_theta.movedim(-1, 1)[:, :9][outside].any())
 
 
+@pytest.mark.slow
 def test_masses_of_the_runs_are_recovered(loaded) -> None:
     result = compare(model(), loaded, scope=PER_RUN)
     assert list(result.parameters) == [*(f"{MASS}[run run{k}]" for k in range(6)), DAMPING]
@@ -160,6 +161,7 @@ def test_runs_of_one_group_have_one_value(loaded) -> None:
     assert error < 1.2 * floor
 
 
+@pytest.mark.slow
 def test_a_group_of_its_own_is_no_group(loaded) -> None:
     alone = compare(model(), loaded, scope=PER_RUN)
     grouped = compare(model(), loaded, scope=Scope((MASS,), groups=tuple(loaded.runs)))
@@ -211,6 +213,7 @@ def test_held_out_halves_are_swapped(loaded) -> None:
     assert held_out_model(model(), windows, phi)[1] is windows
 
 
+@pytest.mark.slow
 def test_a_load_of_one_size_a_run_is_named_and_sized() -> None:
     loads = (0.3, 0.4, 0.6, 0.5, 0.2, 0.1, 0.4, 0.5, 0.3)
     data = weighed((2.5,) * 9, loads)
@@ -225,6 +228,7 @@ def test_a_load_of_one_size_a_run_is_named_and_sized() -> None:
     assert list(row.parameters) == [f"load[run run{k}]" for k in range(6)]
 
 
+@pytest.mark.slow
 def test_two_effects_of_scope_and_constants_together() -> None:
     """Payloads of one size a run, a known load in some runs: both recovered where they are free, used where known."""
     masses, loads = (2.0, 2.6, 2.2, 2.8, 2.4, 2.5, 2.1), (0.5, 0.0) * 3 + (0.5,)

@@ -34,7 +34,8 @@ def entities(path: Path) -> dict[str, int]:
     """Entity path -> rows, of a recording."""
     rows: dict[str, int] = {}
     for chunk in RrdReader(path).stream().to_chunks():
-        rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
+        if not chunk.is_static:
+            rows[chunk.entity_path] = rows.get(chunk.entity_path, 0) + chunk.num_rows
     return rows
 
 

@@ -70,6 +70,7 @@ def _rolled(model: str, pairs: list[tuple[float, float]], u: np.ndarray, q: floa
     return simulator.rollout(torch.tensor(pairs, dtype=torch.float64), start.double(), inputs, times)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("model", "law", "u"),
     [

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import mujoco
 import numpy as np
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, UInt8
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
@@ -27,6 +27,7 @@ from onlinebayes.simulators.mujoco.export import bodies_with_adjusted_inertia, e
 from onlinebayes.simulators.mujoco.foreign import not_exportable
 from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import load_spec
+from onlinebayes.simulators.mujoco.pictures import Renderer
 from onlinebayes.simulators.mujoco.recall import actuator_forces, hidden_states_along
 from onlinebayes.simulators.mujoco.rollout import rollout
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -93,6 +94,7 @@ class MujocoSimulator(Remakable):
         self._theta = self.nominal.expand(worlds, -1).clone()
         self._hidden = self._system.rest(worlds)
         self._worlds.write_theta(to_host(self._theta))
+        self._renderers: dict[tuple[int, int], Renderer] = {}
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
@@ -286,6 +288,18 @@ class MujocoSimulator(Remakable):
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
         """Where they are."""
         return drawing.poses(self.model, to_host(states.get("qpos")))
+
+    def picture(
+        self,
+        theta: Float[Tensor, " P"],
+        state: TensorDictBase,
+        size: tuple[int, int],
+        beside: tuple[Sequence[Shape], Float[Tensor, "S 7"]],
+    ) -> UInt8[np.ndarray, "H W 3"]:
+        """A world by MuJoCo's renderer; see :class:`~onlinebayes.simulators.pictures.Pictured`."""
+        if size not in self._renderers:
+            self._renderers[size] = Renderer(self._system, size)
+        return self._renderers[size].picture(theta, state, beside)
 
     def fields(self, theta: Float[np.ndarray, "N P"]) -> dict[str, np.ndarray]:
         """The per-world arrays (N, ...) of the model's fields that parameters and effects set, by MuJoCo's names."""

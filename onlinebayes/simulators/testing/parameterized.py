@@ -106,7 +106,9 @@ def _check_carried(env: EnvBase, trial: _Trial) -> None:
             begin = trial.reset(env, given)
             after = trial.walk(env, actions)
             for found, where in ((begin, "after a reset"), (after[..., 0], "after a step"), (after[..., -1], "later")):
-                _require_theta(found[trial.key], theta, f"{where} that was given {'it' if given is not None else 'none'}")
+                _require_theta(
+                    found[trial.key], theta, f"{where} that was given {'it' if given is not None else 'none'}"
+                )
 
 
 def _require_theta(found: Tensor, wanted: Tensor, where: str) -> None:

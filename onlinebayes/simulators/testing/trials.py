@@ -73,7 +73,7 @@ def require_same(a: TensorDictBase, b: TensorDictBase, atol: float, what: str) -
         set(a.keys(True, True)) == set(b.keys(True, True)), f"{what}: the keys differ: {set(a.keys())}, {set(b.keys())}"
     )
     for key in a.keys(True, True):
-        x, y = a.get(key), b.get(key)
+        x, y = (value.double() if value.dtype == torch.bool else value for value in (a.get(key), b.get(key)))
         require(x.shape == y.shape, f"{what}: {key} has shape {tuple(x.shape)} and {tuple(y.shape)}")
         off = torch.where((x == y) | (x.isnan() & y.isnan()), torch.zeros_like(x), (x - y).abs())
         require(bool((off <= atol).all()), f"{what}: {key} differs by {float(off.max()):g}, allowed {atol:g}")

@@ -54,6 +54,7 @@ def model() -> MujocoSimulator:
     return MujocoSimulator(ARM, FREE, threads=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("denser", [True, False])
 def test_the_log_decides_whether_moments_follow_the_mass(denser: bool) -> None:
     machine = model().with_scaled_moments() if denser else model()

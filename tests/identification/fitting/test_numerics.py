@@ -56,6 +56,7 @@ def test_a_rung_changes_step_and_method_and_nothing_else() -> None:
     assert (model.opt.timestep, model.opt.integrator) == (0.002, mujoco.mjtIntegrator.mjINT_RK4)
 
 
+@pytest.mark.slow
 def test_the_shift_is_what_a_step_moves_theta() -> None:
     measurement = measure(runs=3, noise=2e-3)
     noise = noise_floors(measurement.signals, ())
@@ -81,6 +82,7 @@ def test_how_fine_a_step_is_is_asked_of_the_fitted_model() -> None:
     assert grounds.numerics == now
 
 
+@pytest.mark.slow
 def test_a_first_order_integrator_is_given_finer_steps() -> None:
     measurement = measure(runs=8, noise=2e-3)
     noise = noise_floors(measurement.signals, ())
@@ -131,6 +133,7 @@ def test_rungs_of_a_first_order_integrator_are_foretold(noise: float, passed_by:
     assert not _too_coarse(OneIntegrator(EULER, FREE, threads=1), coarse, Rung(0.0025))
 
 
+@pytest.mark.slow
 def test_an_integrator_that_stays_too_coarse_names_nothing() -> None:
     # At a noise of 0.1 mm not even a sixteenth of the step brings Euler's error below a tenth of it.
     result = refine(OneIntegrator(EULER, FREE, threads=1), measure(runs=8), candidates=SHIFTS)
@@ -139,6 +142,7 @@ def test_an_integrator_that_stays_too_coarse_names_nothing() -> None:
     assert any("numerics" in note for note in result.notes)
 
 
+@pytest.mark.slow
 def test_a_model_integrated_by_euler_is_judged_by_runge_kutta_and_says_so() -> None:
     result = refine(MujocoSimulator(EULER, FREE, threads=1), measure(runs=8), candidates=SHIFTS)
     assert (result.verdict, result.accepted) == ("adequate", ())
@@ -170,6 +174,7 @@ def test_a_true_delay_shorter_than_the_step_is_found_where_the_integrator_is_exa
     assert result.parameters["actuator_delay@motor.delay"].mean == pytest.approx(0.006, abs=2e-4)
 
 
+@pytest.mark.slow
 def test_friction_calls_for_a_finer_step_than_the_smooth_model() -> None:
     friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
     measurement = measure({friction: (0.5,)}, runs=3, seconds=2.0, noise=2e-4)

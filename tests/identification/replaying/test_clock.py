@@ -46,6 +46,7 @@ def test_a_user_reads_which_step_is_used_and_why() -> None:
     assert longer.endswith("timestep of 0.008 s is no multiple of that, so the model is run in steps of 0.005 s")
 
 
+@pytest.mark.slow
 def test_a_coarse_model_finds_the_masses_of_a_log_whose_rows_it_missed() -> None:
     coarse = MujocoSimulator(SLIDE.replace('timestep="0.01"', 'timestep="0.004"'), FREE, threads=1)
     measurement = measure(runs=9)  # rows every 10 ms, commands held between them

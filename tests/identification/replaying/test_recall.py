@@ -175,6 +175,7 @@ def test_a_run_whose_motion_is_not_known_is_replayed(served: tuple[torch.Tensor,
     assert history_rows(simulator, windows) == int(windows.first.max()) > 0
 
 
+@pytest.mark.slow
 def test_a_fit_recovers_the_time_constant_of_a_motor_that_heats(driven: tuple[torch.Tensor, TensorDict]) -> None:
     windows = make_windows(rig(), read(*driven), 1.0)
     begin = torch.tensor([*TRUTH, 0.3, 5.0]).double()
