@@ -10,10 +10,12 @@ import shlex
 import shutil
 import subprocess
 import sys
+import tempfile
 import webbrowser
 from pathlib import Path
 
 from onlinebayes.runs.errors import BadInput
+from onlinebayes.runs.recordings import copy_whole, whole_bytes
 
 PAGES = {"report.html": "report", "run.html": "page"}
 """Of criticism, and of a training run."""
@@ -30,7 +32,7 @@ CONTENTS = {
 
 
 def show(folder: str | Path, *, html: bool = False) -> None:
-    """Open the page and the recordings of a folder, or print where they are and how to open them; say what else is there.
+    """Open the page and the recordings of a folder, or say how to open them, and what else is there.
 
     Args:
         folder: that a command or a run wrote.
@@ -55,7 +57,7 @@ def show(folder: str | Path, *, html: bool = False) -> None:
     if html:
         return
     if recordings:
-        paths = [str(path) for path in recordings]
+        paths = [str(_readable(path)) for path in recordings]
         viewer = shutil.which("rerun") or str(Path(sys.executable).with_name("rerun"))
         started = screen and _started([viewer, *paths])
         where = ", ".join(str(path.resolve()) for path in recordings)
@@ -63,6 +65,15 @@ def show(folder: str | Path, *, html: bool = False) -> None:
     for pattern, what in CONTENTS.items():
         if found := sorted(folder.glob(pattern)):
             _tell("", f"{found[-1].name}: {what}")
+
+
+def _readable(recording: Path) -> Path:
+    """The recording, or a copy of what of it the viewer can read."""
+    if whole_bytes(recording) == recording.stat().st_size:
+        return recording
+    copy = Path(tempfile.mkdtemp(prefix="onlinebayes-")) / recording.name
+    copy_whole(recording, copy)
+    return copy
 
 
 def _tell(label: str, text: str) -> None:

@@ -37,6 +37,7 @@ from onlinebayes.loggers import charts, layout
 from onlinebayes.loggers.shapes import alike, archetype
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
+from onlinebayes.runs.recordings import copy_whole, whole_bytes
 from onlinebayes.simulators import Shape
 from onlinebayes.simulators.drawing import View, view_of
 
@@ -90,11 +91,11 @@ class RunRecorder:
         most: int = MOST_BYTES,
     ) -> None:
         self.space, self.truth, self.loggers, self.most = space, truth, loggers, most
-        earlier = [path for path in Path(folder).glob("run*.rrd") if re.fullmatch(r"run(-\d+)?\.rrd", path.name)]
-        number = max((int(path.stem[4:] or 1) for path in earlier), default=0) + 1
+        found = Path(folder).glob("run*.rrd")
+        self._earlier = [path for path in found if re.fullmatch(r"run(-\d+)?\.rrd", path.name)]
+        number = max((int(path.stem[4:] or 1) for path in self._earlier), default=0) + 1
         self.path = Path(folder) / ("run.rrd" if number == 1 else f"run-{number}.rrd")
         self._id = f"{name}-{Path(folder).resolve().name}"
-        self._earlier = sum(path.stat().st_size for path in earlier)
         self._slot = 1.1 * seconds  # of each step on the time line ``time``
         self._opened: RecordingStream | None = None
         self._scalars: dict[str, None] = {}  # in the order of their first appearance
@@ -221,6 +222,9 @@ class RunRecorder:
         import rerun as rr  # 0.7 s: only when there is something to record
 
         if self._opened is None:
+            for path in self._earlier:  # the viewer refuses what a kill cut within a message
+                if whole_bytes(path) < path.stat().st_size:
+                    copy_whole(path, path)
             self._opened = rr.RecordingStream("onlinebayes", recording_id=self._id, send_properties=False)
             try:
                 self._opened.save(self.path)
@@ -264,7 +268,7 @@ class RunRecorder:
 
     def _room(self, step: int) -> bool:
         """Whether a step's pictures and episodes are kept: all until half of the bytes are spent, then ever fewer."""
-        spent = self._earlier + (self.path.stat().st_size if self._opened is not None else 0)
+        spent = sum(path.stat().st_size for path in (*self._earlier, self.path) if path.exists())
         halvings = 0
         while spent > self.most * (1 - 0.5 ** (halvings + 1)) and halvings < 8:
             halvings += 1
