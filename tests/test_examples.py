@@ -12,7 +12,11 @@ from tests.test_tutorial import blocks, shown_in
 PAGES = sorted((Path(__file__).parents[1] / "docs" / "examples").glob("*.md"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+TRAINS = {"adaptive-policy", "task-for-your-mjcf"}  # a policy, for a quarter of a minute
+CASES = [pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem in TRAINS else ()) for page in PAGES]
+
+
+@pytest.mark.parametrize("page", CASES)
 def test_the_page_does_what_it_says(
     page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
