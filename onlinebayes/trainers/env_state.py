@@ -46,8 +46,12 @@ def collector_state(collector: Any) -> dict[str, Any]:
 
 
 def load_collector_state(collector: Any, state: Mapping[str, Any]) -> None:
-    """The next batch is the one that would have come."""
+    """The next batch is the one that would have come; fresh episodes where the worlds cannot say where they stood."""
     load_env_state(collector.env, state["env"])
+    if state["env"]["worlds"] is None:
+        # What was carried belongs to worlds that are gone.
+        collector.reset()
+        return
     device = None if collector._carrier_has_no_device else collector.env.device
     carried = TensorDict(dict(state["carried"]), batch_size=collector.env.batch_size, device=device)
     collector._carrier = carried.unflatten_keys("\n")
