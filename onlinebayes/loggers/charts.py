@@ -46,8 +46,11 @@ def calibration(levels: Sequence[float], coverage: Sequence[float]) -> Curves:
 
 def to_svg(curves: Curves) -> str:
     """The chart as an SVG element."""
+    from matplotlib import rc_context
+
     text = io.StringIO()
-    _drawn(curves).savefig(text, format="svg")
+    with rc_context({"svg.fonttype": "none", "font.family": "sans-serif"}):  # letters, not outlines of letters
+        _drawn(curves).savefig(text, format="svg")
     return text.getvalue()[text.getvalue().index("<svg") :]
 
 
@@ -66,9 +69,9 @@ def _drawn(curves: Curves) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.ticker import EngFormatter, MaxNLocator
 
-    figure = Figure(figsize=SIZE, layout="constrained")
+    figure = Figure(figsize=SIZE)
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
+    axes = figure.add_axes((0.13, 0.17, 0.84, 0.72))  # fixed: a computed layout draws the chart thrice
     name, x = curves.x
     marker = "o" if len(x) <= 30 else ""
     for i, (line, values) in enumerate(curves.lines.items()):

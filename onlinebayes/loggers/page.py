@@ -26,7 +26,7 @@ th { color: #5b626d; font-weight: 500 } tr { border-bottom: 1px solid #e3e6ea }
 td { font-variant-numeric: tabular-nums } td:first-child, th:first-child { text-align: left }
 img, svg { max-width: 100%; height: auto }
 figure { margin: 0 } figcaption { color: #5b626d; font-size: .92rem }
-.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(20rem, 1fr)); gap: 1.2rem }
+.charts { display: grid; grid-template-columns: repeat(auto-fill, minmax(17rem, 1fr)); gap: 1.2rem }
 .bar { display: flex; height: 1.3rem; border-radius: 3px; overflow: hidden } .bar span { display: block }
 ul.notes { color: #5b626d; font-size: .92rem; padding-left: 1.2rem }
 """

@@ -68,7 +68,7 @@ class Progress:
             self._frames.popleft()
         (then, before), told = self._frames[0], []
         if now > then:
-            told.append(f"{(frames - before) / (now - then):.3g} frames/s")
+            told.append(f"{(frames - before) / (now - then):,.0f} frames/s")
         done, spent = step - self._began[0], now - self._began[1]
         if self.total and done > 0:
             told.append(f"{_span(spent * max(self.total - step, 0) / done)} left")
