@@ -15,6 +15,7 @@ One environment is one world; ``SerialEnv(8, partial(suite, "cartpole-swingup", 
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from typing import Any
 
@@ -107,7 +108,9 @@ class WriteModel:
 
 def _load(name: str, seed: int | None, seconds: float | None) -> Any:
     try:
-        from dm_control import suite as tasks  # rendering is set up at import
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # rendering is set up at import, and tells who has no screen
+            from dm_control import suite as tasks
     except ImportError:
         raise BadInput("dm_control is not installed", "pip install 'onlinebayes[dm-control]'") from None
     known = {f"{domain}-{task}": (domain, task) for domain, task in tasks.ALL_TASKS}

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import csv
 import logging
 import sys
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, get_args
 
 import torch
 import tyro
@@ -17,7 +19,16 @@ from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
-from onlinebayes.trainers import OnlineState, OnlineTrainer, Point, Problem, Recording, Schedule, run_in_folder
+from onlinebayes.trainers import (
+    OnlineState,
+    OnlineTrainer,
+    Point,
+    Problem,
+    Recording,
+    Schedule,
+    SimulatedPlayer,
+    run_in_folder,
+)
 from onlinebayes.transforms import Distribution
 
 Kind = Literal["online", "posterior-first", "prior", "oracle"]
@@ -92,10 +103,14 @@ def settle() -> None:
 
 def main(name: str, build: Callable[[Settings], Run], description: str | None) -> int:
     """Read the settings, run in a folder of the run's own, say what was written; returns the exit status."""
+    return status(partial(run, name, build), Settings, description)
+
+
+def status(play: Callable[[Any], int], settings: type, description: str | None) -> int:
+    """What a recipe's ``play`` returns for the settings of the command line; 2 and one line for bad input."""
     settle()
     try:
-        settings = tyro.cli(Settings, prog=f"python -m recipes.{name}", description=description)
-        return run(name, build, settings)
+        return play(tyro.cli(settings, description=description))
     except BadInput as error:
         print(error, file=sys.stderr)
         return 2
@@ -104,19 +119,36 @@ def main(name: str, build: Callable[[Settings], Run], description: str | None) -
 def run(name: str, build: Callable[[Settings], Run], settings: Settings) -> int:
     """One run; 0 when the belief holds the truth better than the prior did, 130 when it was stopped."""
     seed_everything(settings.seed)
-    place = Path(settings.out) / "-".join([name, settings.kind, str(settings.seed), *["short"] * settings.short])
+    place = Path(settings.out) / folder_of(name, settings)
     told = {key: value for key, value in asdict(settings).items() if key != "out"}
     with RunFolder(place, name, settings=told) as folder:
         made = build(settings)
-        recording = Recording(place, name, made.problem, made.trainer.objective.policy, made.truth)
-        state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
-        recording.close()
+        player = SimulatedPlayer(made.problem, made.trainer.objective.policy, made.truth)
+        kinds = baselines(Path(settings.out), name, settings)
+        with Recording(place, name, made.problem.prior, player, made.truth, kinds) as recording:
+            state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return 130
         write_atomic(folder.path("finished"), "")
     print(f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser")
     return outcome(made, state)
+
+
+def baselines(out: Path, name: str, settings: Settings) -> dict[str, float]:
+    """Last returns of the other kinds of run with the same seed, as far as they lie in the same folder."""
+    found = {}
+    for kind in get_args(Kind):
+        log = out / folder_of(name, replace(settings, kind=kind)) / "log.csv"
+        if kind != settings.kind and log.exists():
+            with log.open(encoding="utf-8") as file:
+                found[kind] = float(list(csv.DictReader(file))[-1]["figure/return"])
+    return found
+
+
+def folder_of(name: str, settings: Settings) -> str:
+    """Name of a run's folder."""
+    return "-".join([name, settings.kind, str(settings.seed), *["short"] * settings.short])
 
 
 def outcome(made: Run, state: OnlineState) -> int:

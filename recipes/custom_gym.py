@@ -17,9 +17,11 @@ from typing import Any
 
 import gymnasium
 import torch
-import tyro
+from tensordict import TensorDict
 from torchrl.envs import GymWrapper, SerialEnv, TransformedEnv
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from envs.pendulum import Pendulum
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import (
     Belief,
@@ -36,10 +38,13 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import RunFolder, generator, seed_everything
 from onlinebayes.simulators import Parameterized
 from onlinebayes.trainers import (
+    Episode,
     OnlineState,
     OnlineTrainer,
     Point,
+    Policy,
     RealEnvironment,
+    Recording,
     Schedule,
     Simulations,
     collector_of,
@@ -47,7 +52,7 @@ from onlinebayes.trainers import (
     run_in_folder,
 )
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.common import settle
+from recipes.common import settle, status
 
 SPACE = ParameterSpace({"length": Parameter(0.5, 1.5, "m"), "mass": Parameter(0.5, 1.5, "kg")})
 WORLDS = 16
@@ -90,6 +95,27 @@ def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
     return NeuralEstimator(NeuralPosteriorLoss(embedding, network), partial(fit, epochs=epochs))
 
 
+@dataclass(frozen=True)
+class Player:
+    """Plays one episode of Gymnasium's pendulum, and draws it as ours is drawn."""
+
+    policy: Policy
+    truth: torch.Tensor
+
+    def __call__(self, state: OnlineState) -> dict[str, Episode]:
+        """The episode after a step."""
+        env, angles = worlds(1, Point(self.truth), 7)[0], []
+        data = env.reset()
+        with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+            for _ in range(200):
+                cos, sin, _ = data["observation"][0].double()
+                angles.append(torch.atan2(sin, cos))
+                data = env.step_mdp(env.step(self.policy(data)))
+        states = TensorDict({"qpos": torch.stack(angles)[:, None]}, batch_size=(len(angles),))
+        drawn = Pendulum(SPACE)
+        return {"real": Episode(drawn.shapes(self.truth), drawn.poses(self.truth, states), drawn.dt)}
+
+
 def build(settings: Settings, truth: torch.Tensor) -> OnlineTrainer:
     """The whole composition."""
     prior, seed = BoxUniform(SPACE), settings.seed
@@ -128,14 +154,17 @@ def main(settings: Settings) -> int:
                 "log density of the truth": float(state.belief.log_prob(truth)),
             }
 
-        state = run_in_folder(trainer, prior, folder, judge=judge)
+        player = Player(trainer.objective.policy, truth)
+        with Recording(place, "custom_gym", prior, player, truth) as recording:
+            state = run_in_folder(trainer, prior, folder, judge=judge, watchers=(recording,))
     if state.interrupted:
         print(f"stopped; kept: {state.kept()}. The same command goes on from there")
         return 130
     gain = float(state.belief.log_prob(truth) - prior.log_prob(truth))
     print(f"the belief holds the truth {gain:.1f} nats better than the prior; written: {place}")
+    print(f"open it with: onlinebayes show {place}")
     return 0 if gain > 0 else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Settings, description=__doc__)))
+    sys.exit(status(main, Settings, __doc__))

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import torch
-import tyro
 from torchrl.collectors import Collector
 from torchrl.data import LazyTensorStorage, ReplayBuffer, SamplerWithoutReplacement
 from torchrl.envs import StepCounter, TransformedEnv
@@ -23,6 +22,7 @@ from torchrl.objectives.value import GAE
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralPosteriorLoss, Posterior, fit
+from onlinebayes.loggers import RunRecorder
 from onlinebayes.objectives import state_value, stochastic_policy
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import seed_everything
@@ -30,7 +30,7 @@ from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers import Point, trajectories
 from onlinebayes.transforms import ParameterRandomization
 from recipes.cartpole import state
-from recipes.common import settle
+from recipes.common import settle, status
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 
@@ -43,6 +43,8 @@ class Settings:
     """of networks, worlds and draws"""
     batches: int = 24
     """of 64 worlds x 64 steps"""
+    out: str = "out/custom_loop"
+    """the recording goes here"""
 
 
 def worlds(number: int, drawn: ParameterRandomization, seed: int) -> TransformedEnv:
@@ -66,8 +68,14 @@ def main(settings: Settings) -> int:
     advantage = GAE(gamma=0.99, lmbda=0.95, value_network=critic, vectorized=False, deactivate_vmap=True)
     buffer = ReplayBuffer(storage=LazyTensorStorage(4096), sampler=SamplerWithoutReplacement(), batch_size=512)
     optimiser = torch.optim.Adam(loss.parameters(), lr=1e-3)
-    frames = 64 * 64
-    collector = Collector(env, policy, frames_per_batch=frames, total_frames=settings.batches * frames)
+    frames, recorder = 64 * 64, RunRecorder(settings.out, "custom_loop", SPACE, seconds=10.0, truth=truth)
+    collector = Collector(
+        env,
+        policy,
+        frames_per_batch=frames,
+        total_frames=settings.batches * frames,
+        auto_register_policy_transforms=False,
+    )
     for k, batch in enumerate(collector, 1):
         batch["next", "reward"] *= 0.01  # values of order one
         with torch.no_grad():
@@ -82,6 +90,7 @@ def main(settings: Settings) -> int:
                 optimiser.step()
                 optimiser.zero_grad()
         longest = int(batch["next", "step_count"].max())
+        recorder.step(k, {"figures/longest episode": longest, "losses/critic": float(losses["loss_critic"])})
         print(f"batch {k}: {k * frames} frames, longest episode {longest} steps", flush=True)
     collector.shutdown()
 
@@ -97,11 +106,14 @@ def main(settings: Settings) -> int:
     train(posterior_loss, simulated)
     measured = trajectories(worlds(1, ParameterRandomization(Point(truth)), 2), policy, 50).exclude("theta")
     posterior = Posterior(posterior_loss).condition(measured)
+    recorder.belief(settings.batches, posterior)
+    recorder.close()
     gain = float(posterior.log_prob(truth) - prior.log_prob(truth))
     mean = ", ".join(f"{name} {value:.2f}" for name, value in zip(SPACE.names, posterior.mean().tolist(), strict=True))
     print(f"posterior mean: {mean} (truth: 0.50, 0.20); the truth gains {gain:.1f} nats over the prior")
+    print(f"written: {recorder.path}   open it with: rerun {recorder.path}")
     return 0 if gain > 0 and longest > 100 else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Settings, description=__doc__)))
+    sys.exit(status(main, Settings, __doc__))

@@ -12,18 +12,22 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import torch
-import tyro
 from torchrl.envs import SerialEnv, TransformedEnv
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.dm_control import suite
 from onlinebayes.inference import BoxUniform
+from onlinebayes.loggers import RunRecorder
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Checkpoints, Progress, seed_everything
-from onlinebayes.trainers import Point, collector_of, returns
+from onlinebayes.simulators import Shape
+from onlinebayes.simulators.mujoco import drawing
+from onlinebayes.trainers import Point, Policy, collector_of, returns
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.common import settle
+from recipes.common import settle, status
 
 SPACES = {
     "cartpole-swingup": ParameterSpace(
@@ -57,6 +61,19 @@ def worlds(task: str, number: int, distribution: Distribution, seed: int) -> Tra
     return env
 
 
+def filmed(task: str, policy: Policy, steps: int) -> tuple[tuple[Shape, ...], torch.Tensor, float]:
+    """Shapes, poses and time step of one episode in the model as it ships."""
+    env, qpos = suite(task, SPACES[task]), []
+    physics = env.inner.physics
+    data = env.reset()
+    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
+        for _ in range(min(steps, 400)):
+            qpos.append(physics.data.qpos.copy())
+            data = env.step_mdp(env.step(policy(data)))
+    model = physics.model.ptr
+    return drawing.shapes(model), drawing.poses(model, np.stack(qpos)), env.inner.control_timestep()
+
+
 def main(settings: Settings) -> int:
     """Train, judge in the model as it ships, save; 0 when the policy is better than it was."""
     settle()
@@ -73,11 +90,13 @@ def main(settings: Settings) -> int:
     before = float(returns(judged, objective.policy, episode).mean())
     batches = 4 if settings.short else settings.batches
     collector = collector_of(env, objective.policy, STEPS)
+    recorder = RunRecorder(settings.out, "dm_control", space, seconds=10.0, truth=shipped)
     with Progress("dm_control", batches) as progress:
         for batch in range(1, batches + 1):
             data = collector.next()
             assert data is not None
-            objective.update(data)
+            losses = objective.update(data)
+            recorder.step(batch, {f"losses/{name}": value for name, value in losses.items()})
             progress.update(batch, f"reward a step {float(data['next', 'reward'].mean()):.3f}")
     after = float(returns(judged, objective.policy, episode).mean())
     saved = Checkpoints(Path(settings.out), f"dm_control-{settings.task}").save(
@@ -85,14 +104,9 @@ def main(settings: Settings) -> int:
     )
     told = ", ".join(f"{name} {value:.3g}" for name, value in zip(space.names, shipped.tolist(), strict=True))
     print(f"return in the model as it ships ({told}): {before:.1f} before, {after:.1f} after")
-    print(f"written: {saved}")
+    print(f"written: {saved} and {recorder.path}   open it with: rerun {recorder.path}")
     return 0 if settings.short or after > before else 1
 
 
 if __name__ == "__main__":
-    torch.set_num_threads(1)
-    try:
-        sys.exit(main(tyro.cli(Settings, description=__doc__)))
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(status(main, Settings, __doc__))

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-import tyro
 
 from envs.driven_pendulum import Protocol
 from onlinebayes.cli.problem import load_problem
@@ -23,9 +22,10 @@ from onlinebayes.cli.work import criticise
 from onlinebayes.criticism.report import write_report
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
+from onlinebayes.loggers import RunRecorder
 from onlinebayes.runs import Checkpoints, seed_everything, write_atomic
 from onlinebayes.simulators import Simulator
-from recipes.common import settle
+from recipes.common import settle, status
 from recipes.demo.measure import hidden_truth, measure, write_problem
 from recipes.demo.policy import Training, episodes, returns, train
 from recipes.demo.posterior import Rounds, infer
@@ -78,6 +78,10 @@ def main(settings: Settings) -> int:
         name: float(returns(episodes(objective.policy, truth, 20, settings.seed)).mean())
         for name, objective in (("the model as it was", wrong), ("the mended model", mended))
     }
+    recorder = RunRecorder(out, "from_logs", simulator.parameters, seconds=2.0, truth=None)
+    recorder.belief(1, posterior)
+    recorder.returns(1, scores)
+    recorder.close()
     saved = Checkpoints(out, "from_logs").save({"policy": mended.policy.state_dict(), "posterior": to_state(posterior)})
     write_atomic(out / "scores.json", json.dumps(scores, indent=1) + "\n")
     for name, score in scores.items():
@@ -99,4 +103,4 @@ def told(values: torch.Tensor, sds: torch.Tensor, simulator: Simulator) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Settings, description=__doc__)))
+    sys.exit(status(main, Settings, __doc__))

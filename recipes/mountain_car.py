@@ -16,16 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.mountain_car import HIGH, LOW, MAX_SPEED, MountainCar, MountainCarTask
-from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
-from onlinebayes.inference import (
-    Belief,
-    BoxUniform,
-    MixtureEstimator,
-    NeuralEstimator,
-    NeuralPosteriorLoss,
-    PosteriorEstimator,
-    fit,
-)
+from onlinebayes.inference import BoxUniform, fit, residual_estimator
 from onlinebayes.objectives import ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
@@ -41,29 +32,17 @@ def state(observation: Tensor) -> TensorDict:
     return TensorDict({"qpos": position, "qvel": speed}, batch_size=observation.shape[:1])
 
 
-def estimator(problem: Problem, epochs: int, proposal: Belief) -> PosteriorEstimator:
-    """Transitions told beside the simulator at the proposal's centre -> their least-squares sums -> a mixture."""
-    task = problem.task
-    reference = SimulatorReference(
-        problem.simulator, proposal.box.cross(), state=state, command=task.command, observe=task.observe
-    )
-    features = TransitionFeatures(2, 3, reference=reference, sensitivities=len(SPACE))
-    embedding = SummaryEmbedding(features)
-    network = MixtureEstimator(SPACE, embedding.size, box=proposal.box)
-    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
-    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
-
-
 def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(MountainCar(SPACE), MountainCarTask(), BoxUniform(SPACE), settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"force": 0.001})
     objective = ppo(*problem.specs, normalise=True, frames_per_batch=8192, minibatch=1024)
     steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 500, 25)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
     trainer = online_trainer(
         problem,
         objective,
-        estimator=partial(estimator, problem, epochs),
+        estimator=residual_estimator(problem.simulator, problem.task, state=state, train=train),
         real=problem.hidden(truth, settings.seed + 2000),
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=64, batch_steps=128, simulations=simulations, groups=64),

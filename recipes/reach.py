@@ -16,21 +16,14 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from envs.reach import PHYSICAL, ReachTask, arm, fingertip
-from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
-from onlinebayes.inference import (
-    Belief,
-    BoxUniform,
-    MixtureEstimator,
-    NeuralEstimator,
-    NeuralPosteriorLoss,
-    PosteriorEstimator,
-    fit,
-)
+from onlinebayes.inference import BoxUniform, fit, residual_estimator
 from onlinebayes.objectives import Hindsight, ddpg
 from onlinebayes.trainers import Problem, Sizes, online_trainer
 from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = PHYSICAL.subspace(["joint.elbow.damping", "actuator.elbow.gear"])
+# Of cosines and sines, rates [rad/s] and fingertip [m], to which sensor noise is relative; goals are known exactly.
+RANGE = torch.tensor((*[2.0] * 6, *[6.0] * 3, *[1.2] * 3))
 
 
 def state(observation: Tensor) -> TensorDict:
@@ -45,22 +38,10 @@ def observe(state: TensorDictBase) -> Tensor:
     return torch.cat((q.cos(), q.sin(), state["qvel"], fingertip(q)), dim=-1).to(torch.float32)
 
 
-def estimator(problem: Problem, epochs: int, proposal: Belief) -> PosteriorEstimator:
-    """Transitions told beside the simulator at the proposal's centre -> their least-squares sums -> a mixture."""
-    reference = SimulatorReference(
-        problem.simulator, proposal.box.cross(), state=state, command=problem.task.command, observe=observe
-    )
-    features = TransitionFeatures(12, 3, reference=reference, sensitivities=len(SPACE))
-    embedding = SummaryEmbedding(features)
-    network = MixtureEstimator(SPACE, embedding.size, box=proposal.box)
-    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
-    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
-
-
 def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     task = ReachTask()
-    problem = Problem(arm(SPACE, threads=1), task, BoxUniform(SPACE))
+    problem = Problem(arm(SPACE, threads=1), task, BoxUniform(SPACE), settings.noise * RANGE)
     default = dict(zip(SPACE.names, problem.simulator.nominal.tolist(), strict=True))
     truth = hidden_truth(SPACE, settings.seed, default)
     objective = ddpg(
@@ -73,10 +54,11 @@ def build(settings: Settings) -> Run:
         action_penalty=0.1,
     )
     steps, batches, simulations, epochs = (2, 2, 60, 4) if settings.short else (4, 8, 300, 20)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
     trainer = online_trainer(
         problem,
         objective,
-        estimator=partial(estimator, problem, epochs),
+        estimator=residual_estimator(problem.simulator, problem.task, state=state, observe=observe, train=train),
         real=problem.hidden(truth, settings.seed + 2000),
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=32, batch_steps=50, simulations=simulations, groups=48),

@@ -30,6 +30,7 @@ from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.posterior import Posterior
+from onlinebayes.inference.residual import residual_estimator
 from onlinebayes.inference.trajectories import TrajectoryKeys
 
 __all__ = [
@@ -50,4 +51,5 @@ __all__ = [
     "calibration",
     "fit",
     "proposals",
+    "residual_estimator",
 ]

@@ -227,6 +227,7 @@ class RunRecorder:
                     copy_whole(path, path)
             self._opened = rr.RecordingStream("onlinebayes", recording_id=self._id, send_properties=False)
             try:
+                self.path.parent.mkdir(parents=True, exist_ok=True)
                 self._opened.save(self.path)
             except (OSError, RuntimeError) as error:
                 raise BadInput(

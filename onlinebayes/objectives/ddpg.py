@@ -25,8 +25,8 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.envs.utils import ExplorationType, exploration_type
 
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
-from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight, after
-from onlinebayes.objectives.inputs import KEYS, Inputs, inputs_of
+from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of
 from onlinebayes.objectives.networks import Network, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
 from onlinebayes.runs import BadInput

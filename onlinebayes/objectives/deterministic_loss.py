@@ -18,8 +18,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from onlinebayes.objectives.hindsight import after
-from onlinebayes.objectives.inputs import Inputs
+from onlinebayes.objectives.inputs import Inputs, after
 
 
 class DeterministicLoss(TensorDictModuleBase):

@@ -25,6 +25,7 @@ from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.objectives.buffer import TransitionBuffer
+from onlinebayes.objectives.inputs import after
 from onlinebayes.runs import BadInput
 
 LEFT = "steps_left"
@@ -210,8 +211,3 @@ def steps_left(done: Bool[Tensor, "*n T"], mask: Bool[Tensor, "*n T"]) -> Int[Te
     # The nearest end at or after each step: a running minimum from behind.
     end = torch.where(ends, step, steps).flip(-1).cummin(-1).values.flip(-1)
     return end - step
-
-
-def after(key: NestedKey) -> tuple[str, ...]:
-    """The key after the step, below ``"next"``."""
-    return ("next", *((key,) if isinstance(key, str) else key))

@@ -84,6 +84,11 @@ class Parameterized(TransformedEnv):
             )
         super().__init__(env, ReadTheta(space, apply, nominal=nominal, theta_key=theta_key))
 
+    @property
+    def inner(self) -> Any:
+        """The environment behind all wrappers: Gymnasium's own, dm_control's own, or the ``EnvBase`` itself."""
+        return _innermost(self)
+
 
 class ReadTheta(Transform):
     """The transform behind :class:`Parameterized`.

@@ -3,6 +3,7 @@
 from onlinebayes.trainers.checkpoint import Saver
 from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.online import OnlineTrainer
+from onlinebayes.trainers.playing import Episode, SimulatedPlayer
 from onlinebayes.trainers.problem import Problem, Sizes, collector_of, online_trainer
 from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
 from onlinebayes.trainers.recording import Recording
@@ -14,6 +15,7 @@ from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, returns,
 
 __all__ = [
     "Background",
+    "Episode",
     "GrowingFolder",
     "Listed",
     "OnlineState",
@@ -27,6 +29,7 @@ __all__ = [
     "Recording",
     "Saver",
     "Schedule",
+    "SimulatedPlayer",
     "Simulations",
     "Sizes",
     "TrajectoryFormat",

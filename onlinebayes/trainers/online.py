@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import torch
 
 from onlinebayes.inference import Belief, FitReport, Gate, PosteriorEstimator
-from onlinebayes.inference.calibration import credibility_of
+from onlinebayes.inference.calibration import LEVELS, credibility_of
 from onlinebayes.objectives import Objective
 from onlinebayes.runs import Interrupt, Progress
 from onlinebayes.trainers.clock import Clock
@@ -31,7 +31,7 @@ from onlinebayes.trainers.improve import Batches, improve
 from onlinebayes.trainers.real import RealSystem, measured, united
 from onlinebayes.trainers.schedule import Schedule, spread
 from onlinebayes.trainers.simulations import Simulations
-from onlinebayes.trainers.state import OnlineState, frozen
+from onlinebayes.trainers.state import Inferred, OnlineState, frozen
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
 Checkpoint = Callable[[OnlineState, bool], None]
@@ -111,8 +111,7 @@ class OnlineTrainer:
             save(state, True)
         if interrupt.requested:
             return False
-        fit: FitReport | None = None
-        coverage: float | None = None
+        inferred: Inferred | None = None
         if turn.infers:
             if not state.measured:
                 with clock("real"):
@@ -120,10 +119,10 @@ class OnlineTrainer:
                     self._measure(state)
                 save(state, True)
             if state.real is not None and not interrupt.requested:
-                fit, coverage = self._infer(state, clock, interrupt, progress)
+                inferred = self._infer(state, clock, interrupt, progress)
             if interrupt.requested:
                 return False
-        state.complete(dict(clock.seconds), fit, coverage)
+        state.complete(dict(clock.seconds), inferred)
         return True
 
     def _improve(
@@ -135,7 +134,7 @@ class OnlineTrainer:
         def after(done: int, frames: int, losses: dict[str, float]) -> bool:
             state.batches, state.losses = done, losses
             state.frames += frames
-            progress.update(state.step, f"policy {done}/{batches}")
+            progress.update(state.step + 0.5 * done / batches, f"policy {done}/{batches}", frames=state.frames)
             if done < batches and not interrupt.requested:
                 save(state, False)
             return not interrupt.requested
@@ -153,10 +152,8 @@ class OnlineTrainer:
         state.notes += [note] if note else []
         state.measured = True
 
-    def _infer(
-        self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress
-    ) -> tuple[FitReport | None, float | None]:
-        """Simulate, fit, condition, and decide where to simulate next; the state changes at the end only."""
+    def _infer(self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress) -> Inferred | None:
+        """Simulate, fit, condition, decide where to simulate next; the state changes at the end, unless stopped."""
         with clock("simulate"):
             progress.update(state.step, "simulating")
             makers = [state.policies[i] for i in spread(len(state.policies), self.schedule.behaviours)]
@@ -164,13 +161,13 @@ class OnlineTrainer:
             members = [state.policies[state.made_by[i]] for i in spread(len(state.made_by), self.schedule.group)]
             groups = self.held_out.groups(members, state.proposal)
         if interrupt.requested:
-            return None, None
+            return None
         with clock("fit"), interrupt.giving_up():
             progress.update(state.step, "fitting")
             estimator = self.estimator(state.proposal)
             report = estimator.fit(simulated, groups, generator=self.generator)
         if interrupt.requested:
-            return None, None
+            return None
         with clock("gate"):
             belief = estimator.condition(state.real)
             theta = groups.get(self.held_out.form.theta)[:, 0, 0]
@@ -179,7 +176,8 @@ class OnlineTrainer:
         state.belief, state.proposal = belief, decision.proposal
         state.simulated += simulated.numel() + groups.numel()
         state.notes += [*_doubts(report), decision.reason]
-        return report, decision.coverage
+        calibration = tuple(float((alpha <= level).double().mean()) for level in LEVELS)
+        return Inferred(report, decision.coverage, calibration)
 
 
 def _doubts(report: FitReport) -> list[str]:

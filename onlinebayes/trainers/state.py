@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import torch
@@ -27,6 +27,7 @@ class Record:
         losses: means of the policy's losses in the last batch; empty where it did not learn.
         fit: how the training of the estimator went; None where there was none.
         coverage: share of held-out truths in the belief's 95 % region; None where there was no fit.
+        calibration: the same share for each of ``calibration.LEVELS``; empty where there was no fit.
         notes: what went wrong or was decided, one line each.
         belief: mean and standard deviation of each parameter [SI].
         figures: what a judge said of the step, by name.
@@ -40,8 +41,18 @@ class Record:
     fit: FitReport | None = None
     coverage: float | None = None
     notes: tuple[str, ...] = ()
+    calibration: tuple[float, ...] = ()
     belief: dict[str, tuple[float, float]] = field(default_factory=dict)
     figures: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Inferred:
+    """What the inference of an outer step found; see :class:`Record`."""
+
+    fit: FitReport
+    coverage: float
+    calibration: tuple[float, ...]
 
 
 @dataclass
@@ -88,13 +99,20 @@ class OnlineState:
         """Number of complete outer steps."""
         return len(self.records)
 
-    def complete(self, seconds: dict[str, float], fit: FitReport | None, coverage: float | None) -> None:
+    def complete(self, seconds: dict[str, float], inferred: Inferred | None) -> None:
         """Write the record of the outer step under way and begin the next."""
-        losses = dict(self.losses) if self.batches else {}
-        clock = (self.step + 1, self.frames, self.simulated)
-        self.records.append(
-            Record(*clock, seconds, losses, fit, coverage, tuple(self.notes), belief=moments(self.belief))
+        record = Record(
+            step=self.step + 1,
+            frames=self.frames,
+            simulated=self.simulated,
+            seconds=seconds,
+            losses=dict(self.losses) if self.batches else {},
+            notes=tuple(self.notes),
+            belief=moments(self.belief),
         )
+        if inferred is not None:
+            record = replace(record, fit=inferred.fit, coverage=inferred.coverage, calibration=inferred.calibration)
+        self.records.append(record)
         self.batches, self.measured, self.notes = 0, False, []
 
     def kept(self) -> str:
@@ -153,5 +171,5 @@ def moments(belief: Belief) -> dict[str, tuple[float, float]]:
 
 
 def _record(values: Mapping[str, Any]) -> Record:
-    fit = values["fit"]
-    return Record(**{**values, "fit": None if fit is None else FitReport(**fit), "notes": tuple(values["notes"])})
+    fit, tuples = values["fit"], {name: tuple(values[name]) for name in ("notes", "calibration")}
+    return Record(**{**values, **tuples, "fit": None if fit is None else FitReport(**fit)})

@@ -142,8 +142,9 @@ def test_without_tensorboard_a_line_says_so(tmp_path: Path, capsys, monkeypatch)
 
 
 def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("a file, not a folder")
     with pytest.raises(BadInput, match="cannot be written"):
-        RunRecorder(tmp_path / "nowhere", "pendulum", SPACE, seconds=1.0).step(1, {"losses/actor": 1.0})
+        RunRecorder(tmp_path / "taken" / "run", "pendulum", SPACE, seconds=1.0).step(1, {"losses/actor": 1.0})
 
 
 @pytest.mark.parametrize("ghost", [False, True])

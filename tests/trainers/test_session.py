@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from onlinebayes.runs import RunFolder
-from onlinebayes.trainers import OnlineState, Recording, run_in_folder
-from onlinebayes.trainers.recording import play
+from onlinebayes.trainers import OnlineState, Recording, SimulatedPlayer, run_in_folder
+from onlinebayes.trainers.playing import play
 from tests.trainers.test_online import PRIOR, PROBLEM, TRUTH, build
 
 
@@ -26,9 +26,9 @@ def test_a_run_leaves_a_log_a_recording_and_a_page_and_goes_on_there(
     def run(steps: int) -> OnlineState:
         trainer = build(steps=steps)
         with RunFolder(tmp_path, "test") as folder:
-            watcher = Recording(tmp_path, "test", PROBLEM, trainer.objective.policy, TRUTH)
-            state = run_in_folder(trainer, PRIOR, folder, judge=lambda _: {"return": 7.0}, watchers=(watcher,))
-            watcher.close()
+            player = SimulatedPlayer(PROBLEM, trainer.objective.policy, TRUTH)
+            with Recording(tmp_path, "test", PRIOR, player, TRUTH, {"oracle": 9.0}) as watcher:
+                state = run_in_folder(trainer, PRIOR, folder, judge=lambda _: {"return": 7.0}, watchers=(watcher,))
         return state
 
     run(1)
@@ -45,7 +45,9 @@ def test_a_run_leaves_a_log_a_recording_and_a_page_and_goes_on_there(
         float(state.belief.sample((4000,)).mean(0)[0]), abs=0.05
     )
     assert {"run.rrd", "run-2.rrd", "run.html", "run.json"} <= {path.name for path in tmp_path.iterdir()}
-    assert "held-out truths" in (tmp_path / "run.html").read_text("utf-8")
+    page = (tmp_path / "run.html").read_text("utf-8")
+    for words in ("held-out truths", "calibrated", "oracle", "An episode"):
+        assert words in page
 
 
 def test_an_episode_ends_where_the_task_ends_it() -> None:

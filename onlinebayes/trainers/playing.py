@@ -1,0 +1,112 @@
+"""An episode as a drawing: played by the hidden system where its parameters are known, and by the simulator beside it.
+
+The simulator stands at the belief's mean and is given the same start and the same commands: where the two part, the
+belief is still wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import cast
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from onlinebayes.simulators import Drawable, Shape
+from onlinebayes.simulators.drawing import scene
+from onlinebayes.trainers.problem import Problem
+from onlinebayes.trainers.state import OnlineState
+from onlinebayes.trainers.trajectories import Policy
+
+MOST_STEPS = 500  # of an episode
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One system along one episode.
+
+    Attributes:
+        shapes: of the system.
+        poses: (T, S, 7).
+        dt: between two poses [s].
+    """
+
+    shapes: tuple[Shape, ...]
+    poses: Float[Tensor, "T S 7"]
+    dt: float
+
+
+Player = Callable[[OnlineState], Mapping[str, Episode]]
+"""After a step: episodes by name, ``"real"`` first and ``"simulated"`` beside it; none where nothing can be drawn."""
+
+
+@dataclass(frozen=True)
+class SimulatedPlayer:
+    """Plays a problem's task.
+
+    Args:
+        problem: system and task.
+        policy: that is trained.
+        truth: parameters of the hidden system (P,), where they are known.
+    """
+
+    problem: Problem
+    policy: Policy
+    truth: Float[Tensor, " P"] | None = None
+
+    def __call__(self, state: OnlineState) -> dict[str, Episode]:
+        """The episodes after a step."""
+        simulator, systems = self.problem.simulator, (self.problem.simulator, self.problem.task)
+        if not isinstance(simulator, Drawable):
+            return {}
+        mean = torch.tensor([m for m, _ in state.records[-1].belief.values()], dtype=simulator.dtype)
+        mean = simulator.parameters.clamp(mean)
+        truth = mean if self.truth is None else self.truth
+        states, commands = play(self.problem, self.policy, truth)
+        episodes = {"real": Episode(*scene(systems, truth, states), simulator.dt)}
+        if self.truth is not None:
+            episodes["simulated"] = Episode(
+                *scene(systems, mean, replayed(self.problem, mean, states, commands)), simulator.dt
+            )
+        return episodes
+
+
+@torch.no_grad()
+def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> tuple[TensorDict, Tensor]:
+    """States (T + 1,) and commands (T, U) of one episode under the policy's deterministic action, to its end."""
+    simulator, task = problem.simulator.with_worlds(1), problem.task
+    theta = theta.to(simulator.dtype)[None]
+    start = task.start(theta, torch.Generator().manual_seed(0))
+    constant = start.pop("task", None)
+
+    def shown(state: TensorDict) -> TensorDict:
+        return state if constant is None else state.clone().set("task", constant)
+
+    states, commands = [shown(simulator.reset(theta, start))], []
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        for _ in range(min(task.horizon, MOST_STEPS)):
+            seen = task.observe(states[-1])
+            values = seen if isinstance(seen, dict) else {"observation": seen}
+            action = policy(TensorDict({**values, "theta": theta}, batch_size=(1,)))["action"]
+            command = task.command(action).to(simulator.dtype)
+            states.append(shown(simulator.step(TensorDict({"command": command}, batch_size=(1,)))))
+            commands.append(command[0])
+            if bool(task.terminated(states[-1])) or bool(simulator.failed):
+                break
+    return torch.cat(states), torch.stack(commands)
+
+
+def replayed(
+    problem: Problem, theta: Float[Tensor, " P"], states: TensorDict, commands: Float[Tensor, "T U"]
+) -> TensorDict:
+    """States (T + 1,) of the simulator at other parameters, from the same start under the same commands."""
+    simulator = problem.simulator
+    times = simulator.dt * torch.arange(1, len(commands) + 1, dtype=torch.float64)
+    inputs = TensorDict({"command": commands[None]}, batch_size=(1, len(commands)))
+    path = simulator.rollout(theta[None], states[:1], inputs, times)[0].exclude("valid")
+    path = cast(TensorDict, torch.cat([states[:1].select(*path.keys(True, True)), path]))
+    return path.set("task", states.get("task")) if "task" in states else path

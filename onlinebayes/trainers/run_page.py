@@ -1,0 +1,123 @@
+"""What the page of a run says: parameters, curves, calibration, the episode as it moves, where the time went."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.inference.calibration import LEVELS
+from onlinebayes.loggers import Curves, Film, Page, calibration
+from onlinebayes.simulators.drawing import render, view_of
+from onlinebayes.trainers.playing import Episode
+from onlinebayes.trainers.state import OnlineState, Record
+
+FRAMES, FILM = 8, 60  # of the strip and of the film
+EPISODE = "An episode: the real system, and pale the simulator at the belief's mean"
+
+
+def page(
+    name: str,
+    state: OnlineState,
+    *,
+    truth: Float[Tensor, " P"] | None,
+    corner: np.ndarray,
+    played: Mapping[str, Episode],
+    baselines: Mapping[str, float],
+) -> Page:
+    """The page after the last step.
+
+    Args:
+        name: of the recipe.
+        state: where the run stands.
+        truth: of the hidden system, where it is known.
+        corner: picture of the belief.
+        played: the last episode.
+        baselines: returns of other runs by their kind.
+    """
+    last = state.records[-1]
+    pictures, films = {"The belief": corner}, {}
+    if played:
+        films[EPISODE] = _film(played)
+        pictures["The same episode at eight moments"] = _strip(played)
+    seconds: dict[str, float] = {}
+    for record in state.records:
+        for part, value in record.seconds.items():
+            seconds[part] = seconds.get(part, 0.0) + value
+    return Page(
+        title=name,
+        lead=f"{last.step} steps, {last.frames} simulated frames for the policy, {last.simulated} for the belief",
+        head=["parameter", "unit", "mean", "sd", *([] if truth is None else ["truth"])],
+        rows=_rows(state, truth),
+        charts=_charts(state, truth, baselines),
+        pictures=pictures,
+        seconds=seconds,
+        notes=[f"step {record.step}: {note}" for record in state.records for note in record.notes],
+        films=films,
+    )
+
+
+def _rows(state: OnlineState, truth: Tensor | None) -> list[list[str]]:
+    rows = []
+    for i, (parameter, (mean, sd)) in enumerate(state.records[-1].belief.items()):
+        true = [] if truth is None else [f"{float(truth[i]):.4g}"]
+        rows.append([parameter, state.belief.space[parameter].unit, f"{mean:.4g}", f"{sd:.2g}", *true])
+    return rows
+
+
+def _charts(state: OnlineState, truth: Tensor | None, baselines: Mapping[str, float]) -> list[Curves]:
+    records, last = state.records, state.records[-1]
+    steps, frames = ("step", [r.step for r in records]), ("simulated frames", [r.frames for r in records])
+    charts = []
+    for i, parameter in enumerate(last.belief):
+        means, sds = (np.array([record.belief[parameter][k] for record in records]) for k in (0, 1))
+        band = {"mean and sd": ((means - sds).tolist(), (means + sds).tolist())}
+        level = {} if truth is None else {"truth": float(truth[i])}
+        unit = state.belief.space[parameter].unit
+        title = f"{parameter} [{unit}]" if unit else parameter
+        charts.append(Curves(title, steps, {"mean and sd": means.tolist()}, band, level))
+    for figure in last.figures:
+        values = [record.figures.get(figure, float("nan")) for record in records]
+        charts.append(Curves(figure, frames, {figure: values}, levels=baselines if figure == "return" else {}))
+    if (found := newest_calibration(records)) is not None:
+        charts.append(calibration(LEVELS, found))
+    for loss in dict.fromkeys(loss for record in records for loss in record.losses):
+        charts.append(Curves(loss, frames, {loss: [r.losses.get(loss, float("nan")) for r in records]}))
+    return charts
+
+
+def newest_calibration(records: list[Record]) -> tuple[float, ...] | None:
+    """Coverage by level of the last fit; None where there was none."""
+    return next((record.calibration for record in reversed(records) if record.calibration), None)
+
+
+def _frames(played: Mapping[str, Episode], number: int, width: int) -> tuple[list[np.ndarray], float]:
+    """Pictures evenly over the episode, and how many poses lie between two."""
+    real, simulated = played["real"], played.get("simulated")
+    number = min(number, len(real.poses))
+    places = torch.linspace(0, len(real.poses) - 1, number).round().long().tolist()
+    view = view_of(real.shapes, real.poses)
+    tall = (view.high[1] - view.low[1]) / (view.high[0] - view.low[0])
+    size = (round(width * min(1.0, tall)), width)
+    frames = []
+    for k in places:
+        behind = None if simulated is None else (simulated.shapes, simulated.poses[min(k, len(simulated.poses) - 1)])
+        frames.append(render(real.shapes, real.poses[k], size=size, view=view, ghost=behind))
+    return frames, (len(real.poses) - 1) / max(number - 1, 1)
+
+
+def _strip(played: Mapping[str, Episode]) -> np.ndarray:
+    """The episode in a few frames, in two rows."""
+    frames, _ = _frames(played, FRAMES, 240)
+    half = (len(frames) + 1) // 2
+    frames += [np.full_like(frames[0], 255)] * (2 * half - len(frames))
+    return np.concatenate([np.concatenate(row, axis=1) for row in (frames[:half], frames[half:])])
+
+
+def _film(played: Mapping[str, Episode]) -> Film:
+    """The episode as it moves."""
+    frames, stride = _frames(played, FILM, 360)
+    return Film(frames, max(stride * played["real"].dt, 0.02))
