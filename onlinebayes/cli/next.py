@@ -13,8 +13,7 @@ from onlinebayes.cli.problem import load_problem, read_toml
 from onlinebayes.cli.section import Section
 from onlinebayes.cli.work import criticise, title_of
 from onlinebayes.criticism.experiment import Plan, next_experiment
-from onlinebayes.criticism.report import plan_words
-from onlinebayes.criticism.report.plan import FILES, write_plan
+from onlinebayes.criticism.report import PLAN_FILES, plan_words, write_plan
 from onlinebayes.identification import split
 from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 
@@ -43,7 +42,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
             where=problem_file,
         )
     allowed = read_allowed(Section(read_toml(problem.path), problem_file), problem.simulator)
-    check_apart([Path(out) / name for name in FILES], problem.inputs)
+    check_apart([Path(out) / name for name in PLAN_FILES], problem.inputs)
     with writable(Path(out)) as folder:
         try:
             result = criticise("refine", problem)

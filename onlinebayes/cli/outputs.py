@@ -10,16 +10,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from onlinebayes.criticism.report import refined, write
+from onlinebayes.criticism.report import REFINED_FILES, REPORT_FILES
 from onlinebayes.runs import BadInput
 
-NAMES = (*write.FILES, *refined.FILES)
+NAMES = (*REPORT_FILES, *REFINED_FILES)
 """All that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
 
 
 def names_of(command: str) -> tuple[str, ...]:
     """What ``compare``, ``diagnose`` or ``refine`` writes."""
-    return NAMES if command == "refine" else write.FILES
+    return NAMES if command == "refine" else REPORT_FILES
 
 
 def check_apart(paths: Sequence[Path], inputs: Mapping[Path, str]) -> None:

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.criticism import HELPS, Candidate, Criticism
-from onlinebayes.criticism.report import candidate_words, words
-from onlinebayes.criticism.report.refined import left_out
+from onlinebayes.criticism.report import candidate_words, left_out, words
 from onlinebayes.identification import quantities
 
 WIDTH = 80

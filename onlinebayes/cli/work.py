@@ -14,8 +14,7 @@ from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import summary
 from onlinebayes.cli.wiring_lines import composed
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
-from onlinebayes.criticism.report import write_report
-from onlinebayes.criticism.report.refined import noted
+from onlinebayes.criticism.report import noted, write_report
 from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 
 

@@ -10,14 +10,14 @@ particular system.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
 from torchrl.collectors import Collector
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import EnvBase, TransformedEnv
+from torchrl.envs import EnvBase, Transform, TransformedEnv
 
 from onlinebayes.inference import Belief, Gate, PosteriorEstimator
 from onlinebayes.objectives import Objective
@@ -42,12 +42,15 @@ class Problem:
         task: observation, reward and ending.
         prior: over the simulator's parameters.
         sensor_sd: standard deviation of each observed value's sensor (O,) [its unit]; None for perfect sensors.
+        transforms: gives further transforms for one environment, behind the sensors; a recurrent policy's
+            ``ActorCritic.transforms``, for example.
     """
 
     simulator: Simulator
     task: Task
     prior: Belief
     sensor_sd: Float[Tensor, " O"] | None = None
+    transforms: Callable[[], Iterable[Transform]] = tuple
 
     @property
     def space(self) -> ParameterSpace:
@@ -65,6 +68,8 @@ class Problem:
         env = TransformedEnv(SimulatorEnv(self.simulator.with_worlds(number), self.task, seed=seed), drawn)
         if self.sensor_sd is not None and bool((self.sensor_sd > 0).any()):
             env.append_transform(SensorNoise(self.sensor_sd, seed=seed))
+        for transform in self.transforms():
+            env.append_transform(transform)
         return env
 
     def simulations(self, number: int, steps: int, seed: int) -> Simulations:

@@ -12,15 +12,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from importlib.resources import files
 
+import numpy as np
 import torch
 from jaxtyping import Float
+from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.report.svg import Array, Curve, Panel, chart
+from onlinebayes.criticism.report import Curve, Panel, chart
 from onlinebayes.identification import Fit, Windows, fit, replay, signal_rms
 from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
+
+Array = NDArray[np.float64]
 
 SHOWN_RUNS, SHOWN_EVERY = 3, 12
 NUDGE = 0.1  # [N m]

@@ -69,6 +69,7 @@ def hand(tmp_path: Path) -> Path:
     return tmp_path
 
 
+@pytest.mark.long
 def test_masses_of_the_runs_from_a_file(folder, capsys):
     """Two runs' masses are recovered, a third run's is known, a held-out one's comes from its own halves."""
     masses = {"light": 2.0, "heavy": 4.0, "weighed": 3.0, "another": 2.5}

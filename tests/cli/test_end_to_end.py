@@ -47,7 +47,19 @@ def off_at_the_end(rows: Rows) -> Rows:
 
 
 @pytest.mark.parametrize(
-    "change", [jittering, with_a_gap, with_a_long_pause, since_1970, with_a_slow_sensor, of_odd_steps, off_at_the_end]
+    "change",
+    [
+        pytest.param(change, marks=() if change is jittering else pytest.mark.long)
+        for change in (
+            jittering,
+            with_a_gap,
+            with_a_long_pause,
+            since_1970,
+            with_a_slow_sensor,
+            of_odd_steps,
+            off_at_the_end,
+        )
+    ],
 )
 def test_compare_takes_clocks_as_they_come(folder: Path, capsys, change: Callable[[Rows], Rows]):
     head, *lines = (folder / "carriage.csv").read_text().splitlines()

@@ -40,6 +40,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return folder / "out", "\n".join(lines)
 
 
+@pytest.mark.long
 def test_the_command_table_can_be_played(done: tuple[Path, str]) -> None:
     """One column an actuator on the measurements' clock, within the limits, from and to the held command."""
     head, *rows = (done[0] / "next.csv").read_text().splitlines()

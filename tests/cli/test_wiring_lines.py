@@ -60,7 +60,7 @@ def with_line(text: str, line: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "name", [name if name == "sign" else pytest.param(name, marks=pytest.mark.slow) for name in FAULTS]
+    "name", [pytest.param(n, marks=pytest.mark.slow if n == "sign" else pytest.mark.long) for n in FAULTS]
 )
 def test_the_printed_line_puts_it_right(tmp_path: Path, name: str) -> None:
     fault, compensated, line = FAULTS[name]

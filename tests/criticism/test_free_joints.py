@@ -37,6 +37,7 @@ def mended() -> Criticism:
     return refine(model(), measured, holdout=["run7", "run8"], selection=SHORT, candidates=["com_offset"])
 
 
+@pytest.mark.long
 def test_a_hidden_offset_is_named_and_sized(mended: Criticism) -> None:
     assert mended.verdict == "missing_effect"
     assert mended.accepted == ("com_offset@block.x",)
@@ -63,6 +64,7 @@ def test_the_recording_shows_the_measured_orientation(mended: Criticism) -> None
     assert np.abs(drawn[:, :3] - true[:, :3].numpy()).max() < 5 * NOISE
 
 
+@pytest.mark.long
 def test_nothing_is_missing_where_nothing_is_hidden() -> None:
     measured = measure(Block(), runs=9, seconds=1.0, seed=5)
     found = refine(model(), measured, holdout=["run8"], selection=SHORT, candidates=["com_offset"])

@@ -120,6 +120,7 @@ def test_compare_names_nothing() -> None:
     assert result.remainder.status == "structured"
 
 
+@pytest.mark.long
 def test_too_few_blocks_are_said_so() -> None:
     result = refine(model(), measure({FRICTION: (1.0,)}, runs=1, seconds=6.0), candidates=FEW)
     assert result.verdict == "insufficient_data"
@@ -140,6 +141,7 @@ def test_runs_that_never_move() -> None:
         assert not estimate.identifiable
 
 
+@pytest.mark.long
 def test_effects_added_by_hand_belong_to_the_base_model() -> None:
     result = refine(model().with_effect(LOAD), measure({LOAD: (0.5,)}, runs=8), candidates=FEW)
     assert result.verdict == "adequate"
@@ -147,6 +149,7 @@ def test_effects_added_by_hand_belong_to_the_base_model() -> None:
     assert result.base.effects == ("constant_load@rail",)
 
 
+@pytest.mark.long
 def test_bounds_hold() -> None:
     tight = ParameterSpace({**dict(FREE), "body.cart.mass": Parameter(3.0, 8.0, "kg")})  # the truth is 2.5
     result = compare(model(tight), measure(runs=8))
@@ -161,6 +164,7 @@ def test_a_model_that_diverges_is_bad_input() -> None:
         compare(model(stiff), measure(runs=8, seconds=2.0))
 
 
+@pytest.mark.long
 def test_part_of_the_box_may_diverge() -> None:
     wild = ParameterSpace({**dict(FREE), "joint.rail.stiffness": Parameter(0.0, 1e6, "N/m")})
     result = compare(model(wild), measure(runs=8, seconds=2.0))
@@ -168,6 +172,7 @@ def test_part_of_the_box_may_diverge() -> None:
     assert result.remainder.status == "noise"
 
 
+@pytest.mark.long
 def test_a_value_on_its_bound_is_said_to_be_there() -> None:
     narrow = ParameterSpace({**dict(FREE), "body.cart.mass": Parameter(3.0, 10.0, "kg")})
     result = compare(model(narrow), measure(runs=8, seconds=2.0))
@@ -182,6 +187,7 @@ def test_windows_shorter_than_was_asked_for_are_said() -> None:
     assert [note for note in result.notes if note.startswith("windows last 2 s in place of 60 s")]
 
 
+@pytest.mark.long
 def test_ctrl_c_within_compare_leaves_out_the_wiring_check() -> None:
     interrupt = Interrupt()
     check, lines, early = "checking signs, units and columns", list[str](), list[str]()
@@ -215,6 +221,7 @@ def test_a_stop_is_heeded_within_one_replay(monkeypatch: pytest.MonkeyPatch, ask
     assert played == [False] * 10 + [True]
 
 
+@pytest.mark.long
 def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     interrupt = Interrupt()
     lines: list[str] = []
@@ -253,6 +260,7 @@ def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
     assert words.headline(result).endswith("before it could say why; so far constant load at rail leads.")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("twice", [False, True])
 def test_ctrl_c_gives_up_the_fit_in_hand_and_keeps_what_is_known(twice: bool) -> None:
     """At its next replay; a second one at once."""
@@ -286,12 +294,14 @@ def test_bad_arguments(arguments, message) -> None:
         refine(model(), measure(runs=8, seconds=1.0), **arguments)
 
 
+@pytest.mark.long
 def test_an_effect_may_bring_bounds_of_its_own() -> None:
     mine = QuadraticDrag("rail", Parameter(0.0, 0.5, "N s2/m2"))
     result = diagnose(model(), measure(runs=8), candidates=[mine], selection=Selection(horizon_s=0.5))
     assert [candidate.effect for candidate in result.candidates] == ["quadratic_drag@rail"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("effect", "kind"), [("dry_friction@rail", DryFriction), ("constant_load@rail", ConstantLoad)])
 def test_an_effect_of_one_and_a_half_times_the_exclusion_limit_is_found(null, effect: str, kind) -> None:
     limit = next(c.exclusion_limit for c in null.candidates if c.effect == effect)

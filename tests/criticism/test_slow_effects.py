@@ -153,6 +153,7 @@ def one_for_two() -> tuple[Measurement, SearchResult, SearchResult]:
     return measured, first, replace(again, accepted=tuple(accepted[2:]))
 
 
+@pytest.mark.long
 def test_fewer_effects_stand_where_they_leave_noise_over_both(
     one_for_two: tuple[Measurement, SearchResult, SearchResult],
 ) -> None:

@@ -51,6 +51,7 @@ def judge(measurement: Measurement) -> Criticism:
     return refine(servo, measurement, candidates=few)
 
 
+@pytest.mark.long
 def test_a_spring_in_one_slow_run_is_found() -> None:
     result = judge(measured(spring=1.5))
     assert result.verdict == "missing_effect"
@@ -79,6 +80,7 @@ def test_both_models_are_replayed_row_beside_row(monkeypatch: pytest.MonkeyPatch
         assert torch.equal(before.window, after.window)
 
 
+@pytest.mark.long
 def test_a_zero_error_in_eight_runs_is_found() -> None:
     """Nothing is slower than an offset: its windows make three groups, of which no flip is rare."""
     measured = Offset("qpos.hinge", 0.02).mended(PENDULUM.measure(runs=10))

@@ -164,6 +164,7 @@ def test_refuses_what_it_cannot_do() -> None:
         blind_set("stiction", 0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_sets_hide_one_effect_and_come_out_the_same_in_any_company(kind: str) -> None:
     made, *_ = blind_sets([(kind, 3), ("null", 4)], SHORT)

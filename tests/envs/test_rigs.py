@@ -126,6 +126,7 @@ def test_integrator_is_of_fourth_order() -> None:
     assert 12 < coarse / fine < 22
 
 
+@pytest.mark.long
 @unchecked
 @pytest.mark.parametrize("name", ["slide_drive", "two_link_arm", "position_servo"])
 def test_under_dry_friction_a_quarter_of_the_step_changes_less_than_a_tenth_of_the_noise(name: str) -> None:
@@ -269,6 +270,7 @@ def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
             assert np.abs(moved - plain).max() > 0, effect.key
 
 
+@pytest.mark.long
 @unchecked
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_makes_a_case_that_a_problem_file_carries(kind: str, tmp_path: Path) -> None:
@@ -284,6 +286,7 @@ def test_every_kind_makes_a_case_that_a_problem_file_carries(kind: str, tmp_path
     assert "truth" not in (tmp_path / "problem.toml").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", RIGS)
 def test_every_rig_makes_a_case_that_a_problem_file_carries(name: str, tmp_path: Path) -> None:
     made = case(name, "short", 3)

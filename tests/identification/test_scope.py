@@ -149,6 +149,7 @@ def test_masses_of_the_runs_are_recovered(loaded) -> None:
     assert compare(model(), loaded).heldout_error.after["qpos.rail"] > 10 * error
 
 
+@pytest.mark.slow
 def test_runs_of_one_group_have_one_value(loaded) -> None:
     """Each mass is measured in two runs; the third, held out, is judged with what those two say."""
     groups = ("run[036]", "run[147]", "run[258]")

@@ -58,6 +58,7 @@ def test_ppo_in_a_loop_of_ones_own():
     assert mean_return(env, policy, 150) > 100  # a random policy: 22
 
 
+@pytest.mark.slow
 def test_sac_in_a_loop_of_ones_own():
     env = gym("Pendulum-v1", 8)
     objective = sac(

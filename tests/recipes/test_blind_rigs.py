@@ -152,6 +152,7 @@ def test_a_case_survives_its_file() -> None:
 # --- the study -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @unchecked
 def test_the_plan_mixes_kinds_and_rigs_and_levels_come_in_turn() -> None:
     plan = jobs({"effect": 6, "null": 3}, RIGS, 1000)
@@ -184,6 +185,7 @@ def answers(asked: list[Job], stop_after: int) -> object:
     return work
 
 
+@pytest.mark.long
 @unchecked
 def test_a_study_goes_on_from_its_finished_cases(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -208,6 +210,7 @@ def test_a_study_goes_on_from_its_finished_cases(
     assert "MISS swing-null-0" in (few.results / "blind-rigs.md").read_text()
 
 
+@pytest.mark.long
 @unchecked
 def test_a_study_goes_on_from_what_was_published_elsewhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

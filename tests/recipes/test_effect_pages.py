@@ -134,6 +134,7 @@ def test_the_bounds_on_the_pages_are_those_that_diagnose_would_give(bare) -> Non
         assert set(rows) <= set(page(name_of(key)).splitlines())
 
 
+@pytest.mark.long
 def test_what_is_the_same_has_a_cosine_of_one_and_what_is_free_is_confounded(bare) -> None:
     keys = ("viscous_friction@hinge", "back_emf@motor", "constant_load@hinge", "dry_friction@hinge")
     effects = {key: effect for key, effect in specimen_effects(bare).items() if key in keys}
@@ -148,6 +149,7 @@ def test_what_is_the_same_has_a_cosine_of_one_and_what_is_free_is_confounded(bar
     assert cosine(load, viscous) == 0.0  # the free damping has taken it
 
 
+@pytest.mark.long
 def test_the_missing_torque_is_the_effect_less_what_the_refit_took() -> None:
     key = "dry_friction@hinge"
     effect = EFFECTS["dry_friction"].scaled("hinge", Scales(1.0, 1.0, 1.0, 0.1))

@@ -79,6 +79,7 @@ def test_sysid_finds_the_parameter_and_its_size(task: Task) -> None:
     assert error(task, found) < 0.1 * error(task, base.fit(task))
 
 
+@pytest.mark.long
 @unchecked
 def test_the_network_learns_the_force_and_names_nothing(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(neural, "SMOOTHING", (0.12,))

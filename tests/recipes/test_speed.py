@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 import torch
 
 from recipes.studies.speed import Settings, main
 from recipes.studies.timing import Pairs, alternate, rate
 
 
+@pytest.mark.slow
 def test_the_table_has_every_row_with_its_goal(tmp_path: Path) -> None:
     threads = torch.get_num_threads()
     main(Settings(worlds=(16,), hoppers=8, seconds=0.02, threads=1, out=str(tmp_path)))

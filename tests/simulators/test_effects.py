@@ -93,12 +93,13 @@ def test_the_registry_holds_the_contracts_names() -> None:
 
 
 @pytest.mark.parametrize("effect", _effects(), ids=lambda e: e.name)
-@pytest.mark.parametrize("timesteps", [1, 3])
+@pytest.mark.parametrize("timesteps", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_conformance_on_mujoco(effect: Effect, timesteps: int) -> None:
     space = ParameterSpace({"body.fore.mass": Parameter(0.3, 2.0, "kg"), "joint.elbow.damping": Parameter(0.0, 1.0)})
     check_effect(MujocoSimulator(ARM, space, dt=0.004 * timesteps), effect)
 
 
+@pytest.mark.slow
 def test_conformance_of_all_together() -> None:
     simulator = MujocoSimulator(ARM)
     *first, last = _effects()

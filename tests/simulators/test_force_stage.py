@@ -136,6 +136,7 @@ def _recovered(simulator: Simulator, begin: torch.Tensor, command: np.ndarray, d
     return theta
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "truth", "law"), CASES, ids=[case[0].name for case in CASES])
 def test_parameters_are_recovered_from_an_independent_integrator(effect: Effect, truth: list[float], law: Law) -> None:
     command = _command(400)

@@ -40,7 +40,7 @@ NATIVE_ONLY = (
 @pytest.mark.parametrize(
     "name", [n for n, e in EFFECTS.items() if n not in NATIVE_ONLY and e.target_kind != "parameter"]
 )
-@pytest.mark.parametrize("system", [CartPole, Pendulum])
+@pytest.mark.parametrize("system", [pytest.param(CartPole, marks=pytest.mark.slow), Pendulum])
 def test_contract(system: type, name: str) -> None:
     kind = EFFECTS[name]
     # The pole has no actuator whose force could load it, and a pendulum held by friction shows no parameter.

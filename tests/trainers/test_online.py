@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 import os
 import signal
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -15,7 +17,7 @@ from tensordict import TensorDict
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
-from onlinebayes.objectives import ppo
+from onlinebayes.objectives import actor_critic, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Checkpoints, seed_everything
 from onlinebayes.runs.checkpoints import plain
@@ -192,14 +194,31 @@ class Killed(BaseException):
     """What a kill leaves behind: nothing but the files."""
 
 
+def recurrent() -> OnlineTrainer:
+    """A policy with a memory, which its transforms carry through every environment of the problem."""
+    seed_everything(0)
+    objective = actor_critic(*PROBLEM.specs, width=16)
+    problem = replace(PROBLEM, transforms=objective.transforms)
+    return online_trainer(
+        problem,
+        objective,
+        estimator=partial(estimator, 1),
+        real=problem.hidden(TRUTH, 7),
+        schedule=Schedule(2, 2, real_steps=20, behaviours=2),
+        sizes=Sizes(worlds=8, batch_steps=16, simulations=40, groups=24),
+    )
+
+
 @pytest.mark.usefixtures("without_shape_checks")
-@pytest.mark.parametrize("after", [2, 7])
-def test_a_killed_run_goes_on_to_the_last_bit(after: int, tmp_path: Path) -> None:
-    trainer, state = build(), OnlineState.begin(PRIOR)
+@pytest.mark.parametrize(
+    ("make", "after"), [pytest.param(build, 2, marks=pytest.mark.slow), (build, 7), (recurrent, 5)]
+)
+def test_a_killed_run_goes_on_to_the_last_bit(make: Callable[[], OnlineTrainer], after: int, tmp_path: Path) -> None:
+    trainer, state = make(), OnlineState.begin(PRIOR)
     trainer.run(state)
     whole = run_state(trainer, state)
 
-    trainer, state = build(), OnlineState.begin(PRIOR)
+    trainer, state = make(), OnlineState.begin(PRIOR)
     saver, saves = Saver(trainer, Checkpoints(tmp_path, "test"), every=0.0), []
 
     def save_and_die(state: OnlineState, now: bool) -> None:
@@ -211,7 +230,7 @@ def test_a_killed_run_goes_on_to_the_last_bit(after: int, tmp_path: Path) -> Non
     with pytest.raises(Killed):
         trainer.run(state, checkpoint=save_and_die)
     torch.rand(10)
-    trainer, state = build(), OnlineState.begin(PRIOR)
+    trainer, state = make(), OnlineState.begin(PRIOR)
     saver = Saver(trainer, Checkpoints(tmp_path, "test"), every=0.0)
     assert saver.resume(state)
     trainer.run(state, checkpoint=saver)

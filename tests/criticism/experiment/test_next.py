@@ -181,6 +181,7 @@ def one_law() -> tuple[Criticism, Measurement, list[Effect]]:
     return alike(friction, 2.0, emf, sprung.MODEL)
 
 
+@pytest.mark.long
 def test_a_pair_that_nothing_parts_is_structural(one_law: tuple) -> None:
     """Two names of one law: no input, no velocity sensor and no mass parts them."""
     result, measured, candidates = one_law
@@ -199,6 +200,7 @@ def test_a_pair_that_nothing_parts_is_structural(one_law: tuple) -> None:
     assert not plan.decides
 
 
+@pytest.mark.long
 def test_a_payload_parts_what_no_motion_does() -> None:
     """A weaker motor and a rotor's inertia on a free mass: a known mass parts them, offered or allowed."""
     result, measured, candidates = alike(

@@ -59,6 +59,7 @@ def test_a_hidden_friction_is_named_from_speeds_alone() -> None:
     assert result.heldout_error.after["qvel.rail"] < 0.3 * result.heldout_error.before["qvel.rail"]
 
 
+@pytest.mark.long
 def test_the_report_speaks_of_speeds(tmp_path: Path) -> None:
     write_report(compare(model(), tachometer({FRICTION: (1.5,)})), tmp_path)
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
@@ -66,6 +67,7 @@ def test_the_report_speaks_of_speeds(tmp_path: Path) -> None:
     assert "m/s/s" not in page
 
 
+@pytest.mark.long
 def test_a_reversed_tachometer_is_a_fault_of_the_data() -> None:
     right = tachometer()
     data = right.data.clone()

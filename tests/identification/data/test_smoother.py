@@ -42,6 +42,7 @@ def test_it_is_the_least_squares_cubic_of_the_rows_that_were_measured() -> None:
         assert int(dof[k]) == len(rows) - 4
 
 
+@pytest.mark.slow
 def test_the_sd_is_what_noise_gives() -> None:
     # 4000 draws: the sd of an estimate is known to 1.1 %, 5 % is more than 4 sigma.
     noise = torch.randn(4000, 41, dtype=torch.float64)

@@ -106,6 +106,7 @@ def test_the_own_step_is_fitted_where_one_step_of_theta_tells_nothing() -> None:
     assert grounds.fitted.theta.tolist() == pytest.approx([0.05, 0.02], rel=1e-3)
 
 
+@pytest.mark.long
 def test_the_finer_step_that_wrote_the_log_is_found_where_much_is_free() -> None:
     """Theta that makes up for another step's error errs at this one: half of it was taken, and left more than noise."""
     free = ParameterSpace(
@@ -144,6 +145,7 @@ def carried(seconds: float = 2.0) -> Measurement:
     return Measurement.from_runs(tables, signals=[Signal("qpos.rail", "m", sd=NOISE)])
 
 
+@pytest.mark.long
 def test_a_little_more_than_noise_is_enough_to_try_its_friction() -> None:
     """Friction that sticks leaves 1.2 to 1.3 floors: its own cannot leave a third less, but leaves noise."""
     free = ParameterSpace({"joint.rail.damping": Parameter(0.0, 16.0), "body.carriage.mass": Parameter(1.0, 9.0)})

@@ -51,6 +51,7 @@ def delayed() -> Identifiable:
     return model().with_effect(ActuatorDelay("motor", Parameter(0.0, 0.1, "s")))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("idle", [True, False])
 def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bool) -> None:
     measurement, noise = log(idle), torch.tensor([NOISE], dtype=torch.float64)
@@ -63,6 +64,7 @@ def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bo
     assert starts_read_otherwise(wrong, replace(measurement, idle_before=not idle))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("idle", "late"), [(True, LATE), (False, LATE), (True, 0)])
 def test_a_late_motor_is_asked_for_before_anything_is_tried(idle: bool, late: int) -> None:
     measurement, selection = log(idle, late), Selection()

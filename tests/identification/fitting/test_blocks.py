@@ -71,6 +71,7 @@ def test_folds_may_be_fewer_never_more(windows) -> None:
     assert make_blocks(windows, 0.05, folds=50).count == 8
 
 
+@pytest.mark.slow
 def test_leaving_a_block_out_is_fitting_the_others(windows) -> None:
     fitted = fit(model(), windows, START)
     blocks = make_blocks(windows, 0.05)

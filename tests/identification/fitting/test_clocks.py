@@ -79,6 +79,7 @@ def jittering(load: float) -> Measurement:
     return Measurement.from_runs(runs, signals=[Signal("qpos.arm", "rad", sd=NOISE)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("load", "gross"), [(0.05, True), (0.0, False)], ids=["a load is missing", "right"])
 def test_a_coarse_clock_is_kept_while_its_error_does_not_matter(load: float, gross: bool) -> None:
     measurement = jittering(load)

@@ -99,6 +99,7 @@ def test_constraints_are_asked_of_the_log_again(simulator: MujocoSimulator, with
     assert not follows_far_better(right, log, rigid)
 
 
+@pytest.mark.long
 def test_the_search_goes_on_with_the_other_constraints(
     simulator: MujocoSimulator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

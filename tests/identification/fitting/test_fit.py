@@ -26,12 +26,14 @@ def windows() -> Windows:
     return make_windows(rig(), measure({FRICTION: HIDDEN[:1], SPRING: HIDDEN[1:]}, runs=2), 1.0)
 
 
+@pytest.mark.slow
 def test_a_spring_beside_friction_is_recovered_from_afar(windows: Windows) -> None:
     found = fit(rig(), windows, torch.tensor([*TRUTH, 0.1, 0.5, -1.0]).double())
     assert found.converged
     torch.testing.assert_close(found.theta, torch.tensor([*TRUTH, *HIDDEN]).double(), rtol=0.01, atol=0.0)
 
 
+@pytest.mark.slow
 def test_a_fit_that_creeps_above_what_is_wanted_is_given_up(windows: Windows) -> None:
     # Without friction the spring's model cannot reach the noise.
     simulator = model().with_effect(SPRING)

@@ -57,6 +57,7 @@ def test_a_right_model_is_right_whichever_way_its_log_has_gaps(held: bool) -> No
     assert ("held until the next row" in note) == held
 
 
+@pytest.mark.long
 def test_gaps_are_read_otherwise_where_that_leaves_far_less() -> None:
     measurement, noise = log(held=True), torch.tensor([NOISE], dtype=torch.float64)
     wrong = settle(model(), measurement, 1.0, noise)

@@ -84,6 +84,7 @@ def test_a_shortened_horizon_is_not_shortened_again() -> None:
     assert steady(model(True), recorded(True), once) == once
 
 
+@pytest.mark.slow
 def test_the_report_says_that_windows_were_shortened() -> None:
     result = compare(model(True), recorded(True))
     (told,) = shortened(Selection(), result.selection)
@@ -93,6 +94,7 @@ def test_the_report_says_that_windows_were_shortened() -> None:
     assert not shortened(Selection(), Selection())
 
 
+@pytest.mark.slow
 def test_windows_are_no_longer_than_the_longest_run() -> None:
     """A billion seconds of commands before a window would be more than there is memory."""
     measurement = rigs.measure(runs=8)

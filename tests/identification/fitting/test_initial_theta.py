@@ -23,6 +23,7 @@ def test_a_fit_that_stopped_far_away_is_begun_elsewhere(windows) -> None:
     assert found.projected.objective < 0.01 * stopped.projected.objective
 
 
+@pytest.mark.long
 def test_what_was_done_is_not_done_twice(windows, monkeypatch) -> None:
     """A fit that began at nominal theta with fresh starts would end where it ended."""
     begun: list[list[float]] = []

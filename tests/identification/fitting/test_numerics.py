@@ -70,6 +70,7 @@ def test_the_shift_is_what_a_step_moves_theta() -> None:
     assert not bool(settle(model(), measurement, 1.0, noise).shift.abs().max() > 1e-5)
 
 
+@pytest.mark.long
 def test_how_fine_a_step_is_is_asked_of_the_fitted_model() -> None:
     # The delay is nothing where the fit begins, and the model exact there; fitted, half a row of it is not.
     late = ActuatorDelay("motor", Parameter(0.0, 0.1))

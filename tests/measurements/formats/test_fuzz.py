@@ -203,6 +203,7 @@ def rrd(tmp_path_factory) -> bytes:
     return path.read_bytes()
 
 
+@pytest.mark.slow
 @settings(FUZZ, max_examples=15)  # each starts a process of 0.6 s
 @given(EDITS)
 def test_damaged_rrd(tmp_path, rrd, edits):

@@ -262,6 +262,7 @@ def test_a_hostile_log_is_one_line(tmp_path, name):
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_a_recording_that_ends_its_reader(tmp_path):
     """Rerun's reader aborts its process where some bytes are changed; where they lie depends on the recording's id."""
     path = tmp_path / "log.rrd"
