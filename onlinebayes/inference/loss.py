@@ -59,10 +59,15 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         self.embedding.fit(*self.keys.read(trajectories, self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
-        """Features, mask and z of theta: all that does not depend on a weight, computed once before training."""
+        """All that does not depend on a weight, computed once before training: z of theta, and features with their mask.
+
+        Where the embedding has no weights, its vectors stand in place of the features.
+        """
         *values, mask = self.keys.read(trajectories, self.weight)
         z = self._frame(self.keys.read_theta(trajectories)).to(self.weight)
         features = self.embedding.features(*values)
+        if not any(True for _ in self.embedding.parameters()):
+            return TensorDict({"embedding": self.embedding.encode(features, mask), "z": z}, batch_size=[z.shape[0]])
         return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
 
     def _frame(self, theta: Float[Tensor, "B P"]) -> Float[Tensor, "B P"]:
@@ -80,7 +85,9 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
     def each(self, prepared: TensorDictBase) -> Float[Tensor, " B"]:
         """The loss of each row that :meth:`prepare` made."""
-        embedding = self.embedding.encode(prepared["features"], prepared["mask"])
+        embedding = prepared.get("embedding", None)
+        if embedding is None:
+            embedding = self.embedding.encode(prepared["features"], prepared["mask"])
         return -self.estimator.distribution(embedding).log_prob_frame(prepared["z"])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:
