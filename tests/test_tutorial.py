@@ -74,7 +74,7 @@ def test_the_tutorial_has_what_its_test_runs() -> None:
     assert languages.count("text") >= 5
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1800)
 def test_the_tutorial_can_be_followed(tmp_path: Path) -> None:
     printed = ""

@@ -59,7 +59,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         self.embedding.fit(*self.keys.read(trajectories, self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
-        """All that does not depend on a weight, computed once before training: z of theta, and features with their mask.
+        """All that does not depend on a weight, once before training: z of theta, and features with their mask.
 
         Where the embedding has no weights, its vectors stand in place of the features.
         """

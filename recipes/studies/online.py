@@ -14,17 +14,23 @@ import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
 import tyro
 
 from onlinebayes.runs import Progress, ResultTable
-from recipes import cartpole, pendulum
+from recipes import acrobot, cartpole, pendulum
 from recipes.common import Kind, Run, Settings, run, settle
 
 KINDS: tuple[Kind, ...] = ("online", "posterior-first", "prior", "oracle")
-BUILD: dict[str, Callable[[Settings], Run]] = {"pendulum": pendulum.build, "cartpole": cartpole.build}
+BUILD: dict[str, Callable[[Settings], Run]] = {
+    "pendulum": pendulum.build,
+    "acrobot": acrobot.build,
+    "cartpole_motor": partial(cartpole.build, space=cartpole.MOTOR),
+    "cartpole": cartpole.build,
+}
 SHARE = 0.95  # of the oracle's return, which counts as solved
 
 

@@ -332,7 +332,7 @@ def test_sizes_step_towards_the_medium_ratio() -> None:
 
 
 @unchecked
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("rig", "kind", "seed"),
     [

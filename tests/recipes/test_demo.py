@@ -115,7 +115,7 @@ def test_replays_stand_beside_the_commands_where_the_reference_reads_them(tmp_pa
     torch.testing.assert_close(told["action"][0, :, :3], made.command[:, 4:80:5].T, rtol=0, atol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_mended_models_policy_is_better_by_two_standard_errors(tmp_path: Path) -> None:
     outcome = run(0, tmp_path, Budget())
     difference, se = outcome.advantage

@@ -118,7 +118,7 @@ def test_the_search_goes_on_with_the_other_constraints(
     assert [len(tie_notes(task.simulator, task.otherwise_tied)) for task in (tied, other)] == [1, 0]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_at_the_slider_is_recovered_though_screening_begins_astray(
     simulator: MujocoSimulator, without_shape_checks: None
 ) -> None:
