@@ -10,7 +10,7 @@ WORKERS ?= 2
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed wall-clock emps measured cost screening versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed robustness wall-clock emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -70,6 +70,8 @@ gymnasium: setup ## policies trained by our code on Gymnasium's own environments
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 update-speed: setup  ## one gradient step of SAC and DDPG beside torch by hand -> docs/results/update-speed.json
 	$(BIN)/python -m recipes.studies.update_speed
+robustness: setup  ## policies of make online over the grid of true parameters -> docs/results/robustness.json
+	$(BIN)/python -m recipes.studies.robustness --runs $(OUT)/online
 wall-clock: setup  ## from nothing to solved with a posterior, beside stable-baselines3 and sbi -> docs/results/wall-clock.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.wall_clock --out $(OUT)/wall_clock

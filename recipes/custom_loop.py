@@ -90,7 +90,7 @@ def main(settings: Settings) -> int:
                 optimiser.step()
                 optimiser.zero_grad()
         longest = int(batch["next", "step_count"].max())
-        recorder.step(k, {"figures/longest episode": longest, "losses/critic": float(losses["loss_critic"])})
+        recorder.step(k, {"figures/longest episode": longest, "losses/critic": float(losses["loss_critic"].detach())})
         print(f"batch {k}: {k * frames} frames, longest episode {longest} steps", flush=True)
     collector.shutdown()
 

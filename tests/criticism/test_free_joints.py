@@ -145,7 +145,7 @@ def test_a_first_problem_file_frees_the_mass_that_the_thruster_shows(tmp_path: P
     assert "MISSING" not in drafted.read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_table_with_quaternions_goes_through_refine(tmp_path: Path) -> None:
     toml, out = problem(tmp_path, table(Block(centre=(OFFSET, 0.0, 0.0)), runs=9)), tmp_path / "out"
     assert main(["refine", str(toml), "--out", str(out)]) == 0

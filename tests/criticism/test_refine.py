@@ -97,7 +97,7 @@ def test_nothing_is_accepted_where_nothing_hides(null) -> None:
     assert 0 < limit < 0.2
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_diagnose_judges_the_best_alone() -> None:
     result = diagnose(
         model(), measure({FRICTION: (1.0,), LOAD: (0.6,)}, runs=10), candidates=["dry_friction", "constant_load"]

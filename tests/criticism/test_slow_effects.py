@@ -60,7 +60,7 @@ def model() -> MujocoSimulator:
     return MujocoSimulator(MODEL, ParameterSpace(free), threads=1)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_drag_that_a_second_hides_is_found_over_longer_windows() -> None:
     result = refine(model(), swings(DRAG, 20.0), holdout=["run8", "run9"])
     assert (result.verdict, result.accepted) == ("missing_effect", ("quadratic_drag@hinge",))
@@ -100,7 +100,7 @@ def test_what_nothing_explains_over_longer_times_is_said() -> None:
     assert any(note.endswith("trust the model over 1 s") for note in result.notes)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_stop_over_longer_windows_is_said() -> None:
     """What was found over a second is complete; that the longer windows were not searched must be known."""
     interrupt, lines = Interrupt(), list[str]()
@@ -123,7 +123,7 @@ def test_a_stop_over_longer_windows_is_said() -> None:
     assert "more than noise is left, and the search for its cause was stopped: trust the model over 1 s" in note
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_start_that_was_fitted_over_a_second_is_known_over_longer_windows(tmp_path: Path) -> None:
     """From smoothed starts a fit beside friction ends above the noise over 5 s, though nothing is missing any more."""
     rig = RIGS["two_link_arm"]

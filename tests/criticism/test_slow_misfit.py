@@ -68,7 +68,7 @@ def test_a_slow_torque_that_nothing_explains_is_unexplained() -> None:
     assert result.accepted == ()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_both_models_are_replayed_row_beside_row(monkeypatch: pytest.MonkeyPatch) -> None:
     # Numerics this strict ask for a finer step once friction stands in the model; 5 ms are no whole number of 2 ms.
     monkeypatch.setattr(numerics, "STEP_ERROR_SHARE", 0.001)

@@ -73,7 +73,7 @@ def test_air_drag_of_a_thrown_ball() -> None:
     assert result.remainder.status == "noise"
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_wind_on_a_pendulum() -> None:
     length, drag, wind, mass, noise, runs = 0.6, 0.02, 4.0, test_air_effects.MASS, 1e-4, []
     inertia = mass * length**2 + 1e-5
@@ -143,7 +143,7 @@ def test_a_soft_floor() -> None:
     assert time * damping == pytest.approx(T * ratio, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_play_in_a_servos_gear_is_refitted_from_where_screening_sees_it() -> None:
     gap, noise, runs = 0.08, 1e-3, []
     for r in range(4):

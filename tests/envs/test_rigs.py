@@ -297,7 +297,7 @@ def test_every_rig_makes_a_case_that_a_problem_file_carries(name: str, tmp_path:
 
 
 @unchecked
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", RIGS)
 def test_every_kind_on_every_rig(name: str, kind: str, tmp_path: Path) -> None:

@@ -23,8 +23,8 @@ def test_what_is_hidden_is_named() -> None:
     ("kind", "seed"),
     [
         pytest.param("dry_friction", 0, marks=pytest.mark.long),
-        pytest.param("quadratic_drag", 1, marks=pytest.mark.slow),
-        pytest.param("null", 1, marks=pytest.mark.slow),
+        pytest.param("quadratic_drag", 1, marks=pytest.mark.long),
+        pytest.param("null", 1, marks=pytest.mark.long),
     ],
 )
 def test_more_of_the_blind_sets(kind: str, seed: int) -> None:

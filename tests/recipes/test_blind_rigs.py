@@ -266,7 +266,7 @@ def test_the_table_counts_and_lists_every_miss() -> None:
 # --- the reference, and sizes ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @unchecked
 def test_the_true_effect_brings_the_held_out_error_to_the_floor() -> None:
     made = effect_case("thrown_ball", "viscous_friction@x", "strong", 3)

@@ -34,7 +34,7 @@ def test_every_effect_of_one_size_has_its_turn(rig: str) -> None:
     assert [effect.key for effect in of_one_size(RIGS[rig], 4)] == keys[4 % len(keys) :] + keys[: 4 % len(keys)]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_record_is_the_one_without_the_effect_but_for_its_motion() -> None:
     rig = RIGS["swing"]
     drag = next(effect for effect in rig.effects if effect.key == "quadratic_drag@hinge")

@@ -10,7 +10,7 @@ import pytest
 from recipes.studies.screening import Study, main
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_both_ways_are_timed_and_compared(tmp_path: Path) -> None:
     main(Study(rig="swing", effect="dry_friction@hinge", runs=7, repeats=1, results=tmp_path))
     table = json.loads((tmp_path / "screening.json").read_text())

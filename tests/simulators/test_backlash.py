@@ -120,7 +120,7 @@ def test_a_blow_keeps_the_momentum() -> None:
     torch.testing.assert_close(momentum, torch.full((2,), 15.0 * 0.2).double(), rtol=2e-3, atol=0)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_load_rests_on_the_stop() -> None:
     # Gravity turns the arm of 0.1 kg m by 0.981 cos q N m; the servo carries it from the other side of its play.
     arm = SERVO.replace('axis="0 0 1"', 'axis="0 1 0"').replace('pos="0 0 0"', 'pos=".1 0 0"')

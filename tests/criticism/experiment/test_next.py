@@ -37,7 +37,7 @@ def fit_runs(measurement: Measurement) -> Measurement:
     return measurement.select([run for run in measurement.runs if run not in sprung.HELD_OUT])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("truth", [sprung.LOAD, sprung.SPRING])
 def test_recording_what_is_proposed_settles_a_tie(truth: Effect) -> None:
     """Load and spring are tied on small motions; after the proposed recordings the right one is named alone."""
@@ -254,7 +254,7 @@ class Slider(TorchSimulator):
         return (tau - 4.0 * v - 20.0 * q) / parameters["mass"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_an_adequate_torch_model_gets_the_input_that_shows_most() -> None:
     """Nothing is missing: the input is chosen by the effects at the sizes that the data cannot exclude."""
     model = Slider(["mass"])

@@ -51,7 +51,7 @@ def test_the_truth_is_recovered_from_speeds_alone() -> None:
         assert estimate.sd < 0.1 * truth
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_hidden_friction_is_named_from_speeds_alone() -> None:
     result = refine(model(), tachometer({FRICTION: (1.5,)}), candidates=["dry_friction"])
     assert result.verdict == "missing_effect"

@@ -162,7 +162,7 @@ def test_a_little_more_than_noise_is_enough_to_try_its_friction() -> None:
     assert found.fitted.theta[1:].tolist() == pytest.approx([3.0, 1.0], rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("timestep", [0.002, 0.0005])
 def test_its_friction_is_kept_soft(timestep: float) -> None:
     """At the step that wrote the log, be it finer than the model's own; friction that sticks leaves five floors."""
@@ -190,7 +190,7 @@ def test_a_step_at_which_theta_is_worse_at_first_is_fitted_before_it_is_judged()
     assert misfit(found.fitted.projected) < 1.1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("more", "effects"), [("", ()), (SOFT, ("dry_friction@arm",))])
 def test_its_logs_are_explained(more: str, effects: tuple[str, ...]) -> None:
     """To the noise: friction that sticks would leave two and a half floors."""

@@ -89,7 +89,7 @@ def test_a_coarse_clock_is_kept_while_its_error_does_not_matter(load: float, gro
     assert (grounds.windows.step > 1.01 * replay_step(measurement, FINE.timestep)) == gross
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_what_is_missing_is_found_there() -> None:
     arm, log = MujocoSimulator(ARM, FREE, threads=1), measured(1, True, load=0.05)
     result = refine(arm, log, candidates=["constant_load", "dry_friction"])

@@ -54,7 +54,7 @@ def test_a_free_joint_without_a_signal_is_asked_for(simulator: MujocoSimulator) 
         compare(loose, log)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_right_model_of_it_is_adequate(simulator: MujocoSimulator, without_shape_checks: None) -> None:
     log = Measurement.from_runs(driven_slider_crank(0.0, runs=4, seconds=4.0))
     found = compare(simulator, log, holdout=["r3"])

@@ -45,7 +45,7 @@ def log(held: bool) -> Measurement:
     return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("held", [True, False])
 def test_a_right_model_is_right_whichever_way_its_log_has_gaps(held: bool) -> None:
     measurement = log(held)

@@ -64,7 +64,7 @@ def test_the_log_decides_whether_moments_follow_the_mass(denser: bool) -> None:
     assert grounds.fitted.theta.tolist() == pytest.approx(TRUTH.tolist(), rel=0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_denser_link_is_no_missing_effect() -> None:
     """With the model's own moments the centres of both links and a payload were accepted for it."""
     result = refine(model(), recorded(model().with_scaled_moments()), holdout=["run6", "run7"])

@@ -96,7 +96,7 @@ def test_a_first_order_integrator_is_given_finer_steps() -> None:
     assert torch.allclose(exact.fitted.theta, euler.fitted.theta, rtol=2e-2)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_gross_misfit_takes_one_evaluation_a_step_and_is_reported_by_the_models_own_method() -> None:
     friction = DryFriction("rail", Parameter(0.0, 5.0, "N"))
     measurement = measure({friction: (2.0,)}, runs=8, noise=1e-3, finer=4)
@@ -167,7 +167,7 @@ def test_the_integrators_shift_is_not_a_delay(error: float, refused: bool) -> No
     assert any("shifts time" in reason for reason in judged.failed) == refused
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_true_delay_shorter_than_the_step_is_found_where_the_integrator_is_exact() -> None:
     delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
     result = refine(model(), measure({delay: (0.006,)}, runs=10), candidates=["actuator_delay", "dry_friction"])

@@ -77,7 +77,7 @@ def test_windows_that_stand_out_settle_and_the_others_stay() -> None:
     assert after == before
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_start_on_top_of_a_cog_is_found() -> None:
     """From rest on top of a cog a tenth of a millimetre a second decides to which side the slide goes."""
     cogging = Cogging("rail", Parameter(0.0, 9.0, "N"), Parameter(1.0, 100.0, "rad/m"), Parameter(-3.2, 6.3, "rad"))
@@ -132,7 +132,7 @@ def worst_share(fitted: Fit) -> float:
     return float(misfit.max() / misfit.sum())
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_friction_in_a_double_pendulum_is_fitted_although_starts_go_astray() -> None:
     measurement = swings()
     fitted = with_friction(measurement)

@@ -80,7 +80,7 @@ def test_a_drift_through_the_whole_log_is_found() -> None:
     assert result.heldout_error.after["qpos.rail"] < 0.1 * result.heldout_error.before["qpos.rail"]
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_jump_is_found_with_its_time() -> None:
     # Within a run, and within a window of it.
     result = refine(model(), measured(table(lambda t: 1.0 + 1.2 * (t > 17.6), rows=601)), candidates=FEW)
