@@ -9,6 +9,8 @@ WORKERS ?= 2
 # A file's tests together, in the order of names: by their number the longest ones would come last, one process alone.
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
+# Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed robustness wall-clock emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets

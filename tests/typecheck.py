@@ -13,7 +13,7 @@ from typing import Any, Self
 
 from beartype import BeartypeConf, FrozenDict, beartype
 
-FIRST = 20
+FIRST = 3
 """Calls of a function that are checked in each test."""
 EVERY = 100
 """Of those that follow, one in so many is."""

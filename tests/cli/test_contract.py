@@ -218,6 +218,7 @@ def test_latency_in_a_file(folder):
     assert not bool(moved["measured"][:, -5:].any())
 
 
+@pytest.mark.long
 def test_a_sensor_and_a_torque_are_compared(folder, capsys):
     """Their columns become signals with a replay of their own; ``ignore`` leaves them out."""
     sensor = '<sensor><jointvel name="rate" joint="carriage"/></sensor></mujoco>'

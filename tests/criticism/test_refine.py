@@ -241,6 +241,7 @@ def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
     assert [timing.stage for timing in result.timings if timing.stage.endswith(".")] == []  # answers are no stages
 
 
+@pytest.mark.long
 def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
     interrupt = Interrupt()
     fits: list[str] = []

@@ -41,6 +41,7 @@ def engineers_model(rig: Rig, values: Mapping[str, float]) -> mujoco.MjModel:
     return model
 
 
+@pytest.mark.long
 @unchecked
 @pytest.mark.parametrize("name", RIGS)
 def test_with_nothing_hidden_agrees_with_the_engineers_model_within_a_tenth_of_the_noise(name: str) -> None:
@@ -82,6 +83,7 @@ def test_a_servo_that_is_off_does_not_hold_its_goal() -> None:
     assert plant.q[0, 0] == pytest.approx(data.qpos[0], abs=1e-6)
 
 
+@pytest.mark.long
 def test_an_outage_begins_after_four_tenths_of_a_run() -> None:
     rig = RIGS["position_servo"]
     off, on = (
@@ -247,6 +249,7 @@ def test_a_delay_of_part_of_a_step_shifts_the_mean_command() -> None:
     assert plant.v[0, 0] == pytest.approx(20 * 0.3 / 6.0 * (0.1 - 0.0123), rel=1e-9)
 
 
+@pytest.mark.long
 @unchecked
 @pytest.mark.parametrize("name", RIGS)
 def test_every_hidden_effect_moves_the_rig_and_stays_finite(name: str) -> None:
@@ -319,6 +322,7 @@ def test_two_hidden_effects_never_look_alike() -> None:
         assert not any(second in rig.partners((first,)) for first, second in pairs)
 
 
+@pytest.mark.long
 @unchecked
 def test_a_balls_jets_show_one_ratio() -> None:
     """Mass and gains enter by gain / mass alone: a stronger jet along y is a weaker one along x on a lighter ball."""
@@ -330,6 +334,7 @@ def test_a_balls_jets_show_one_ratio() -> None:
     assert np.abs(one - plain).max() > 10 * rig.protocol.floor[1]
 
 
+@pytest.mark.long
 def test_the_seed_decides_everything() -> None:
     first, again, other = (case("thrown_ball", "short", seed) for seed in (1, 1, 2))
     assert first.truth == again.truth

@@ -281,6 +281,7 @@ def test_the_true_effect_brings_the_held_out_error_to_the_floor() -> None:
     assert base_error(problem) == pytest.approx(in_floors(error.before, error.noise_floor), rel=1e-2)
 
 
+@pytest.mark.long
 @unchecked
 def test_the_truth_is_found_under_the_librarys_names() -> None:
     made = effect_case("swing", "com_offset@bob", "medium", 1)
@@ -291,6 +292,7 @@ def test_the_truth_is_found_under_the_librarys_names() -> None:
     assert values["body.bob.mass"] == made.truth["body.bob.mass"]
 
 
+@pytest.mark.long
 @unchecked
 def test_an_effect_of_no_size_leaves_the_null_case() -> None:
     rig = RIGS["thrown_ball"]

@@ -90,6 +90,7 @@ def test_gap_and_rotor_are_recovered_from_stiff_stops(model: str, law: Law, u: n
     assert wrong.min() < 5e-3 * wrong[0]
 
 
+@pytest.mark.slow
 def test_at_a_stop_both_move_as_one() -> None:
     # A force that never turns round: after the first crossing it is the model without play.
     path = _rolled(MOTOR, [(0.01, ROTOR)], np.full(1000, 3.0))[0]

@@ -54,6 +54,7 @@ def recorded(more: str = "", timestep: float = 0.002) -> Measurement:
     return Measurement.from_runs(runs, signals=[Signal("qpos.arm", "rad", sd=NOISE)])
 
 
+@pytest.mark.long
 def test_the_step_that_wrote_the_log_is_kept() -> None:
     """A finer one errs by more than four floors: see ``error_at_quarter_step``."""
     grounds = ground(simulator(), recorded(), Selection())
@@ -97,6 +98,7 @@ def turning(runs: int = 4, seconds: float = 2.0, timestep: float = 0.005) -> Mea
     return Measurement.from_runs(tables, signals=signals)
 
 
+@pytest.mark.long
 def test_the_own_step_is_fitted_where_one_step_of_theta_tells_nothing() -> None:
     """Ended as unexplained, at many floors: what one step promises is far from where a fit of such motion ends."""
     dampings = ParameterSpace({f"joint.{joint}.damping": Parameter(0.0, 1.0) for joint in ("shoulder", "elbow")})

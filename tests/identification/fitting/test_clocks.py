@@ -48,6 +48,7 @@ def measured(held: int, jitters: bool, load: float = 0.0) -> Measurement:
     return Measurement.from_runs(runs, signals=[Signal("qpos.arm", "rad", sd=NOISE)])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("held", "jitters"), [(5, False), (1, False), (1, True)], ids=["even", "denser", "jitters"])
 def test_the_right_model_leaves_noise(held: int, jitters: bool) -> None:
     """Replayed in steps that rows do not fall on, by the average of five commands, it left 39 floors."""
