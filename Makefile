@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed robustness wall-clock emps measured cost screening versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -72,6 +72,10 @@ gymnasium: setup ## policies trained by our code on Gymnasium's own environments
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 update-speed: setup  ## one gradient step of SAC and DDPG beside torch by hand -> docs/results/update-speed.json
 	$(BIN)/python -m recipes.studies.update_speed
+endurance: setup ## half an hour of online learning: memory and overhead -> docs/results/endurance.json
+	$(BIN)/python -m recipes.studies.endurance
+combination: setup  ## one belief from several trajectories: union, product, calibrated product -> docs/results/combination.json
+	$(BIN)/python -m recipes.studies.combination
 robustness: setup  ## policies of make online over the grid of true parameters -> docs/results/robustness.json
 	$(BIN)/python -m recipes.studies.robustness --runs $(OUT)/online
 wall-clock: setup  ## from nothing to solved with a posterior, beside stable-baselines3 and sbi -> docs/results/wall-clock.json

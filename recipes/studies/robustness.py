@@ -96,12 +96,12 @@ def trained(study: Study, task: str, kind: Kind, seed: int) -> Run:
 
 def told(table: ResultTable, task: str, grids: list[Grid]) -> None:
     """Rows of one task: means near the truth and far from it, medians over the seeds."""
-    for where in ("near", "far"):
-        mean = {kind: [float(g.returns[kind][g.near == (where == "near")].mean()) for g in grids] for kind in KINDS}
+    for near, where in ((True, "near the truth"), (False, "far from it")):
+        mean = {kind: [float(g.returns[kind][g.near == near].mean()) for g in grids] for kind in KINDS}
         for kind, values in mean.items():
-            row(table, f"{task}, {kind}: return {where} the truth", values)
+            row(table, f"{task}, {kind}: return {where}", values)
         gain = [b - a for a, b in zip(mean["prior"], mean["online"], strict=True)]
-        row(table, f"{task}: online above prior, {where} the truth", gain, goal=0.0 if where == "near" else None)
+        row(table, f"{task}: online above prior, {where}", gain, goal=0.0 if near else None)
 
 
 def row(table: ResultTable, name: str, values: list[float], goal: float | None = None) -> None:
