@@ -33,7 +33,7 @@ from torchrl.objectives.value.functional import generalized_advantage_estimate
 
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import action_head, mlp
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, load_exactly
 
 INIT = "is_init"
 
@@ -212,7 +212,7 @@ class ActorCritic:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
-        self.network.load_state_dict(state["network"])
+        load_exactly("network", self.network, state["network"])
         self.optimiser.load_state_dict(state["optimiser"])
 
 

@@ -29,7 +29,7 @@ from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of
 from onlinebayes.objectives.networks import Network, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, load_exactly
 
 
 class Scaled(nn.Module):
@@ -145,7 +145,7 @@ class DDPG:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
-        self.loss.load_state_dict(state["loss"])
+        load_exactly("loss", self.loss, state["loss"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.buffer.load_state_dict(state["buffer"])
 

@@ -29,7 +29,7 @@ from torchrl.objectives.value import GAE
 
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, load_exactly
 
 LOG_PROB = "action_log_prob"
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
@@ -101,7 +101,7 @@ class PPO:
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
-        self.loss.load_state_dict(state["loss"])
+        load_exactly("loss", self.loss, state["loss"])
         self.optimiser.load_state_dict(state["optimiser"])
 
     @torch.no_grad()

@@ -29,6 +29,7 @@ from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, select
 from onlinebayes.objectives.networks import stochastic_policy, unsupported
 from onlinebayes.objectives.soft_loss import SoftLoss
 from onlinebayes.objectives.targets import Follower
+from onlinebayes.runs import load_exactly
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class SAC:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
-        self.loss.load_state_dict(state["loss"])
+        load_exactly("loss", self.loss, state["loss"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.buffer.load_state_dict(state["buffer"])
 

@@ -13,7 +13,7 @@ from onlinebayes.runs.random_state import random_state, set_random_state
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, seed_everything
-from onlinebayes.runs.stateful import Stateful, gather, restore, restore_part
+from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
 from onlinebayes.runs.threads import one_torch_thread
 from onlinebayes.runs.toml import to_toml
 from onlinebayes.runs.watch import UNWATCHED, Watch
@@ -36,6 +36,7 @@ __all__ = [
     "gather",
     "generator",
     "heed",
+    "load_exactly",
     "nearest",
     "one_line",
     "one_torch_thread",

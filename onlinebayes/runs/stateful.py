@@ -65,6 +65,18 @@ def restore_part(name: str, part: Stateful, state: Any) -> None:
         raise BadInput(f"the saved {name} does not fit this run: {why}", CURE) from error
 
 
+def load_exactly(name: str, module: Stateful, state: Mapping[str, Any]) -> None:
+    """Load a state of exactly the module's own keys: TorchRL's functional losses pass over what does not fit.
+
+    Raises:
+        BadInput: a key is missing or unknown, or a tensor has another shape.
+    """
+    why = misfit(state, module.state_dict(), name)
+    if why is not None:
+        raise BadInput(f"the saved {name} does not fit: {why}", CURE)
+    module.load_state_dict(state)
+
+
 def misfit(saved: Any, fresh: Any, path: str) -> str | None:
     """The first tensor whose shape is another, or the first key that only one of two states has, in words."""
     if isinstance(saved, Tensor) and isinstance(fresh, Tensor):

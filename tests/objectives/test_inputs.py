@@ -8,7 +8,7 @@ from tensordict import TensorDict
 from torchrl.data import Bounded, Categorical, Composite, OneHot, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from onlinebayes.objectives import action_value, actor_critic, inputs_of, ppo, sac, state_value, stochastic_policy
+from onlinebayes.objectives import action_value, actor_critic, ddpg, inputs_of, ppo, sac, state_value, stochastic_policy
 from onlinebayes.runs import BadInput
 
 KEYS = ("observation", ("embedding", "vector"))
@@ -127,6 +127,14 @@ def test_it_goes_on_bit_for_bit(build, normalise, tmp_path):
     if normalise:
         pairs = zip(first.inputs.normalisation.buffers(), second.inputs.normalisation.buffers(), strict=True)
         assert all(torch.equal(a, b) for a, b in pairs)
+
+
+@pytest.mark.parametrize("build", [ppo, sac, ddpg, actor_critic])
+@pytest.mark.parametrize("normalise", [False, True])
+def test_a_state_with_other_statistics_than_the_networks_have_is_refused(build, normalise):
+    saved = build(Unbounded((3,)), ACTION, normalise=normalise).state_dict()
+    with pytest.raises(BadInput, match=r"does not fit: only .* has .*normalisation"):
+        build(Unbounded((3,)), ACTION, normalise=not normalise).load_state_dict(saved)
 
 
 @pytest.mark.parametrize("build", BUILDERS)
