@@ -99,12 +99,16 @@ def test_the_table_measures_each_run_by_its_oracle(tmp_path: Path, monkeypatch: 
     ):
         folder = tmp_path / f"pendulum-{kind}-1"
         folder.mkdir()
-        lines = ["frames,figure/return,figure/log density of the truth", "0,-100,1"]
-        lines += [f"{1000 * (i + 1)},{value},{2 + i}" for i, value in enumerate(returns)]
+        lines = ["frames,simulated,figure/return,figure/log density of the truth", "0,50,-100,1"]
+        lines += [
+            f"{1000 * (i + 1)},{500 * (1 + (kind != 'online') * 7)},{value},{2 + i}" for i, value in enumerate(returns)
+        ]
         (folder / "log.csv").write_text("\n".join(lines))
     rows = {row.name: row for row in tabulate(Study(tasks=("pendulum",), seeds=(1,), out=str(tmp_path))).rows}
     online = rows["pendulum, online: share of the oracle's return"]
     assert (online.value, online.holds) == (0.99, True)
     assert rows["pendulum, prior: share of the oracle's return"].value == pytest.approx(0.3)
-    assert rows["pendulum, online: frames to 0.95 of the oracle's return"].value == 2000
+    assert rows["pendulum, online: frames to 0.95 of the oracle's return"].value == 2500
+    parts = rows["pendulum: online's share of the frames of a posterior first"]
+    assert (parts.value, parts.holds) == (2500 / 6000, True)
     assert rows["pendulum, online: log density of the truth"].value == 3
