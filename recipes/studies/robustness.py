@@ -2,9 +2,9 @@
 
     R(pi, theta) for theta on a grid over the prior's box        Figures 4.5 and 5.2 of the thesis
 
-The policies are those of ``make online``, which has to have been run in the same folder. Near is what lies within a tenth
-of the box's width of the hidden truth, in every parameter: some two standard deviations of the last belief. Far is all
-else.
+The policies are those of ``make online``, which has to have been run in the same folder. Near is what lies within a
+tenth of the box's width of the hidden truth, in every parameter: some two standard deviations of the last belief. Far
+is all else.
 """
 
 from __future__ import annotations
