@@ -42,7 +42,7 @@ from onlinebayes.trainers import Problem, collector_of
 from onlinebayes.transforms import ParameterRandomization
 from recipes.common import settle
 
-EPISODES = 50
+EPISODES = 100
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ CASES = {
         60,
         -160.0,
     ),
-    "Acrobot-v1": Case(Acrobot, AcrobotTask(), SAME, ppo, 64, 64, 60, -80.0),
+    "Acrobot-v1": Case(Acrobot, AcrobotTask(), SAME, ppo, 64, 64, 120, -80.0),
     "MountainCar-v0": Case(
         MountainCar,
         MountainCarTask(),
