@@ -73,7 +73,7 @@ def load_exactly(name: str, module: Stateful, state: Mapping[str, Any]) -> None:
     """
     why = misfit(state, module.state_dict(), name)
     if why is not None:
-        raise BadInput(f"the saved {name} does not fit: {why}", CURE)
+        raise BadInput(f"the saved {name} does not fit this run: {why}", CURE)
     module.load_state_dict(state)
 
 

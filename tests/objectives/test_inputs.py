@@ -133,7 +133,7 @@ def test_it_goes_on_bit_for_bit(build, normalise, tmp_path):
 @pytest.mark.parametrize("normalise", [False, True])
 def test_a_state_with_other_statistics_than_the_networks_have_is_refused(build, normalise):
     saved = build(Unbounded((3,)), ACTION, normalise=normalise).state_dict()
-    with pytest.raises(BadInput, match=r"does not fit: only .* has .*normalisation"):
+    with pytest.raises(BadInput, match=r"does not fit this run: only .* has .*normalisation"):
         build(Unbounded((3,)), ACTION, normalise=not normalise).load_state_dict(saved)
 
 
