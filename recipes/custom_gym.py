@@ -104,14 +104,9 @@ class Player:
 
     def __call__(self, state: OnlineState) -> dict[str, Episode]:
         """The episode after a step."""
-        env, angles = worlds(1, Point(self.truth), 7)[0], []
-        data = env.reset()
         with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-            for _ in range(200):
-                cos, sin, _ = data["observation"][0].double()
-                angles.append(torch.atan2(sin, cos))
-                data = env.step_mdp(env.step(self.policy(data)))
-        states = TensorDict({"qpos": torch.stack(angles)[:, None]}, batch_size=(len(angles),))
+            seen = worlds(1, Point(self.truth), 7)[0].rollout(200, self.policy)["observation"][0].double()
+        states = TensorDict({"qpos": torch.atan2(seen[:, 1:2], seen[:, :1])}, batch_size=seen.shape[:1])
         drawn = Pendulum(SPACE)
         return {"real": Episode(drawn.shapes(self.truth), drawn.poses(self.truth, states), drawn.dt)}
 

@@ -65,11 +65,8 @@ def filmed(task: str, policy: Policy, steps: int) -> tuple[tuple[Shape, ...], to
     """Shapes, poses and time step of one episode in the model as it ships."""
     env, qpos = suite(task, SPACES[task]), []
     physics = env.inner.physics
-    data = env.reset()
     with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-        for _ in range(min(steps, 400)):
-            qpos.append(physics.data.qpos.copy())
-            data = env.step_mdp(env.step(policy(data)))
+        env.rollout(steps, policy, callback=lambda _env, _data: qpos.append(physics.data.qpos.copy()))
     model = physics.model.ptr
     return drawing.shapes(model), drawing.poses(model, np.stack(qpos)), env.inner.control_timestep()
 
@@ -99,6 +96,8 @@ def main(settings: Settings) -> int:
             recorder.step(batch, {f"losses/{name}": value for name, value in losses.items()})
             progress.update(batch, f"reward a step {float(data['next', 'reward'].mean()):.3f}")
     after = float(returns(judged, objective.policy, episode).mean())
+    recorder.episode(batches, "real", *filmed(settings.task, objective.policy, episode))
+    recorder.close()
     saved = Checkpoints(Path(settings.out), f"dm_control-{settings.task}").save(
         {"policy": objective.policy.state_dict()}
     )

@@ -19,9 +19,6 @@ from torch import Tensor
 
 from onlinebayes.inference.base import Density
 
-TOGETHER = 50
-"""Draws whose density is asked for at once."""
-
 LEVELS = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 
 PosteriorFor = Callable[[TensorDictBase], Density]
@@ -55,9 +52,7 @@ def credibility_of(
     """alpha of each pair, for B posteriors as one batch; see :func:`credibility`."""
     draws = posterior.sample((samples,), generator)
     truth = posterior.log_prob(thetas)
-    # A few draws at a time: products of mixtures have many components, and the memory of all draws would be fragmented.
-    inside = [(posterior.log_prob(part) >= truth).sum(0) for part in draws.split(TOGETHER)]
-    return torch.stack(inside).sum(0).double() / samples
+    return (posterior.log_prob(draws) >= truth).double().mean(0)
 
 
 def coverage(

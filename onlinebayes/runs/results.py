@@ -11,6 +11,7 @@ import json
 import math
 import os
 import platform
+import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -59,6 +60,25 @@ class ResultTable:
     ) -> None:
         """Append one row; ``holds`` is computed by the caller from the unrounded value."""
         self.rows.append(Row(name, value, spread, unit, goal, holds))
+
+    def add_seeds(
+        self,
+        name: str,
+        values: Sequence[float],
+        *,
+        unit: str = "",
+        least: float | None = None,
+        most: float | None = None,
+    ) -> None:
+        """Append the median over the seeds, with every value; the median is to be at least or at most so much."""
+        median = statistics.median(values)
+        goal, holds = None, None
+        if least is not None:
+            goal, holds = f">= {least:g}", median >= least
+        elif most is not None:
+            goal, holds = f"<= {most:g}", median <= most
+        each = " ".join(f"{value:.4g}" for value in values)
+        self.add(name, median, spread=each, unit=unit, goal=goal, holds=holds)
 
     @property
     def holds(self) -> bool:

@@ -19,8 +19,10 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from onlinebayes.simulators import Drawable, Shape
 from onlinebayes.simulators.drawing import scene
 from onlinebayes.trainers.problem import Problem
+from onlinebayes.trainers.simulations import Point
 from onlinebayes.trainers.state import OnlineState
 from onlinebayes.trainers.trajectories import Policy
+from onlinebayes.transforms import ParameterRandomization
 
 MOST_STEPS = 500  # of an episode
 
@@ -78,26 +80,11 @@ class SimulatedPlayer:
 @torch.no_grad()
 def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> tuple[TensorDict, Tensor]:
     """States (T + 1,) and commands (T, U) of one episode under the policy's deterministic action, to its end."""
-    simulator, task = problem.simulator.with_worlds(1), problem.task
-    theta = theta.to(simulator.dtype)[None]
-    start = task.start(theta, torch.Generator().manual_seed(0))
-    constant = start.pop("task", None)
-
-    def shown(state: TensorDict) -> TensorDict:
-        return state if constant is None else state.clone().set("task", constant)
-
-    states, commands = [shown(simulator.reset(theta, start))], []
+    env = problem.worlds(1, ParameterRandomization(Point(theta)), seed=0, with_state=True)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
-        for _ in range(min(task.horizon, MOST_STEPS)):
-            seen = task.observe(states[-1])
-            values = seen if isinstance(seen, dict) else {"observation": seen}
-            action = policy(TensorDict({**values, "theta": theta}, batch_size=(1,)))["action"]
-            command = task.command(action).to(simulator.dtype)
-            states.append(shown(simulator.step(TensorDict({"command": command}, batch_size=(1,)))))
-            commands.append(command[0])
-            if bool(task.terminated(states[-1])) or bool(simulator.failed):
-                break
-    return torch.cat(states), torch.stack(commands)
+        data = env.rollout(min(problem.task.horizon, MOST_STEPS), policy)[0]
+    states = cast(TensorDict, torch.cat([data["state"], data["next", "state"][-1:]]))
+    return states.exclude("theta", "steps"), problem.task.command(data["action"]).to(problem.simulator.dtype)
 
 
 def replayed(

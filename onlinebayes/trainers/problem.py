@@ -63,9 +63,12 @@ class Problem:
         env = SimulatorEnv(self.simulator.with_worlds(1), self.task)
         return env.observation_spec_unbatched, env.action_spec_unbatched
 
-    def worlds(self, number: int, drawn: ParameterRandomization, seed: int) -> TransformedEnv:
-        """``number`` worlds, their theta drawn by a transform, seen through the sensors."""
-        env = TransformedEnv(SimulatorEnv(self.simulator.with_worlds(number), self.task, seed=seed), drawn)
+    def worlds(
+        self, number: int, drawn: ParameterRandomization, seed: int, *, with_state: bool = False
+    ) -> TransformedEnv:
+        """``number`` worlds, their theta drawn by a transform, seen through the sensors; their states too if wanted."""
+        simulator = self.simulator.with_worlds(number)
+        env = TransformedEnv(SimulatorEnv(simulator, self.task, seed=seed, with_state=with_state), drawn)
         if self.sensor_sd is not None and bool((self.sensor_sd > 0).any()):
             env.append_transform(SensorNoise(self.sensor_sd, seed=seed))
         for transform in self.transforms():

@@ -13,7 +13,6 @@ over the whole prior. A seed decides the network, its simulations and the groups
 from __future__ import annotations
 
 import math
-import statistics
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -56,8 +55,8 @@ def main(study: Study) -> int:
                 progress.update(t * len(study.seeds) + s, f"{task}, seed {seed}")
                 found.append(judged(BUILD[task](Settings(seed=seed)), seed))
             for way in WAYS:
-                add(table, f"{task}, {way}: log density of the truth", [f[way][0] for f in found], "nats")
-                add(table, f"{task}, {way}: share in the {LEVEL:g} region", [f[way][1] for f in found], "")
+                table.add_seeds(f"{task}, {way}: log density of the truth", [f[way][0] for f in found], unit="nats")
+                table.add_seeds(f"{task}, {way}: share in the {LEVEL:g} region", [f[way][1] for f in found])
     print(table.to_markdown())
     print(f"written: {table.write()}")
     return 0
@@ -82,11 +81,6 @@ def judged(made: Run, seed: int) -> dict[str, tuple[float, float]]:
         inside = credibility_of(posterior, theta, generator=draws) <= LEVEL
         found[way] = (float(posterior.log_prob(theta).mean()), float(inside.double().mean()))
     return found
-
-
-def add(table: ResultTable, name: str, values: list[float], unit: str) -> None:
-    """One row: the median, and every value."""
-    table.add(name, statistics.median(values), spread=" ".join(f"{value:.3g}" for value in values), unit=unit)
 
 
 if __name__ == "__main__":

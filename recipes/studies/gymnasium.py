@@ -144,9 +144,7 @@ def main(study: Study) -> int:
             outcomes[name, seed] = Outcome(**json.loads(file.read_text("utf-8")))
     for name in study.environments:
         of = [outcomes[name, seed] for seed in study.seeds]
-        median, goal = statistics.median(o.score for o in of), CASES[name].goal
-        spread = " ".join(f"{o.score:.1f}" for o in of)
-        table.add(f"{name}: return", median, spread=spread, goal=f">= {goal:g}", holds=median >= goal)
+        table.add_seeds(f"{name}: return", [o.score for o in of], least=CASES[name].goal)
         table.add(f"{name}: frames", of[0].frames, unit="frames")
     print(table.to_markdown())
     print(f"written: {table.write()}")

@@ -10,7 +10,6 @@ stopped. The truths are points 1 ... 5 of a Sobol sequence over the prior; every
 from __future__ import annotations
 
 import csv
-import statistics
 import sys
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -92,42 +91,19 @@ def tabulate(study: Study) -> ResultTable:
             for key, c in found.items()
         }
         for kind in KINDS:
-            _add(table, f"{task}, {kind}: return", [found[kind, s].returns[-1] for s in study.seeds])
+            table.add_seeds(f"{task}, {kind}: return", [found[kind, s].returns[-1] for s in study.seeds])
         for kind in KINDS[:3]:
             last = [shares[kind, s][-1] for s in study.seeds]
             goal = SHARE if kind == "online" and task != "cartpole" else None
-            _add(table, f"{task}, {kind}: share of the oracle's return", last, goal=goal)
+            table.add_seeds(f"{task}, {kind}: share of the oracle's return", last, least=goal)
         frames = {k: [_frames_to(SHARE, found[k, s].frames, shares[k, s]) for s in study.seeds] for k in KINDS[:2]}
         for kind, counts in frames.items():
-            _add(table, f"{task}, {kind}: frames to {SHARE:g} of the oracle's return", counts, unit="frames")
+            table.add_seeds(f"{task}, {kind}: frames to {SHARE:g} of the oracle's return", counts, unit="frames")
         parts = [a / b for a, b in zip(frames["online"], frames["posterior-first"], strict=True)]
         most = HALF if task != "cartpole" else None
-        _add(table, f"{task}: online's share of the frames of a posterior first", parts, most=most)
-        _add(table, f"{task}, online: log density of the truth", [found["online", s].density for s in study.seeds])
+        table.add_seeds(f"{task}: online's share of the frames of a posterior first", parts, most=most)
+        table.add_seeds(f"{task}, online: log density of the truth", [found["online", s].density for s in study.seeds])
     return table
-
-
-def _add(
-    table: ResultTable,
-    name: str,
-    values: list[float],
-    *,
-    goal: float | None = None,
-    most: float | None = None,
-    unit: str = "",
-) -> None:
-    """One row: the median and every value; at least ``goal``, at most ``most``."""
-    median = statistics.median(values)
-    asked = f">= {goal:g}" if goal is not None else f"<= {most:g}" if most is not None else None
-    holds = median >= goal if goal is not None else median <= most if most is not None else None
-    table.add(
-        name,
-        median,
-        spread=" ".join(f"{value:.4g}" for value in values),
-        unit=unit,
-        goal=asked,
-        holds=holds,
-    )
 
 
 def _frames_to(share: float, frames: tuple[int, ...], shares: tuple[float, ...]) -> float:

@@ -9,7 +9,6 @@ is all else.
 
 from __future__ import annotations
 
-import statistics
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,17 +99,9 @@ def told(table: ResultTable, task: str, grids: list[Grid]) -> None:
     for near, where in ((True, "near the truth"), (False, "far from it")):
         mean = {kind: [float(g.returns[kind][g.near == near].mean()) for g in grids] for kind in KINDS}
         for kind, values in mean.items():
-            row(table, f"{task}, {kind}: return {where}", values)
+            table.add_seeds(f"{task}, {kind}: return {where}", values)
         gain = [b - a for a, b in zip(mean["prior"], mean["online"], strict=True)]
-        row(table, f"{task}: online above prior, {where}", gain, goal=0.0 if near else None)
-
-
-def row(table: ResultTable, name: str, values: list[float], goal: float | None = None) -> None:
-    """The median, and every value."""
-    median = statistics.median(values)
-    spread = " ".join(f"{value:.4g}" for value in values)
-    held = None if goal is None else median > goal
-    table.add(name, median, spread=spread, goal=None if goal is None else f"> {goal:g}", holds=held)
+        table.add_seeds(f"{task}: online above prior, {where}", gain, least=0.0 if near else None)
 
 
 def draw(grid: Grid, task: str, path: Path) -> None:

@@ -17,7 +17,6 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-import statistics
 import sys
 import time
 from collections.abc import Callable
@@ -127,20 +126,12 @@ def tabulate(study: Study, found: dict[tuple[str, int, str], Outcome]) -> Result
     for task in study.tasks:
         for side in ("ours", "theirs"):
             of = [found[task, seed, side] for seed in study.seeds]
-            add(table, f"{task}, {side}: until solved with a posterior", [o.seconds for o in of], unit="s")
-            add(table, f"{task}, {side}: return", [o.score for o in of])
-            add(table, f"{task}, {side}: log density of the truth", [o.density for o in of], unit="nats")
+            table.add_seeds(f"{task}, {side}: until solved with a posterior", [o.seconds for o in of], unit="s")
+            table.add_seeds(f"{task}, {side}: return", [o.score for o in of])
+            table.add_seeds(f"{task}, {side}: log density of the truth", [o.density for o in of], unit="nats")
         ratios = [found[task, s, "theirs"].seconds / found[task, s, "ours"].seconds for s in study.seeds]
-        add(table, f"{task}: theirs over ours", ratios, goal=GOAL)
+        table.add_seeds(f"{task}: theirs over ours", ratios, least=GOAL)
     return table
-
-
-def add(table: ResultTable, name: str, values: list[float], *, unit: str = "", goal: float | None = None) -> None:
-    """One row: the median, and every value."""
-    median = statistics.median(values)
-    spread = " ".join(f"{value:.3g}" for value in values)
-    holds = None if goal is None else median >= goal
-    table.add(name, median, spread=spread, unit=unit, goal=None if goal is None else f">= {goal:g}", holds=holds)
 
 
 if __name__ == "__main__":

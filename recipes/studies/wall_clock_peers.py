@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import gymnasium
@@ -19,11 +20,13 @@ import torch
 from numpy.typing import NDArray
 from sbi.inference import NPE
 from sbi.utils import BoxUniform
+from sbi.utils.tracking import TensorBoardTracker
 from stable_baselines3 import PPO, SAC
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.env_util import make_vec_env
 from torch import Tensor
+from torch.utils.tensorboard import SummaryWriter
 
 from recipes import cartpole, pendulum
 from recipes.common import hidden_truth
@@ -205,8 +208,10 @@ class Between(BaseCallback):
         env = Worlds(self._case, self.draw)
         pairs = [trajectory(self.model, env) for _ in range(SIMULATIONS)]
         theta, x = (torch.as_tensor(np.stack(part), dtype=torch.float32) for part in zip(*pairs, strict=True))
-        inference = NPE(prior=self._prior, density_estimator="mdn", show_progress_bars=False)
-        inference.append_simulations(theta, x).train()
+        with TemporaryDirectory() as place:  # sbi would leave its curves in the folder that it is called from
+            tracker = TensorBoardTracker(SummaryWriter(place))
+            inference = NPE(prior=self._prior, density_estimator="mdn", tracker=tracker, show_progress_bars=False)
+            inference.append_simulations(theta, x).train()
         _, real = trajectory(self.model, Worlds(self._case, lambda: np.asarray(self._truth.numpy())))
         posterior = inference.build_posterior().set_default_x(torch.as_tensor(real, dtype=torch.float32))
         drawn = iter(posterior.sample((20_000,), show_progress_bars=False))

@@ -81,9 +81,13 @@ class TruncatedMixture:
     def log_unnormalised(self, z: Float[Tensor, "*shape P"]) -> Float[Tensor, "*out"]:
         """log sum_k w_k N(z; k), without the truncation."""
         z = z.to(self.mean)
-        deviation = (z.unsqueeze(-2) - self.mean).unsqueeze(-1)
-        lower = self.scale_tril.expand(*deviation.shape[:-1], deviation.shape[-2])
-        standard = torch.linalg.solve_triangular(lower, deviation, upper=False).squeeze(-1)
+        batch = self.mean.shape[:-2]
+        # All draws are right-hand sides of one system a component: its factor is not copied for each of them.
+        z = z.expand(*z.shape[: max(z.ndim - 1 - len(batch), 0)], *batch, z.shape[-1])
+        shape = z.shape[: z.ndim - 1 - len(batch)]
+        deviation = z.reshape(-1, *batch, 1, z.shape[-1]) - self.mean
+        standard = torch.linalg.solve_triangular(self.scale_tril, deviation.movedim(0, -1), upper=False)
+        standard = standard.movedim(-1, 0).reshape(*shape, *self.mean.shape)
         log_det = torch.log(torch.diagonal(self.scale_tril, dim1=-2, dim2=-1)).sum(-1)
         constant = 0.5 * math.log(2 * math.pi) * z.shape[-1]
         log_normal = -0.5 * standard.square().sum(-1) - log_det - constant

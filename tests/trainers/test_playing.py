@@ -1,0 +1,38 @@
+"""Episodes for a recording: the hidden system's, and the simulator's beside it under the same commands."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+import torch
+
+from onlinebayes.objectives import actor_critic, ppo
+from onlinebayes.trainers import OnlineState, SimulatedPlayer
+from tests.trainers.test_online import PRIOR, PROBLEM, TRUTH
+
+
+def after_a_step(mean: torch.Tensor) -> OnlineState:
+    """A state whose last record believes in ``mean``."""
+    state = OnlineState.begin(PRIOR)
+    state.complete({}, None)
+    belief = {name: (float(m), 0.1) for name, m in zip(PROBLEM.space.names, mean, strict=True)}
+    state.records[-1] = replace(state.records[-1], belief=belief)
+    return state
+
+
+def test_a_right_belief_moves_as_the_real_system_and_a_wrong_one_parts_from_it() -> None:
+    policy = ppo(*PROBLEM.specs).policy
+    right = SimulatedPlayer(PROBLEM, policy, TRUTH)(after_a_step(TRUTH))
+    wrong = SimulatedPlayer(PROBLEM, policy, TRUTH)(after_a_step(torch.tensor([0.9, 0.9])))
+    assert len(right["real"].poses) > 5
+    torch.testing.assert_close(right["simulated"].poses, right["real"].poses, rtol=0, atol=1e-9)
+    torch.testing.assert_close(wrong["real"].poses, right["real"].poses, rtol=0, atol=0)
+    assert (wrong["simulated"].poses - wrong["real"].poses).abs().max() > 1e-3
+
+
+@pytest.mark.parametrize("noise", [None, torch.full((4,), 0.01)])
+def test_a_policy_with_a_memory_plays_through_the_transforms_that_carry_it(noise: torch.Tensor | None) -> None:
+    objective = actor_critic(*PROBLEM.specs, width=8)
+    problem = replace(PROBLEM, transforms=objective.transforms, sensor_sd=noise)
+    assert len(SimulatedPlayer(problem, objective.policy, TRUTH)(after_a_step(TRUTH))["real"].poses) > 5
