@@ -5,6 +5,7 @@ from onlinebayes.runs.errors import BadInput
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
 from onlinebayes.runs.lock import Lock
+from onlinebayes.runs.memory import give_back_freed_memory
 from onlinebayes.runs.names import nearest, similar
 from onlinebayes.runs.plain import plain
 from onlinebayes.runs.printable import one_line
@@ -35,6 +36,7 @@ __all__ = [
     "atomic_path",
     "gather",
     "generator",
+    "give_back_freed_memory",
     "heed",
     "load_exactly",
     "nearest",

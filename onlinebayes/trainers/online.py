@@ -25,7 +25,7 @@ import torch
 from onlinebayes.inference import Belief, FitReport, Gate, PosteriorEstimator
 from onlinebayes.inference.calibration import LEVELS, credibility_of
 from onlinebayes.objectives import Objective
-from onlinebayes.runs import Interrupt, Progress
+from onlinebayes.runs import Interrupt, Progress, give_back_freed_memory
 from onlinebayes.trainers.clock import Clock
 from onlinebayes.trainers.improve import Batches, improve
 from onlinebayes.trainers.real import RealSystem, measured, united
@@ -97,6 +97,7 @@ class OnlineTrainer:
                     if on_step is not None:
                         on_step(state)
                     save(state, True)
+                give_back_freed_memory()
             state.interrupted = state.step < len(turns)
             if state.interrupted:
                 progress.update(state.step, f"stopped; kept: {state.kept()}")
