@@ -182,6 +182,19 @@ class Identifiable(Simulator):
         """
         raise BadInput(f"{type(self).__name__} keeps {key}", "override without_effect to let its fit begin elsewhere")
 
+    @property
+    def own_numbers(self) -> Mapping[str, Parameter]:
+        """Addresses of the model's own numbers that may be off -> how far; none by default."""
+        return {}
+
+    def with_free(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator one more of whose :attr:`own_numbers` is a parameter; all worlds nominal.
+
+        Raises:
+            BadInput: there is no such number, or it is free already.
+        """
+        raise BadInput(f"{type(self).__name__} has no number '{name}' to free", "override own_numbers and with_free")
+
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
         """A new simulator whose free parameter ``name`` has other bounds; all worlds nominal.
 

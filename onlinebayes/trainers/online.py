@@ -93,11 +93,12 @@ class OnlineTrainer:
         message = "stopping after the work in hand; Ctrl-C again to stop at once"
         with Interrupt(message) as interrupt, Progress("online", len(turns)) as progress:
             while state.step < len(turns) and not interrupt.requested:
-                if self._step(state, interrupt, progress, save):
+                completed = self._step(state, interrupt, progress, save)
+                give_back_freed_memory()
+                if completed:
                     if on_step is not None:
                         on_step(state)
                     save(state, True)
-                give_back_freed_memory()
             state.interrupted = state.step < len(turns)
             if state.interrupted:
                 progress.update(state.step, f"stopped; kept: {state.kept()}")

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import Contact, Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -38,6 +39,15 @@ class SimulatorWrapper(Identifiable):
     def own_effects(self) -> Mapping[str, type[Effect]]:
         """Those of the physics."""
         return self.physics.own_effects
+
+    @property
+    def own_numbers(self) -> Mapping[str, Parameter]:
+        """Those of the physics."""
+        return self.physics.own_numbers
+
+    def with_free(self, name: str, parameter: Parameter) -> Self:
+        """See :meth:`Identifiable.with_free`."""
+        return self.around(self.physics.with_free(name, parameter))
 
     @property
     def body_sizes(self) -> Mapping[str, tuple[float, float]]:

@@ -10,12 +10,15 @@ from typing import Any, Self
 import mujoco
 
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators.checks import refuse_twice
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.mujoco.addresses import written_out
 from onlinebayes.simulators.mujoco.closure import rigid
 from onlinebayes.simulators.mujoco.model import compile_spec
+from onlinebayes.simulators.mujoco.own_numbers import own_numbers
 from onlinebayes.simulators.mujoco.packing import packed, unpacked
 from onlinebayes.simulators.mujoco.sensors import measured_sensors
 from onlinebayes.simulators.mujoco.system import MujocoSystem
@@ -74,6 +77,19 @@ class Remakable(Identifiable):
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""
         return self._remade(worlds=worlds)
+
+    @property
+    def own_numbers(self) -> dict[str, Parameter]:
+        """See :mod:`.own_numbers`; without those that are parameters already."""
+        free = {one for name in self._blueprint.parameters for one in written_out(self.model, name)}
+        plain = {name.removesuffix("[0]") for name in free}
+        return {name: p for name, p in own_numbers(self.model).items() if name.removesuffix("[0]") not in plain}
+
+    def with_free(self, name: str, parameter: Parameter) -> Self:
+        """A new simulator with one parameter more, after the model's others; see :meth:`Identifiable.with_free`."""
+        if name in self._blueprint.parameters:
+            raise BadInput(f"'{name}' is a parameter already", "give it other bounds with with_bounds")
+        return self._remade(parameters=ParameterSpace({**self._blueprint.parameters, name: parameter}))
 
     def with_bounds(self, name: str, parameter: Parameter) -> Self:
         """A new simulator with other bounds for one of the model's parameters; see :meth:`Identifiable.with_bounds`."""

@@ -1,0 +1,145 @@
+"""Theta and all windows' starts of one hypothesis, fitted to the score: damped Gauss-Newton within bounds.
+
+    step:  min |r~ - C~ d|^2 + lambda |D d|^2,   low <= theta + d <= high,    D^2 = diag(C~' C~)     (Marquardt 1963)
+
+All dampings are replayed at once and the best one is taken; the weights are renewed after each step, so that the fit
+ends where the score of the data it saw has no slope (iteratively reweighted least squares).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares, project, score_weights, start_shift
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
+from onlinebayes.identification.replaying.bounded import bounded_least_squares
+from onlinebayes.identification.replaying.replay import replay_binned
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators.identifiable import Identifiable
+
+DAMPINGS = (0.1, 3.0, 100.0)
+"""Marquardt's lambdas, replayed side by side where the undamped step does not descend."""
+
+MOST_STEPS = 15
+"""A fit ends after so many steps."""
+
+LEAST_GAIN = 2e-3
+"""A step that lowers the score by less ends the fit: a tenth of what any rule looks at."""
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A simulator fitted to windows.
+
+    Args:
+        simulator: what was fitted.
+        lin: its replay and sensitivities at the mode.
+        rows: the same, starts taken out, with the weights of the score there.
+        score: of the data that it was fitted to, see :func:`score_of`.
+    """
+
+    simulator: Identifiable
+    lin: Linearisation
+    rows: Rows
+    score: float
+
+    @property
+    def theta(self) -> Float[Tensor, " P"]:
+        """The mode [SI]."""
+        return self.lin.theta
+
+
+def score_of(windows: Windows, residual: Float[Tensor, "W n S"]) -> float:
+    """Sum over signals of the mean over bands of 1/2 log(mean square + 1), for a residual in units of noise."""
+    count = band_counts(windows).sum(0)
+    mean_square = band_squares(windows, residual).sum(0) / count.clamp_min(1.0)
+    return float((0.5 * torch.log1p(mean_square)).mean(0).sum())
+
+
+def fit(
+    simulator: Identifiable,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"] | None = None,
+    most: int = MOST_STEPS,
+) -> Fitted:
+    """Fit from a starting value.
+
+    Args:
+        simulator: what is fitted; its parameters' bounds are the prior.
+        windows: the data.
+        theta: where to begin [SI].
+        starts: where the windows' starts begin; the smoothed ones when None.
+        most: steps.
+
+    Raises:
+        BadInput: the replay diverges where it begins.
+    """
+    lin = linearise(simulator, windows, simulator.parameters.clamp(theta), windows.start if starts is None else starts)
+    if not lin.valid:
+        raise BadInput(
+            "the simulation diverges over the measured windows",
+            "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
+        )
+    here = _weighed(simulator, windows, lin)
+    for _ in range(most):
+        there = _stepped(windows, here)
+        if there is None:
+            break
+        gained, here = here.score - there.score, there
+        if gained < LEAST_GAIN:
+            break
+    return here
+
+
+def _weighed(simulator: Identifiable, windows: Windows, lin: Linearisation) -> Fitted:
+    """A point with the weights of the score there."""
+    residual = lin.residual * per_noise(windows)
+    rows = project(windows, lin, score_weights(windows, residual))
+    # What a better start would remove is no error of the model: the weights are those of what is left.
+    left = rows.in_noise(rows.residual)
+    return Fitted(simulator, lin, project(windows, lin, score_weights(windows, left)), score_of(windows, left))
+
+
+def _stepped(windows: Windows, here: Fitted) -> Fitted | None:
+    """One step on; None where no damping lowers the misfit."""
+    for dampings in ((0.0,), DAMPINGS):
+        there = _best_of(windows, here, dampings)
+        if there is not None:
+            return there
+    return None
+
+
+def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float]) -> Fitted | None:
+    """The best of some steps, each with the starts that go with it; None where none descends."""
+    simulator, lin, rows = here.simulator, here.lin, here.rows
+    steps = torch.stack([bounded_step(simulator, rows, lin.theta, damping) for damping in dampings])
+    starts = lin.starts + start_shift(windows, lin, rows, steps)
+    theta = simulator.parameters.clamp(lin.theta + steps)
+    binned, valid = replay_binned(simulator, windows, theta, starts)
+    scale = per_noise(windows) * rows.weight
+    misfit = ((windows.bin(windows.value) - binned) * scale).square().sum((1, 2, 3))
+    misfit = torch.where(valid.all(1), misfit, torch.full_like(misfit, math.inf))
+    best = int(misfit.argmin())
+    if not bool(misfit[best] < (lin.residual * scale).square().sum()):
+        return None
+    moved = linearise(simulator, windows, theta[best], starts[best], shown=binned[best])
+    found = _weighed(simulator, windows, moved) if moved.valid else None
+    return found if found is not None and found.score < here.score else None
+
+
+def bounded_step(
+    simulator: Identifiable, rows: Rows, theta: Float[Tensor, " P"], damping: float
+) -> Float[Tensor, " P"]:
+    """The damped step of theta within the bounds [SI]."""
+    columns = rows.columns.flatten(0, 1)
+    low, high = simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta
+    return bounded_least_squares(columns.T @ columns, columns.T @ rows.residual.flatten(), low, high, damping)

@@ -1,0 +1,73 @@
+"""The error on runs that were never fitted: every window from its best start, own values found inside each run.
+
+    s_w, own_r = argmin |r~|^2  with all shared parameters as fitted;      error = RMS of what is left
+
+A start read off noisy sensors would add an error that no parameter deserves.
+"""
+
+from __future__ import annotations
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.hypothesis import build, theta_of
+from onlinebayes.criticism.hypotheses.lengths import windows_of
+from onlinebayes.criticism.hypotheses.rows import band_counts, band_squares, project, score_weights, start_shift
+from onlinebayes.criticism.hypotheses.scoring import LinearModel
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.scope import address_of
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.identifiable import Identifiable
+
+STEPS = 3
+"""Of starts and own values: the replay bends little between a smoothed start and the best one."""
+
+
+def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> dict[str, float]:
+    """RMS of each signal over the windows of runs that were not fitted [its unit]; inf where the replay diverges."""
+    fitted = evaluator.windows
+    windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.rung)
+    simulator = build(evaluator.rung.of(evaluator.given), evaluation.hypothesis, held.runs)
+    theta = theta_of(simulator, _carried_over(simulator, evaluation))
+    rms = _left(simulator, windows, theta) * windows.noise
+    names = [evaluator.given.signals[column] for column in windows.columns]
+    return dict(zip(names, rms.tolist(), strict=True))
+
+
+def _carried_over(simulator: Identifiable, evaluation: Evaluation) -> dict[str, float]:
+    """Shared values as fitted; a new run's own value begins at the mean of the fitted runs'."""
+    values, own = evaluation.values, dict[str, list[float]]()
+    for name, value in values.items():
+        own.setdefault(address_of(name), []).append(value)
+    mean = {address: sum(known) / len(known) for address, known in own.items()}
+    return {name: values.get(name, mean[address_of(name)]) for name in simulator.parameters}
+
+
+def _left(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " S"]:
+    """RMS of every signal after starts and own values have settled [floors]."""
+    own = torch.tensor([name != address_of(name) for name in simulator.parameters], dtype=torch.bool)
+    starts = windows.start
+    infinite = torch.full_like(windows.noise, float("inf"))
+    for step in range(STEPS + 1):
+        lin = linearise(simulator, windows, theta, starts)
+        if not lin.valid:
+            return infinite
+        rows = project(windows, lin, score_weights(windows, lin.residual * per_noise(windows)))
+        if step == STEPS:
+            break
+        model = LinearModel(rows, rows.columns * own, *(_room(simulator, theta, own)))
+        moved = model.whole() * own
+        starts = lin.starts + start_shift(windows, lin, rows, moved[None])[0]
+        theta = simulator.parameters.clamp(theta + moved)
+    squares = band_squares(windows, rows.in_noise(rows.residual)).sum((0, 1))
+    return (squares / band_counts(windows).sum((0, 1)).clamp_min(1)).sqrt()
+
+
+def _room(simulator: Identifiable, theta: Float[Tensor, " P"], own: Tensor) -> tuple[Tensor, Tensor]:
+    """Bounds of a step of the own values."""
+    low, high = simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta
+    return low * own, high * own

@@ -1,0 +1,135 @@
+"""How long the windows are, found by doubling: the longest over which the model still says something.
+
+    longer while   windows >= 15,   base error < spread / 2 in every signal,   growth of a start's error < 5
+
+A window in which the model has gone astray says nothing about what is missing; a short one hides what is slow. Windows
+that exceed the budget are thinned, evenly over the runs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.discretisation import cheapest, cost
+from onlinebayes.criticism.hypotheses.fitting import Fitted, fit
+from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
+from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.simulators.identifiable import Identifiable
+
+SHORTEST_ROWS = 20
+"""Rows of the first windows that are tried: their starts leave enough to compare."""
+
+FEWEST_WINDOWS = 15
+"""Fewer windows make no folds that differ."""
+
+MOST_EVALUATIONS = 32_000
+"""Evaluations of the forces in all windows of one replay; a search takes some thousand replays."""
+
+FIRST_STEPS = 2
+"""Steps of the fits on the way: they need not be good, for the next one goes on from there."""
+
+LARGEST_ERROR = 0.5
+"""Of a signal's spread in its windows: beyond, the replay has lost the machine."""
+
+NOISE = 2.0
+"""Floors: a smaller error is no sign of having lost anything, however little a signal moves."""
+
+LARGEST_GROWTH = 5.0
+"""Times that an error of a start may grow."""
+
+
+@dataclass(frozen=True)
+class Ground:
+    """Windows, the way in which the base model is integrated over them, and the model fitted so."""
+
+    windows: Windows
+    rung: Rung
+    fitted: Fitted
+
+
+def ground(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"]) -> Ground:
+    """The base model on the longest windows that it can follow.
+
+    Args:
+        given: the base model at its own step.
+        measurement: the fit runs.
+        noise: floor of each signal [SI].
+
+    Raises:
+        BadInput: no window can be replayed.
+    """
+    row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
+    horizon = SHORTEST_ROWS * row
+    first = _fitted(given, measurement, noise, horizon, Rung(given.timestep))
+    best = _fitted(given, measurement, noise, horizon, cheapest(first.fitted, given, first.windows))
+    while horizon < max(measurement.durations):
+        horizon *= 2
+        try:
+            longer = _fitted(given, measurement, noise, horizon, best)
+        except Stopped:
+            raise
+        except BadInput:
+            break
+        if longer.windows.count < FEWEST_WINDOWS or longer.windows.rows <= best.windows.rows or not follows(longer):
+            break
+        best = longer
+    fitted = best.fitted
+    return replace(best, fitted=fit(fitted.simulator, best.windows, fitted.theta, fitted.lin.starts))
+
+
+def _fitted(
+    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], horizon: float, before: Ground | Rung
+) -> Ground:
+    """The model on windows of one length, fitted roughly from where it was fitted before."""
+    rung = before.rung if isinstance(before, Ground) else before
+    values = values_of(before.fitted.simulator, before.fitted.theta) if isinstance(before, Ground) else {}
+    windows, simulator = windows_of(given, measurement, horizon, noise, rung), rung.of(given)
+    return Ground(windows, rung, fit(simulator, windows, theta_of(simulator, values), most=FIRST_STEPS))
+
+
+def windows_of(
+    given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"], rung: Rung
+) -> Windows:
+    """Windows of one length, thinned to the budget of evaluations."""
+    windows = make_windows(given, measurement, horizon, MEMORY * horizon, noise)
+    moving = windows.moving.nonzero()[:, 0]
+    if len(moving):
+        windows = windows.select(moving)
+    most = max(1, int(MOST_EVALUATIONS / (windows.rows * cost(given, rung, windows.step))))
+    if windows.count <= most:
+        return windows
+    return windows.select(torch.linspace(0, windows.count - 1, most, device=windows.run.device).round().long())
+
+
+def follows(found: Ground) -> bool:
+    """Whether the replay stays with the measurement over these windows."""
+    windows, rows = found.windows, found.fitted.rows
+    left = rows.in_noise(rows.residual)
+    seen, count = windows.seen, windows.seen.sum(1, keepdim=True).clamp_min(1)
+    value = torch.where(seen, windows.bin(windows.value) * per_noise(windows), torch.zeros_like(left))
+    centred = torch.where(seen, value - value.sum(1, keepdim=True) / count, torch.zeros_like(value))
+    number = seen.sum((0, 1)).clamp_min(1)
+    spread = (centred.square().sum((0, 1)) / number).sqrt()
+    error = (torch.where(seen, left, torch.zeros_like(left)).square().sum((0, 1)) / number).sqrt()
+    lost = (error > LARGEST_ERROR * spread) & (error > NOISE)
+    return not bool(lost.any()) and growth(windows, found.fitted) < LARGEST_GROWTH
+
+
+def growth(windows: Windows, fitted: Fitted) -> float:
+    """By how much an error of a joint's start has grown at most in its own position, in the median window."""
+    simulator = fitted.simulator
+    shown = [simulator.signals[column] for column in windows.columns]
+    most = fitted.lin.by_start.new_zeros(windows.count)
+    for j, joint in enumerate(joint_names(simulator)):
+        if (name := f"qpos.{joint}") in shown:
+            moved = fitted.lin.by_start[:, :, shown.index(name), j].abs().amax(1)
+            most = torch.maximum(most, moved * windows.free[:, j])
+    return float(most.median())

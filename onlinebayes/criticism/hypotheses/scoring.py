@@ -1,0 +1,190 @@
+"""How well a fitted hypothesis predicts what it did not see, and by how much it is better than another.
+
+    S = sum over signals of the mean over bands of 1/2 log(mean left-out square + 1)       squares in units of noise^2
+
+A signal counts by the share of its error: halving an error of 75 noise floors counts as much as halving one of 20, and
+below the noise nothing counts. Squares are pooled over the folds before the logarithm, or quiet folds would rule.
+
+Data are left out in several ways, and a law has to hold in all of them (:func:`partitions`): by runs, or stretches of
+the data where there are fewer than four; and, for each signal, by where the windows lie on it, so that what is left out
+lies beyond what was seen. A spring that follows the runs it was fitted to may be useless where no run went.
+What is left out is predicted by theta without it, one step of least squares within the bounds, no new fit; its starts
+and its own values are estimated inside it.
+
+    se^2 = (F - 1) / F sum_f (gain_-f - mean)^2        the jackknife over the folds (Efron and Stein 1981)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Bool, Float, Int
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.fitting import Fitted
+from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.replaying.bounded import bounded_least_squares
+
+FEWEST_RUNS = 4
+"""So many runs are folds of their own."""
+
+STRETCHES = 6
+"""Fewer runs are cut into so many folds."""
+
+REGIONS = 4
+"""Windows are sorted by each signal into so many folds: the outer two ask for extrapolation."""
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """Left-out squares of one hypothesis.
+
+    Args:
+        squares, counts: sum of squares [noise^2] and number of bins, of every fold, band and signal.
+    """
+
+    squares: Float[Tensor, "F B S"]
+    counts: Float[Tensor, "F B S"]
+
+    @property
+    def by_signal(self) -> Float[Tensor, " S"]:
+        """Each signal's part of the score S."""
+        return _by_signal(self.squares.sum(0), self.counts.sum(0))
+
+    @property
+    def fold_scores(self) -> Float[Tensor, " F"]:
+        """S of every fold alone."""
+        return _by_signal(self.squares, self.counts).sum(-1)
+
+    @property
+    def without_fold(self) -> Float[Tensor, " F"]:
+        """S without each of the folds."""
+        return _by_signal(self.squares.sum(0) - self.squares, self.counts.sum(0) - self.counts).sum(-1)
+
+    @property
+    def rms(self) -> Float[Tensor, " S"]:
+        """Left-out RMS of every signal [noise floors]."""
+        return (self.squares.sum((0, 1)) / self.counts.sum((0, 1)).clamp_min(1)).sqrt()
+
+
+@dataclass(frozen=True)
+class Gain:
+    """By how much a hypothesis predicts left-out data better than another, in nats, over F folds.
+
+    Args:
+        by_signal: S of the other minus S of this, in each signal.
+        se: the jackknife's standard error of their sum.
+        folds, worse: F, and those of them that it predicts worse.
+    """
+
+    by_signal: tuple[float, ...]
+    se: float
+    folds: int
+    worse: int
+
+    @property
+    def gain(self) -> float:
+        """Of all signals."""
+        return sum(self.by_signal)
+
+
+def gain(better: LeftOut, other: LeftOut) -> Gain:
+    """What ``better`` gains over ``other``."""
+    differences = other.without_fold - better.without_fold
+    F = len(differences)
+    spread = float(differences.var(correction=0)) * (F - 1)
+    worse = int((better.fold_scores > other.fold_scores + 1e-12).sum())
+    by_signal = (other.by_signal - better.by_signal).tolist()
+    return Gain(tuple(by_signal), math.sqrt(spread), F, worse)
+
+
+def folds_of(windows: Windows) -> Int[Tensor, " W"]:
+    """Number of each window's fold."""
+    runs, of = torch.unique(windows.run, return_inverse=True)
+    if len(runs) >= FEWEST_RUNS:
+        return of
+    moving = windows.moving.long()
+    before = moving.cumsum(0) - moving
+    return (before * STRETCHES // max(int(moving.sum()), 1)).clamp_max(STRETCHES - 1)
+
+
+def partitions(windows: Windows) -> tuple[Int[Tensor, " W"], ...]:
+    """Every way in which data are left out: number of each window's fold, by runs first, then by each signal."""
+    seen = windows.observed
+    count = seen.sum(1).clamp_min(1)
+    mean = torch.where(seen, windows.value, torch.zeros_like(windows.value)).sum(1) / count
+    ranks = mean.argsort(0).argsort(0)
+    return folds_of(windows), *(rank * REGIONS // len(rank) for rank in ranks.unbind(1))
+
+
+@dataclass(frozen=True)
+class LinearModel:
+    """A fit's rows to first order in theta, or in theta and a candidate's size.
+
+    Args:
+        rows: start-projected, at the mode.
+        columns: by which they fall where a parameter rises.
+        low, high: bounds of the parameters' steps.
+    """
+
+    rows: Rows
+    columns: Float[Tensor, "W m P"]
+    low: Float[Tensor, " P"]
+    high: Float[Tensor, " P"]
+
+    @classmethod
+    def of(cls, fitted: Fitted, windows: Windows) -> LinearModel:
+        """That of a fit."""
+        space, theta = fitted.simulator.parameters, fitted.theta
+        return cls(fitted.rows, fitted.rows.columns, space.low.to(theta) - theta, space.high.to(theta) - theta)
+
+    def whole(self) -> Float[Tensor, " P"]:
+        """The step that all data ask for."""
+        C, r = self.columns.flatten(0, 1), self.rows.residual.flatten()
+        return bounded_least_squares(C.T @ C, C.T @ r, self.low, self.high)
+
+    def without(self, fold: Bool[Tensor, " W"], normal: Float[Tensor, "W P P"], right: Float[Tensor, "W P"]) -> Tensor:
+        """The step that the data without a fold ask for; what only the fold can tell is fitted inside it.
+
+        Args:
+            fold: the windows that are left out.
+            normal, right: C'C and C'r of every window.
+        """
+        outside, inside = normal[~fold].sum(0), normal[fold].sum(0)
+        step = bounded_least_squares(outside, right[~fold].sum(0), self.low, self.high)
+        own = (outside.diagonal() <= 0) & (inside.diagonal() > 0)
+        if bool(own.any()):
+            left = right[fold].sum(0) - inside[:, ~own] @ step[~own]
+            step[own] = bounded_least_squares(inside[own][:, own], left[own], self.low[own], self.high[own])
+        return step
+
+
+def left_out(model: LinearModel, windows: Windows, folds: Int[Tensor, " W"]) -> LeftOut:
+    """Every fold predicted by the parameters that the others ask for."""
+    rows = model.rows
+    normal = model.columns.mT @ model.columns
+    right = (model.columns.mT @ rows.residual[..., None])[..., 0]
+    predicted = rows.residual.clone()
+    for f in range(int(folds.max()) + 1):
+        here = folds == f
+        step = model.without(here, normal, right)
+        predicted[here] -= torch.einsum("wmp,p->wm", model.columns[here], step)
+    return squares_of(windows, rows.in_noise(predicted), folds)
+
+
+def squares_of(windows: Windows, rows: Float[Tensor, "W n S"], folds: Int[Tensor, " W"]) -> LeftOut:
+    """Left-out squares from left-out rows in units of noise."""
+    number = int(folds.max()) + 1
+    squares = band_squares(windows, rows)
+    counts = band_counts(windows)
+    pooled = [x.new_zeros(number, *x.shape[1:]).index_add(0, folds, x) for x in (squares, counts)]
+    return LeftOut(*pooled)
+
+
+def _by_signal(squares: Float[Tensor, "*batch B S"], counts: Float[Tensor, "*batch B S"]) -> Float[Tensor, "*batch S"]:
+    seen = counts > 0
+    each = torch.where(seen, 0.5 * torch.log1p(squares / counts.clamp_min(1)), torch.zeros_like(squares))
+    return each.sum(-2) / seen.sum(-2).clamp_min(1)

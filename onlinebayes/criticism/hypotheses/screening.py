@@ -1,0 +1,107 @@
+"""What each candidate would gain, predicted without a refit: one replay a starting value, the rest least squares.
+
+    c~ = the replay with the candidate, minus the one without, starts taken out
+    (d, a) = argmin |r~ - C~ d - c~ a|^2      within the bounds of theta and of the candidate's size a
+
+The same least squares without each fold in turn predicts that fold, so that the prediction is the gain of
+:mod:`.scoring` to first order. It chooses what is refitted, and decides nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float, Int
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.additions import Addition, Start
+from onlinebayes.criticism.hypotheses.fitting import Fitted
+from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
+from onlinebayes.criticism.hypotheses.rows import taken_out
+from onlinebayes.criticism.hypotheses.scoring import LeftOut, LinearModel, gain, left_out
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.replaying.replay import replay_binned
+from onlinebayes.runs import BadInput, Stopped
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """The best starting value of one candidate, and what it promises.
+
+    Args:
+        addition: the candidate.
+        values: where a refit begins, entry -> value [SI].
+        gain: predicted gain in left-out score [nats].
+    """
+
+    addition: Addition
+    values: Mapping[str, float]
+    gain: float
+
+
+def screen(
+    fitted: Fitted,
+    windows: Windows,
+    folds: Int[Tensor, " W"],
+    candidates: Sequence[Addition],
+    watch: Callable[[str], None] = lambda _: None,
+) -> list[Prediction]:
+    """Every candidate's predicted gain, the largest first; candidates that the simulator refuses are left out."""
+    now = left_out(LinearModel.of(fitted, windows), windows, folds)
+    found = []
+    for addition in candidates:
+        watch(addition.key)
+        best = max(_predictions(fitted, windows, folds, addition, now), key=lambda p: p.gain, default=None)
+        if best is not None:
+            found.append(best)
+    return sorted(found, key=lambda p: -p.gain)
+
+
+def _predictions(
+    fitted: Fitted, windows: Windows, folds: Int[Tensor, " W"], addition: Addition, now: LeftOut
+) -> Iterator[Prediction]:
+    """One for each starting value at which the replay stays finite."""
+    try:
+        simulator = addition.joined(fitted.simulator, windows.runs)
+    except Stopped:
+        raise
+    except BadInput:
+        return
+    known, starts = values_of(fitted.simulator, fitted.theta), addition.starts(simulator)
+    thetas = torch.stack([theta_of(simulator, {**known, **start.values}) for start in starts])
+    begun = fitted.lin.starts.expand(len(thetas), *fitted.lin.starts.shape)
+    shown, valid = replay_binned(simulator, windows, thetas, begun)
+    base = windows.bin(windows.value) - fitted.lin.residual
+    moved = torch.where(valid.all(1)[:, None, None, None], shown - base, torch.zeros_like(shown))
+    columns = taken_out(windows, fitted.rows, moved.movedim(0, -1))
+    for k, start in enumerate(starts):
+        if float(columns[..., k].square().sum()) > 0:
+            model = _with_column(LinearModel.of(fitted, windows), windows, columns[..., k], start)
+            sizes = model.whole()[-len(start.sized) :]
+            values = {
+                **start.values,
+                **{
+                    entry: start.neutral + float(size) * start.reach
+                    for entry, size in zip(start.sized, sizes, strict=True)
+                },
+            }
+            yield Prediction(addition, values, gain(left_out(model, windows, folds), now).gain)
+
+
+def _with_column(model: LinearModel, windows: Windows, column: Float[Tensor, "W m"], start: Start) -> LinearModel:
+    """The linear model with the candidate's size, or with one in each run."""
+    if len(start.sized) == 1:
+        columns = column[..., None]
+    else:
+        number = len(start.sized)
+        mine = (windows.run[:, None] == torch.arange(number, device=windows.run.device)).to(column)
+        columns = column[..., None] * mine[:, None, :]
+    low, high = (column.new_full((columns.shape[-1],), end) for end in (start.low, start.high))
+    return replace(
+        model,
+        columns=torch.cat([model.columns, columns], dim=-1),
+        low=torch.cat([model.low, low]),
+        high=torch.cat([model.high, high]),
+    )

@@ -1,0 +1,169 @@
+"""The search: from hypothesis to hypothesis by moves, as long as the rule prefers a neighbour.
+
+    h <- the preferred of { h + one candidate, h without one of its additions }      until none is preferred
+
+Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.evaluating`), the rule decides (:mod:`.rule`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from onlinebayes.criticism.hypotheses.additions import Addition
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
+from onlinebayes.criticism.hypotheses.scoring import Gain
+from onlinebayes.criticism.hypotheses.screening import Prediction, screen
+
+REFITS = 3
+"""Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
+
+LEAST_PROMISE = LEAST_GAIN / 5
+"""Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
+
+MOST_ADDITIONS = 6
+"""A model that needs more has another fault."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One addition that was refitted: what it gains over the hypothesis of its round, and why it was refused."""
+
+    addition: Addition
+    evaluation: Evaluation
+    gains: tuple[Gain, ...]
+    refused: str | None
+
+    @property
+    def least(self) -> float:
+        """The least gain, over all ways of leaving data out [nats]."""
+        return min(one.gain for one in self.gains)
+
+
+@dataclass(frozen=True)
+class Round:
+    """One round: from where, what screening promised, what was refitted, what was added and what is equally good."""
+
+    begun: Evaluation
+    screened: tuple[Prediction, ...]
+    tried: tuple[Trial, ...]
+    added: Trial | None = None
+    equal: tuple[Trial, ...] = ()
+
+
+@dataclass
+class Search:
+    """A search from the base model on.
+
+    Args:
+        evaluator: fits and judges; replaced by a finer one where what was added asks for it.
+        base: the base model as it evaluated it.
+        candidates: the additions to try.
+    """
+
+    evaluator: Evaluator
+    base: Evaluation
+    candidates: Sequence[Addition]
+    rounds: list[Round] = field(default_factory=list)
+
+    def run(self) -> Evaluation:
+        """The hypothesis of which no neighbour is preferred."""
+        here = self.base
+        while len(here.hypothesis.keys) < MOST_ADDITIONS:
+            found = self.round(here)
+            self.rounds.append(found)
+            if found.added is None:
+                break
+            here = self.pruned(self.refined(found.added.evaluation))
+        return here
+
+    def round(self, here: Evaluation) -> Round:
+        """Screen all candidates, refit those that promise most, add what the rule prefers."""
+        evaluator = self.evaluator
+        evaluator.watch(f"screening with {here.hypothesis}")
+        present = set(here.hypothesis.keys)
+        left = [addition for addition in self.candidates if addition.key not in present]
+        screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
+        tried = tuple(trial for p in promising(screened) if (trial := self.tried(here, p)) is not None)
+        best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
+        if best is None:
+            return Round(here, screened, tried)
+        equal = [trial for trial in tried if trial is best or _equal(best, trial)]
+        chosen = min((trial for trial in equal if trial.refused is None), key=_parameters)
+        return Round(here, screened, tried, chosen, tuple(trial for trial in equal if trial is not chosen))
+
+    def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
+        """One addition more, fitted from where screening would begin; None where the simulator cannot follow it."""
+        hypothesis = here.hypothesis.plus(prediction.addition)
+        values = {**here.values, **prediction.values}
+        evaluation = self.evaluator.evaluate(hypothesis, values, here.fitted.lin.starts)
+        if evaluation is None:
+            return None
+        gains = evaluation.gains(here)
+        return Trial(prediction.addition, evaluation, gains, refusal(gains, here.gains(self.base)[0]))
+
+    def refined(self, here: Evaluation) -> Evaluation:
+        """The same hypothesis, integrated as finely as it asks; the base model too, for comparison."""
+        evaluator = self.evaluator.refined(here)
+        if evaluator is self.evaluator:
+            return here
+        base = evaluator.evaluate(Hypothesis(), self.base.values, self.base.fitted.lin.starts)
+        again = evaluator.evaluate(here.hypothesis, here.values, here.fitted.lin.starts)
+        if base is None or again is None:
+            return here
+        self.evaluator, self.base = evaluator, base
+        return again
+
+    def pruned(self, here: Evaluation) -> Evaluation:
+        """Without the additions that the rule would not let in any more."""
+        for key in here.hypothesis.keys[:-1]:
+            shorter = here.hypothesis.minus(key)
+            without = self.evaluator.evaluate(shorter, here.values, here.fitted.lin.starts)
+            if without is not None and not preferred(here.gains(without), without.gains(self.base)[0]):
+                self.evaluator.watch(f"dropping {key}")
+                return self.pruned(without)
+        return here
+
+
+def promising(screened: Sequence[Prediction]) -> list[Prediction]:
+    """What is refitted: the best predictions, and the best of one parameter, which goes before its equals."""
+    enough = [prediction for prediction in screened if prediction.gain >= LEAST_PROMISE]
+    simple = [prediction for prediction in enough if len(prediction.values) == 1]
+    return enough[:REFITS] + [prediction for prediction in simple[:1] if prediction not in enough[:REFITS]]
+
+
+def _equal(best: Trial, other: Trial) -> bool:
+    return equally_good(best.evaluation.gains(other.evaluation), [one.gain for one in best.gains])
+
+
+def _parameters(trial: Trial) -> tuple[int, int, float]:
+    return len(trial.evaluation.fitted.theta), trial.addition.rank, -trial.least
+
+
+def told(search: Search, end: Evaluation) -> str:
+    """What was found, in lines."""
+    windows = search.evaluator.windows
+    names = [search.evaluator.given.signals[c] for c in windows.columns]
+
+    def errors(evaluation: Evaluation) -> str:
+        rms = evaluation.left[0].rms.tolist()
+        noise = windows.noise.tolist()
+        return ", ".join(f"{n} {r * f:.4g} ({r:.1f} floors)" for n, r, f in zip(names, rms, noise, strict=True))
+
+    folds, rung = int(search.evaluator.partitions[0].max()) + 1, search.evaluator.rung
+    lines = [f"{windows.count} windows of {windows.horizon:.3g} s, {folds} folds, {rung.method} {rung.timestep:g} s"]
+    lines.append(f"left out, before: {errors(search.base)}")
+    for number, found in enumerate(search.rounds, 1):
+        promised = ", ".join(f"{p.addition.key} {p.gain:.3f}" for p in found.screened[:5])
+        lines.append(f"round {number}: screening {promised}")
+        for trial in found.tried:
+            won = "; ".join(f"{one.gain:.3f} ± {one.se:.3f}, {one.worse} worse" for one in trial.gains)
+            lines.append(f"    {trial.addition.key}: {won}: {trial.refused or 'preferred'}")
+        if found.added is not None:
+            equal = ", ".join(trial.addition.key for trial in found.equal)
+            lines.append(f"    added {found.added.addition.key}{f'; equal: {equal}' if equal else ''}")
+    lines.append(f"left out, after: {errors(end)}")
+    lines.append(f"found: {end.hypothesis}")
+    return "\n".join(lines)
