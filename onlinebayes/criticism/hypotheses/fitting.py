@@ -2,15 +2,16 @@
 
     step:  min |r~ - C~ d|^2 + lambda |D d|^2,   low <= theta + d <= high,    D^2 = diag(C~' C~)     (Marquardt 1963)
 
-All dampings are replayed at once and the best one is taken; the weights are renewed after each step, so that the fit
-ends where the score of the data it saw has no slope (iteratively reweighted least squares).
+The undamped step is tried first, then all dampings at once. The weights are renewed after each step, so that the fit
+ends where the score of the data it saw has no slope (iteratively reweighted least squares). Derivatives cost a replay
+for each parameter and start: they are kept as long as steps with them lead on (chord method).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -28,7 +29,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 DAMPINGS = (0.1, 3.0, 100.0)
 """Marquardt's lambdas, replayed side by side where the undamped step does not descend."""
 
-MOST_STEPS = 15
+MOST_STEPS = 30
 """A fit ends after so many steps."""
 
 LEAST_GAIN = 2e-3
@@ -83,21 +84,34 @@ def fit(
     Raises:
         BadInput: the replay diverges where it begins.
     """
-    lin = linearise(simulator, windows, simulator.parameters.clamp(theta), windows.start if starts is None else starts)
-    if not lin.valid:
+    here = _linearised(
+        simulator, windows, simulator.parameters.clamp(theta), windows.start if starts is None else starts
+    )
+    if here is None:
         raise BadInput(
             "the simulation diverges over the measured windows",
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
-    here = _weighed(simulator, windows, lin)
+    fresh = True
     for _ in range(most):
         there = _stepped(windows, here)
-        if there is None:
+        gained = 0.0 if there is None else here.score - there.score
+        settled = fresh and gained < LEAST_GAIN
+        here = here if there is None else there
+        if settled:
             break
-        gained, here = here.score - there.score, there
-        if gained < LEAST_GAIN:
-            break
-    return here
+        fresh = gained < LEAST_GAIN
+        if fresh:  # old derivatives lead no further
+            here = _linearised(simulator, windows, here.theta, here.lin.starts) or here
+    return here if fresh else _linearised(simulator, windows, here.theta, here.lin.starts) or here
+
+
+def _linearised(
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], starts: Float[Tensor, "W J2"]
+) -> Fitted | None:
+    """A point with its derivatives; None where a replay diverges."""
+    lin = linearise(simulator, windows, theta, starts)
+    return _weighed(simulator, windows, lin) if lin.valid else None
 
 
 def _weighed(simulator: Identifiable, windows: Windows, lin: Linearisation) -> Fitted:
@@ -131,9 +145,9 @@ def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float]) -> Fitte
     best = int(misfit.argmin())
     if not bool(misfit[best] < (lin.residual * scale).square().sum()):
         return None
-    moved = linearise(simulator, windows, theta[best], starts[best], shown=binned[best])
-    found = _weighed(simulator, windows, moved) if moved.valid else None
-    return found if found is not None and found.score < here.score else None
+    residual = windows.bin(windows.value) - binned[best]
+    found = _weighed(simulator, windows, replace(lin, theta=theta[best], starts=starts[best], residual=residual))
+    return found if found.score < here.score else None
 
 
 def bounded_step(

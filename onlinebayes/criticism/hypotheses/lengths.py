@@ -33,7 +33,7 @@ FEWEST_WINDOWS = 15
 MOST_EVALUATIONS = 32_000
 """Evaluations of the forces in all windows of one replay; a search takes some thousand replays."""
 
-FIRST_STEPS = 2
+FIRST_STEPS = 4
 """Steps of the fits on the way: they need not be good, for the next one goes on from there."""
 
 LARGEST_ERROR = 0.5
