@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost screening versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench hypotheses blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost screening versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -54,6 +54,8 @@ blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2300 --out $(OUT)/blind_pairs
 exclusion-limits: setup  ## effects of 1.5 times the exclusion limit, on eight rigs (an hour or two) -> docs/results/exclusion-limits.json
 	$(BIN)/python -m recipes.studies.exclusion_limits --out $(OUT)/exclusion_limits
+hypotheses: setup  ## the new search on EMPS, the cart-pole and 40 blind cases (goes on where it was stopped) -> docs/results/hypotheses.json
+	$(BIN)/python -m recipes.studies.hypotheses --out $(OUT)/hypotheses
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
 	$(BIN)/python -m recipes.studies.emps
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json

@@ -45,10 +45,11 @@ def measure(
     truth: tuple[float, ...] = TRUTH,
     parameters: ParameterSpace = FREE,
     finer: int = 1,
+    simulator: MujocoSimulator | None = None,
 ) -> Measurement:
     """Runs of the slide with these effects hidden in it; each from rest at 0; integrated with steps so much finer."""
     step, rows = 0.01, round(seconds / 0.01) + 1
-    simulator, theta = model(parameters).with_timestep(0.01 / finer), list(truth)
+    simulator, theta = (simulator or model(parameters)).with_timestep(0.01 / finer), list(truth)
     for effect, values in (effects or {}).items():
         simulator, theta = simulator.with_effect(effect), theta + list(values)
     command = commands(runs, rows, step, seed)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from onlinebayes.criticism.candidates.candidates import trials
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, effect_entries, unscoped
@@ -43,6 +43,7 @@ class Start:
     high: float
 
 
+@runtime_checkable
 class Addition(Protocol):
     """One addition; ``rank`` orders those that do equally well with equally many parameters, the lowest first."""
 

@@ -14,11 +14,13 @@ from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.lengths import ground
 from onlinebayes.criticism.hypotheses.search import Round, Search
 from onlinebayes.identification.data.noise import measured_floors
-from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.closed_loops import completed
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
 from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.scoped import scoped
+from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
@@ -27,6 +29,10 @@ from onlinebayes.simulators.identifiable import Identifiable
 
 PER_RUN = ("sensor_bias",)
 """Effects that are also tried with one size a run: an encoder finds another zero each time it is switched on."""
+
+
+SCALES_HORIZON = 2.0
+"""Seconds of the windows from which effects take their bounds: dead times up to a tenth of that are tried."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,7 @@ def explain(
     *,
     holdout: Sequence[str] | None = None,
     candidates: str | Sequence[str | Effect] = "all",
+    scope: Scope | None = None,
     watch: Callable[[str], None] = lambda _: None,
 ) -> Explanation:
     """Search for what is missing in a model, or off in it.
@@ -66,6 +73,7 @@ def explain(
         measurement: all runs.
         holdout: names of the runs that are kept from the fit; chosen when None.
         candidates: ``"all"``, or names, ``name@target`` keys and effects with bounds of their own.
+        scope: which parameters differ between runs.
         watch: told what is being done.
 
     Raises:
@@ -75,14 +83,14 @@ def explain(
     measurement, _ = completed(simulator, measurement.seen())
     given, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
-    given = in_step(given, fit_runs)
+    given = scoped(in_step(given, fit_runs), scope, measurement, fit_runs.runs)
     watch("choosing the windows")
     grounds = ground(given, fit_runs, measured_floors(fit_runs))
     evaluator = Evaluator(given, grounds.windows, fit_runs.runs, grounds.rung, watch)
     base = evaluator.evaluate(Hypothesis(), {}, grounds.fitted.lin.starts)
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
-    search = Search(evaluator, base, additions(given, grounds.windows, candidates))
+    search = Search(evaluator, base, additions(given, fit_runs, candidates))
     search.base = search.refined(base)
     found = search.run()
     watch("replaying the runs that were held out")
@@ -103,9 +111,10 @@ def explain(
 
 
 def additions(
-    simulator: Identifiable, windows: Windows, wanted: str | Sequence[str | Effect] = "all"
+    simulator: Identifiable, measurement: Measurement, wanted: str | Sequence[str | Effect] = "all"
 ) -> tuple[Addition, ...]:
     """Everything that is tried; a law that is the exact sum of others is tried as these."""
+    windows = make_windows(simulator, measurement, SCALES_HORIZON)
     effects = [effect for effect in propose(simulator, windows, wanted) if not effect.sum_of]
     found: list[Addition] = [AddedEffect(effect) for effect in effects]
     if wanted != "all":

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.additions import Addition
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 
@@ -50,7 +51,7 @@ def build(base: Identifiable, hypothesis: Hypothesis, runs: Sequence[str]) -> Id
     Raises:
         BadInput: the simulator cannot carry one of the additions.
     """
-    simulator = base
+    simulator = ScopedSimulator(base.physics, base.scope, runs) if isinstance(base, ScopedSimulator) else base
     for addition in hypothesis.additions:
         simulator = addition.joined(simulator, runs)
     return simulator

@@ -21,9 +21,13 @@ from onlinebayes.criticism.hypotheses.fitting import Fitted
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.hypotheses.rows import taken_out
 from onlinebayes.criticism.hypotheses.scoring import LeftOut, LinearModel, gain, left_out
+from onlinebayes.criticism.judging.screening import orthonormal
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
+
+SAME_LAW = 0.995
+"""Cosine between what two candidates do: at that angle, a fit to one leaves a hundredth of the other's square."""
 
 
 @dataclass(frozen=True)
@@ -34,11 +38,17 @@ class Prediction:
         addition: the candidate.
         values: where a refit begins, entry -> value [SI].
         gain: predicted gain in left-out score [nats].
+        direction: how it moves the rows, starts and theta taken out, of norm 1.
     """
 
     addition: Addition
     values: Mapping[str, float]
     gain: float
+    direction: Float[Tensor, " N"]
+
+    def alike(self, other: Prediction) -> bool:
+        """Whether it is the same law as another, to first order."""
+        return abs(float(self.direction @ other.direction)) > SAME_LAW
 
 
 def screen(
@@ -76,18 +86,22 @@ def _predictions(
     base = windows.bin(windows.value) - fitted.lin.residual
     moved = torch.where(valid.all(1)[:, None, None, None], shown - base, torch.zeros_like(shown))
     columns = taken_out(windows, fitted.rows, moved.movedim(0, -1))
+    model = LinearModel.of(fitted, windows)
+    basis = orthonormal(model.columns.flatten(0, 1))
     for k, start in enumerate(starts):
-        if float(columns[..., k].square().sum()) > 0:
-            model = _with_column(LinearModel.of(fitted, windows), windows, columns[..., k], start)
-            sizes = model.whole()[-len(start.sized) :]
-            values = {
-                **start.values,
-                **{
-                    entry: start.neutral + float(size) * start.reach
-                    for entry, size in zip(start.sized, sizes, strict=True)
-                },
-            }
-            yield Prediction(addition, values, gain(left_out(model, windows, folds), now).gain)
+        column = columns[..., k]
+        if not float(column.square().sum()) > 0:
+            continue
+        grown = _with_column(model, windows, column, start)
+        sizes = grown.whole()[len(model.low) :].tolist()
+        values = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
+        left = column.flatten() - basis @ (basis.T @ column.flatten())
+        yield Prediction(
+            addition,
+            {**start.values, **values},
+            gain(left_out(grown, windows, folds), now).gain,
+            left / left.norm().clamp_min(1e-300),
+        )
 
 
 def _with_column(model: LinearModel, windows: Windows, column: Float[Tensor, "W m"], start: Start) -> LinearModel:

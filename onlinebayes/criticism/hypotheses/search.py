@@ -44,13 +44,28 @@ class Trial:
 
 @dataclass(frozen=True)
 class Round:
-    """One round: from where, what screening promised, what was refitted, what was added and what is equally good."""
+    """One round of the search.
+
+    Args:
+        begun: from where it went.
+        screened: what screening promised, the best first.
+        tried: what was refitted.
+        added: what the rule preferred, None in the last round.
+        equal: what was refitted and is equally good.
+        alike: the same law as what was added, to first order, and was not refitted.
+    """
 
     begun: Evaluation
     screened: tuple[Prediction, ...]
     tried: tuple[Trial, ...]
     added: Trial | None = None
     equal: tuple[Trial, ...] = ()
+    alike: tuple[Addition, ...] = ()
+
+    @property
+    def equals(self) -> tuple[str, ...]:
+        """Keys of all that cannot be told from what was added."""
+        return (*(trial.addition.key for trial in self.equal), *(addition.key for addition in self.alike))
 
 
 @dataclass
@@ -92,7 +107,10 @@ class Search:
             return Round(here, screened, tried)
         equal = [trial for trial in tried if trial is best or _equal(best, trial)]
         chosen = min((trial for trial in equal if trial.refused is None), key=_parameters)
-        return Round(here, screened, tried, chosen, tuple(trial for trial in equal if trial is not chosen))
+        of = next(prediction for prediction in screened if prediction.addition == chosen.addition)
+        known = {trial.addition.key for trial in tried}
+        alike = tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
+        return Round(here, screened, tried, chosen, tuple(trial for trial in equal if trial is not chosen), alike)
 
     def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
         """One addition more, fitted from where screening would begin; None where the simulator cannot follow it."""
