@@ -58,6 +58,7 @@ class Case:
         worlds, steps, batches: how much.
         differ: batches of worlds whose parameters differ, before those at default parameters.
         goal: mean return, at least.
+        episodes: of our worlds, by which the best policy along the way is chosen.
     """
 
     simulator: type[TorchSimulator]
@@ -69,6 +70,7 @@ class Case:
     batches: int
     differ: int
     goal: float
+    episodes: int = 128
 
 
 SAME = ParameterSpace({})
@@ -168,7 +170,7 @@ def train(case: Case, name: str, seed: int) -> Outcome:
     for batch, data in enumerate(batches(case, problem, objective, seed), 1):
         objective.update(data)
         if batch % 10 == 0:
-            course.append(problem.score(objective.policy, default, episodes=128))
+            course.append(problem.score(objective.policy, default, episodes=case.episodes))
             if course[-1] > best:
                 best, kept = course[-1], {k: v.clone() for k, v in objective.policy.state_dict().items()}
     objective.policy.load_state_dict(kept)
