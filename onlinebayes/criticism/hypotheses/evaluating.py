@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.discretisation import cheapest, fine_enough
-from onlinebayes.criticism.hypotheses.fitting import Fitted, fit
+from onlinebayes.criticism.hypotheses.fitting import Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
 from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
@@ -59,15 +60,25 @@ class Evaluator:
         self.partitions: tuple[Int[Tensor, " W"], ...] = partitions(self.windows)
 
     def evaluate(
-        self, hypothesis: Hypothesis, values: Mapping[str, float], starts: Float[Tensor, "W J2"] | None = None
+        self,
+        hypothesis: Hypothesis,
+        begun: Sequence[Mapping[str, float]],
+        starts: Float[Tensor, "W J2"] | None = None,
     ) -> Evaluation | None:
-        """The hypothesis fitted from these values; None where the simulator cannot carry or follow it."""
+        """The hypothesis fitted from the best of some values; None where the simulator cannot carry or follow it.
+
+        Args:
+            hypothesis: what is fitted.
+            begun: values by name from which the fit may begin, nominal ones for those that are missing [SI].
+            starts: where the windows' starts begin; the smoothed ones when None.
+        """
         key = frozenset(hypothesis.keys)
         if key not in self.known:
             self.watch(f"fitting {hypothesis}")
             try:
                 simulator = build(self.rung.of(self.given), hypothesis, self.runs)
-                fitted = fit(simulator, self.windows, theta_of(simulator, values), starts)
+                thetas = torch.stack([theta_of(simulator, values) for values in begun])
+                fitted = fit(simulator, self.windows, best_theta(simulator, self.windows, thetas, starts), starts)
                 model = LinearModel.of(fitted, self.windows)
                 left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
                 self.known[key] = Evaluation(hypothesis, fitted, left)

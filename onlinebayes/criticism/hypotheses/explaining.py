@@ -10,7 +10,7 @@ from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
 from onlinebayes.criticism.hypotheses.lengths import ground
 from onlinebayes.criticism.hypotheses.search import Round, Search
 from onlinebayes.identification.data.noise import measured_floors
@@ -87,7 +87,9 @@ def explain(
     watch("choosing the windows")
     grounds = ground(given, fit_runs, measured_floors(fit_runs))
     evaluator = Evaluator(given, grounds.windows, fit_runs.runs, grounds.rung, watch)
-    base = evaluator.evaluate(Hypothesis(), {}, grounds.fitted.lin.starts)
+    base = evaluator.evaluate(
+        Hypothesis(), [values_of(grounds.fitted.simulator, grounds.fitted.theta)], grounds.fitted.lin.starts
+    )
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
     search = Search(evaluator, base, additions(given, fit_runs, candidates))

@@ -106,6 +106,21 @@ def fit(
     return here if fresh else _linearised(simulator, windows, here.theta, here.lin.starts) or here
 
 
+def best_theta(
+    simulator: Identifiable, windows: Windows, thetas: Float[Tensor, "B P"], starts: Float[Tensor, "W J2"] | None = None
+) -> Float[Tensor, " P"]:
+    """That of some thetas whose replay comes nearest, each window's start where it is.
+
+    What is added may move the optimum into another valley than that in which the simpler model was fitted.
+    """
+    if len(thetas) == 1:
+        return thetas[0]
+    begun = windows.start if starts is None else starts
+    binned, valid = replay_binned(simulator, windows, thetas, begun.expand(len(thetas), *begun.shape))
+    scores = [score_of(windows, (windows.bin(windows.value) - one) * per_noise(windows)) for one in binned]
+    return thetas[min(range(len(scores)), key=lambda k: scores[k] if bool(valid[k].all()) else math.inf)]
+
+
 def _linearised(
     simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], starts: Float[Tensor, "W J2"]
 ) -> Fitted | None:

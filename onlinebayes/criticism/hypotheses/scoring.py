@@ -17,7 +17,7 @@ and its own values are estimated inside it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -140,6 +140,17 @@ class LinearModel:
         """That of a fit."""
         space, theta = fitted.simulator.parameters, fitted.theta
         return cls(fitted.rows, fitted.rows.columns, space.low.to(theta) - theta, space.high.to(theta) - theta)
+
+    def grown(
+        self, columns: Float[Tensor, "W m K"], low: Float[Tensor, " K"], high: Float[Tensor, " K"]
+    ) -> LinearModel:
+        """With further parameters."""
+        return replace(
+            self,
+            columns=torch.cat([self.columns, columns], dim=-1),
+            low=torch.cat([self.low, low]),
+            high=torch.cat([self.high, high]),
+        )
 
     def whole(self) -> Float[Tensor, " P"]:
         """The step that all data ask for."""

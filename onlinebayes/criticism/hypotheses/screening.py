@@ -9,8 +9,9 @@ The same least squares without each fold in turn predicts that fold, so that the
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
@@ -30,21 +31,31 @@ SAME_LAW = 0.995
 """Cosine between what two candidates do: at that angle, a fit to one leaves a hundredth of the other's square."""
 
 
+PAIRED = 10
+"""Candidates of which all pairs are predicted: 45 small least squares, no replay."""
+
+
 @dataclass(frozen=True)
 class Prediction:
     """The best starting value of one candidate, and what it promises.
 
     Args:
         addition: the candidate.
-        values: where a refit begins, entry -> value [SI].
+        begun: where a refit may begin, entry -> value [SI]: as predicted, and its finite starting values.
         gain: predicted gain in left-out score [nats].
         direction: how it moves the rows, starts and theta taken out, of norm 1.
+        explained: share of the fitted rows' squares along that direction.
+        columns, low, high: its sizes in the linear model, and their bounds.
     """
 
     addition: Addition
-    values: Mapping[str, float]
+    begun: tuple[Mapping[str, float], ...]
     gain: float
     direction: Float[Tensor, " N"]
+    explained: float
+    columns: Float[Tensor, "W m K"]
+    low: Float[Tensor, " K"]
+    high: Float[Tensor, " K"]
 
     def alike(self, other: Prediction) -> bool:
         """Whether it is the same law as another, to first order."""
@@ -92,30 +103,52 @@ def _predictions(
         column = columns[..., k]
         if not float(column.square().sum()) > 0:
             continue
-        grown = _with_column(model, windows, column, start)
+        columns_of, low, high = _sizes(windows, column, start)
+        grown = model.grown(columns_of, low, high)
         sizes = grown.whole()[len(model.low) :].tolist()
-        values = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
+        scaled = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
+        # A finite starting value stands where linear prediction means little: it is taken as it is.
+        best = {**start.values, **scaled} if k == 0 else start.values
         left = column.flatten() - basis @ (basis.T @ column.flatten())
+        direction = left / left.norm().clamp_min(1e-300)
+        residual = model.rows.residual.flatten()
         yield Prediction(
             addition,
-            {**start.values, **values},
+            (best, *(one.values for one in starts[1:] if one is not start)),
             gain(left_out(grown, windows, folds), now).gain,
-            left / left.norm().clamp_min(1e-300),
+            direction,
+            float((direction @ residual) ** 2 / residual.square().sum().clamp_min(1e-300)),
+            columns_of,
+            low,
+            high,
         )
 
 
-def _with_column(model: LinearModel, windows: Windows, column: Float[Tensor, "W m"], start: Start) -> LinearModel:
-    """The linear model with the candidate's size, or with one in each run."""
+def pairs(
+    fitted: Fitted, windows: Windows, folds: Int[Tensor, " W"], screened: Sequence[Prediction]
+) -> list[tuple[Prediction, Prediction]]:
+    """Pairs of what explains most of the rows, the best predicted ones first: one law of two may look useless alone."""
+    model = LinearModel.of(fitted, windows)
+    now = left_out(model, windows, folds)
+    leading: list[Prediction] = []
+    for one in sorted(screened, key=lambda p: -p.explained):
+        if len(leading) < PAIRED and not any(one.alike(other) for other in leading):
+            leading.append(one)
+    found = []
+    for a, b in itertools.combinations(leading, 2):
+        grown = model.grown(a.columns, a.low, a.high).grown(b.columns, b.low, b.high)
+        found.append((gain(left_out(grown, windows, folds), now).gain, a, b))
+    return [(a, b) for _, a, b in sorted(found, key=lambda item: -item[0])]
+
+
+def _sizes(
+    windows: Windows, column: Float[Tensor, "W m"], start: Start
+) -> tuple[Float[Tensor, "W m K"], Float[Tensor, " K"], Float[Tensor, " K"]]:
+    """Columns of a candidate's size, or of one in each run, and their bounds."""
     if len(start.sized) == 1:
         columns = column[..., None]
     else:
-        number = len(start.sized)
-        mine = (windows.run[:, None] == torch.arange(number, device=windows.run.device)).to(column)
-        columns = column[..., None] * mine[:, None, :]
+        number = torch.arange(len(start.sized), device=windows.run.device)
+        columns = column[..., None] * (windows.run[:, None] == number).to(column)[:, None, :]
     low, high = (column.new_full((columns.shape[-1],), end) for end in (start.low, start.high))
-    return replace(
-        model,
-        columns=torch.cat([model.columns, columns], dim=-1),
-        low=torch.cat([model.low, low]),
-        high=torch.cat([model.high, high]),
-    )
+    return columns, low, high

@@ -7,6 +7,7 @@ Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.evaluating`), 
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -15,10 +16,16 @@ from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
 from onlinebayes.criticism.hypotheses.scoring import Gain
-from onlinebayes.criticism.hypotheses.screening import Prediction, screen
+from onlinebayes.criticism.hypotheses.screening import Prediction, pairs, screen
 
-REFITS = 3
+REFITS = 4
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
+
+PAIR_REFITS = 3
+"""Pairs that are refitted where nothing alone is preferred."""
+
+NOISE = 1.5
+"""Floors: where no signal is missed by more, no pair is looked for."""
 
 LEAST_PROMISE = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
@@ -29,12 +36,17 @@ MOST_ADDITIONS = 6
 
 @dataclass(frozen=True)
 class Trial:
-    """One addition that was refitted: what it gains over the hypothesis of its round, and why it was refused."""
+    """An addition, or two, refitted: what it gains over the hypothesis of its round, and why it was refused."""
 
-    addition: Addition
+    additions: tuple[Addition, ...]
     evaluation: Evaluation
     gains: tuple[Gain, ...]
     refused: str | None
+
+    @property
+    def key(self) -> str:
+        """Of the additions."""
+        return " + ".join(addition.key for addition in self.additions)
 
     @property
     def least(self) -> float:
@@ -65,7 +77,7 @@ class Round:
     @property
     def equals(self) -> tuple[str, ...]:
         """Keys of all that cannot be told from what was added."""
-        return (*(trial.addition.key for trial in self.equal), *(addition.key for addition in self.alike))
+        return (*(trial.key for trial in self.equal), *(addition.key for addition in self.alike))
 
 
 @dataclass
@@ -101,34 +113,47 @@ class Search:
         present = set(here.hypothesis.keys)
         left = [addition for addition in self.candidates if addition.key not in present]
         screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
-        tried = tuple(trial for p in promising(screened) if (trial := self.tried(here, p)) is not None)
+        tried = self.all_tried(here, [(p,) for p in promising(screened)])
+        if not any(trial.refused is None for trial in tried) and above_noise(here):
+            evaluator.watch("nothing alone; looking at pairs")
+            found = pairs(here.fitted, evaluator.windows, evaluator.partitions[0], screened)
+            tried += self.all_tried(here, found[:PAIR_REFITS])
         best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
         if best is None:
             return Round(here, screened, tried)
         equal = [trial for trial in tried if trial is best or _equal(best, trial)]
         chosen = min((trial for trial in equal if trial.refused is None), key=_parameters)
-        of = next(prediction for prediction in screened if prediction.addition == chosen.addition)
-        known = {trial.addition.key for trial in tried}
-        alike = tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
-        return Round(here, screened, tried, chosen, tuple(trial for trial in equal if trial is not chosen), alike)
+        others = tuple(trial for trial in equal if trial is not chosen)
+        return Round(here, screened, tried, chosen, others, _alike(screened, tried, chosen))
 
-    def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
-        """One addition more, fitted from where screening would begin; None where the simulator cannot follow it."""
-        hypothesis = here.hypothesis.plus(prediction.addition)
-        values = {**here.values, **prediction.values}
-        evaluation = self.evaluator.evaluate(hypothesis, values, here.fitted.lin.starts)
+    def all_tried(self, here: Evaluation, found: Sequence[tuple[Prediction, ...]]) -> tuple[Trial, ...]:
+        """Each refitted, without those that the simulator cannot follow."""
+        return tuple(trial for one in found if (trial := self.tried(here, one)) is not None)
+
+    def tried(self, here: Evaluation, predicted: Sequence[Prediction]) -> Trial | None:
+        """Additions more, fitted from where screening would begin; None where the simulator cannot follow them."""
+        hypothesis = here.hypothesis
+        for prediction in predicted:
+            hypothesis = hypothesis.plus(prediction.addition)
+        models: tuple[dict[str, float], ...] = (here.values, self.base.values, {})
+        begun = [
+            {name: value for part in (values, *added) for name, value in part.items()}
+            for values in models
+            for added in itertools.product(*(prediction.begun for prediction in predicted))
+        ]
+        evaluation = self.evaluator.evaluate(hypothesis, begun, here.fitted.lin.starts)
         if evaluation is None:
             return None
-        gains = evaluation.gains(here)
-        return Trial(prediction.addition, evaluation, gains, refusal(gains, here.gains(self.base)[0]))
+        gains, additions = evaluation.gains(here), tuple(prediction.addition for prediction in predicted)
+        return Trial(additions, evaluation, gains, refusal(gains, here.gains(self.base)[0]))
 
     def refined(self, here: Evaluation) -> Evaluation:
         """The same hypothesis, integrated as finely as it asks; the base model too, for comparison."""
         evaluator = self.evaluator.refined(here)
         if evaluator is self.evaluator:
             return here
-        base = evaluator.evaluate(Hypothesis(), self.base.values, self.base.fitted.lin.starts)
-        again = evaluator.evaluate(here.hypothesis, here.values, here.fitted.lin.starts)
+        base = evaluator.evaluate(Hypothesis(), [self.base.values], self.base.fitted.lin.starts)
+        again = evaluator.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
         if base is None or again is None:
             return here
         self.evaluator, self.base = evaluator, base
@@ -138,7 +163,7 @@ class Search:
         """Without the additions that the rule would not let in any more."""
         for key in here.hypothesis.keys[:-1]:
             shorter = here.hypothesis.minus(key)
-            without = self.evaluator.evaluate(shorter, here.values, here.fitted.lin.starts)
+            without = self.evaluator.evaluate(shorter, [here.values], here.fitted.lin.starts)
             if without is not None and not preferred(here.gains(without), without.gains(self.base)[0]):
                 self.evaluator.watch(f"dropping {key}")
                 return self.pruned(without)
@@ -148,8 +173,20 @@ class Search:
 def promising(screened: Sequence[Prediction]) -> list[Prediction]:
     """What is refitted: the best predictions, and the best of one parameter, which goes before its equals."""
     enough = [prediction for prediction in screened if prediction.gain >= LEAST_PROMISE]
-    simple = [prediction for prediction in enough if len(prediction.values) == 1]
+    simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1]
     return enough[:REFITS] + [prediction for prediction in simple[:1] if prediction not in enough[:REFITS]]
+
+
+def above_noise(here: Evaluation) -> bool:
+    """Whether more than noise is left in one of the signals."""
+    return bool((here.left[0].rms > NOISE).any())
+
+
+def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial) -> tuple[Addition, ...]:
+    """What is the same law as the only addition that was chosen, and was not refitted."""
+    of = next((p for p in screened if (p.addition,) == chosen.additions), None)
+    known = {trial.key for trial in tried}
+    return () if of is None else tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
 
 
 def _equal(best: Trial, other: Trial) -> bool:
@@ -157,31 +194,4 @@ def _equal(best: Trial, other: Trial) -> bool:
 
 
 def _parameters(trial: Trial) -> tuple[int, int, float]:
-    return len(trial.evaluation.fitted.theta), trial.addition.rank, -trial.least
-
-
-def told(search: Search, end: Evaluation) -> str:
-    """What was found, in lines."""
-    windows = search.evaluator.windows
-    names = [search.evaluator.given.signals[c] for c in windows.columns]
-
-    def errors(evaluation: Evaluation) -> str:
-        rms = evaluation.left[0].rms.tolist()
-        noise = windows.noise.tolist()
-        return ", ".join(f"{n} {r * f:.4g} ({r:.1f} floors)" for n, r, f in zip(names, rms, noise, strict=True))
-
-    folds, rung = int(search.evaluator.partitions[0].max()) + 1, search.evaluator.rung
-    lines = [f"{windows.count} windows of {windows.horizon:.3g} s, {folds} folds, {rung.method} {rung.timestep:g} s"]
-    lines.append(f"left out, before: {errors(search.base)}")
-    for number, found in enumerate(search.rounds, 1):
-        promised = ", ".join(f"{p.addition.key} {p.gain:.3f}" for p in found.screened[:5])
-        lines.append(f"round {number}: screening {promised}")
-        for trial in found.tried:
-            won = "; ".join(f"{one.gain:.3f} ± {one.se:.3f}, {one.worse} worse" for one in trial.gains)
-            lines.append(f"    {trial.addition.key}: {won}: {trial.refused or 'preferred'}")
-        if found.added is not None:
-            equal = ", ".join(trial.addition.key for trial in found.equal)
-            lines.append(f"    added {found.added.addition.key}{f'; equal: {equal}' if equal else ''}")
-    lines.append(f"left out, after: {errors(end)}")
-    lines.append(f"found: {end.hypothesis}")
-    return "\n".join(lines)
+    return len(trial.evaluation.fitted.theta), max(addition.rank for addition in trial.additions), -trial.least
