@@ -39,7 +39,7 @@ def build(settings: Settings) -> Run:
     # A tenth of the reward: with the whole of it the critics are still growing into their scale, and exploration has
     # died down, when the worlds have narrowed. The buffer is some 20 batches: old worlds fade within an outer step.
     objective = sac(
-        *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=16, memory=20_000
+        *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000
     )
     steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 500, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)

@@ -89,7 +89,9 @@ CASES = {
         0,
         -160.0,
     ),
-    "Acrobot-v1": Case(Acrobot, AcrobotTask(), SAME, partial(ppo, learning_rate=3e-4, epochs=8), 64, 64, 120, 0, -80.0),
+    "Acrobot-v1": Case(
+        Acrobot, AcrobotTask(), SAME, partial(ppo, learning_rate=3e-4, epochs=8), 64, 64, 120, 0, -80.0, episodes=512
+    ),
     "MountainCar-v0": Case(
         MountainCar,
         MountainCarTask(),
