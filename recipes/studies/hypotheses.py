@@ -184,7 +184,7 @@ def read(file: Path) -> Found:
 
 
 def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, right: bool | None) -> Found:
-    parts = [explanation.after[signal] / before for signal, before in explanation.before.items()]
+    parts = [explanation.after[signal] / before for signal, before in explanation.before.items() if before > 0]
     windows, rung = explanation.windows, explanation.rung
     return Found(
         name,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import shutil
 from pathlib import Path
 
 import pytest
@@ -68,9 +69,14 @@ def test_a_log_becomes_a_policy(tmp_path: Path, capsys: pytest.CaptureFixture[st
 @pytest.mark.slow
 @checked_elsewhere
 def test_a_killed_recipe_ends_as_if_it_had_not_been(tmp_path: Path) -> None:
-    """One kill in the middle; ``make survival`` has twenty."""
+    """One kill in the middle; ``make survival`` has twenty. Where the second run is faster, an earlier one."""
     seconds = survival.played("pendulum", tmp_path / "whole")
-    assert not survival.played_until("pendulum", tmp_path / "killed", 0.7 * seconds)
+    for share in (0.7, 0.5, 0.35):
+        shutil.rmtree(tmp_path / "killed", ignore_errors=True)
+        if not survival.played_until("pendulum", tmp_path / "killed", share * seconds):
+            break
+    else:
+        pytest.fail("the run ended before it was killed, three times")
     survival.played("pendulum", tmp_path / "killed")
     first, second = (survival.last(tmp_path / name, "pendulum") for name in ("whole", "killed"))
     assert survival.differing(first, second) == []
