@@ -97,8 +97,10 @@ class Search:
 
     def run(self) -> Evaluation:
         """The hypothesis of which no neighbour is preferred."""
-        here = self.base
-        while len(here.hypothesis.keys) < MOST_ADDITIONS:
+        here, seen = self.base, set[frozenset[str]]()
+        # What was dropped may be preferred again beside what came later: the same hypothesis twice ends the search.
+        while len(here.hypothesis.keys) < MOST_ADDITIONS and frozenset(here.hypothesis.keys) not in seen:
+            seen.add(frozenset(here.hypothesis.keys))
             found = self.round(here)
             self.rounds.append(found)
             if found.added is None:
