@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.discretisation import cheapest, fine_enough
-from onlinebayes.criticism.hypotheses.fitting import Fitted, best_theta, fit
+from onlinebayes.criticism.hypotheses.fitting import LEAST_GAIN, Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
 from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
@@ -74,19 +74,34 @@ class Evaluator:
         """
         key = frozenset(hypothesis.keys)
         if key not in self.known:
-            self.watch(f"fitting {hypothesis}")
-            try:
-                simulator = build(self.rung.of(self.given), hypothesis, self.runs)
-                thetas = torch.stack([theta_of(simulator, values) for values in begun])
-                fitted = fit(simulator, self.windows, best_theta(simulator, self.windows, thetas, starts), starts)
-                model = LinearModel.of(fitted, self.windows)
-                left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
-                self.known[key] = Evaluation(hypothesis, fitted, left)
-            except Stopped:
-                raise
-            except BadInput:
-                self.known[key] = None
+            self.known[key] = self._fitted(hypothesis, begun, starts)
         return self.known[key]
+
+    def again(
+        self, known: Evaluation, values: Mapping[str, float], starts: Float[Tensor, "W J2"] | None = None
+    ) -> Evaluation:
+        """A hypothesis fitted once more, from elsewhere; as it is known where that is no better."""
+        found = self._fitted(known.hypothesis, [values], starts)
+        if found is None or found.fitted.score > known.fitted.score - LEAST_GAIN:
+            return known
+        self.known[frozenset(known.hypothesis.keys)] = found
+        return found
+
+    def _fitted(
+        self, hypothesis: Hypothesis, begun: Sequence[Mapping[str, float]], starts: Float[Tensor, "W J2"] | None
+    ) -> Evaluation | None:
+        self.watch(f"fitting {hypothesis}")
+        try:
+            simulator = build(self.rung.of(self.given), hypothesis, self.runs)
+            thetas = torch.stack([theta_of(simulator, values) for values in begun])
+            fitted = fit(simulator, self.windows, best_theta(simulator, self.windows, thetas, starts), starts)
+            model = LinearModel.of(fitted, self.windows)
+            left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
+            return Evaluation(hypothesis, fitted, left)
+        except Stopped:
+            raise
+        except BadInput:
+            return None
 
     def refined(self, here: Evaluation) -> Evaluator:
         """Itself where a fit may be judged as it was integrated, else one that integrates finely enough for it."""

@@ -92,6 +92,7 @@ def explain(
     )
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
+    base = evaluator.again(base, {})  # a valley that windows on the way led into need not be the deepest
     search = Search(evaluator, base, additions(given, fit_runs, candidates))
     search.base = search.refined(base)
     found = search.run()

@@ -100,13 +100,23 @@ class Search:
         here, seen = self.base, set[frozenset[str]]()
         # What was dropped may be preferred again beside what came later: the same hypothesis twice ends the search.
         while len(here.hypothesis.keys) < MOST_ADDITIONS and frozenset(here.hypothesis.keys) not in seen:
-            seen.add(frozenset(here.hypothesis.keys))
             found = self.round(here)
+            better = here if found.added is None else self.fitted_from(here, found.added.evaluation)
+            if better is not here:
+                # It was not the addition that was missing, but a better fit without it: the round begins again.
+                self.base = better if here is self.base else self.base
+                here = better
+                continue
+            seen.add(frozenset(here.hypothesis.keys))
             self.rounds.append(found)
             if found.added is None:
                 break
             here = self.pruned(self.refined(found.added.evaluation))
         return here
+
+    def fitted_from(self, here: Evaluation, richer: Evaluation) -> Evaluation:
+        """The same hypothesis fitted from where a richer one ended; as it is where that is no better."""
+        return self.evaluator.again(here, richer.values, richer.fitted.lin.starts)
 
     def round(self, here: Evaluation) -> Round:
         """Screen all candidates, refit those that promise most, add what the rule prefers."""
