@@ -31,9 +31,6 @@ SAME_LAW = 0.995
 """Cosine between what two candidates do: at that angle, a fit to one leaves a hundredth of the other's square."""
 
 
-CONFOUNDED = 1e-3
-"""What moves less of its square than that beside the fitted parameters does what they do already."""
-
 PAIRED = 10
 """Candidates of which all pairs are predicted: 45 small least squares, no replay."""
 
@@ -113,8 +110,6 @@ def _predictions(
         # A finite starting value stands where linear prediction means little: it is taken as it is.
         best = {**start.values, **scaled} if k == 0 else start.values
         left = column.flatten() - basis @ (basis.T @ column.flatten())
-        if float(left.square().sum()) < CONFOUNDED * float(column.square().sum()):
-            continue
         direction = left / left.norm().clamp_min(1e-300)
         residual = model.rows.residual.flatten()
         yield Prediction(
