@@ -185,7 +185,7 @@ def read(file: Path) -> Found:
 
 def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, right: bool | None) -> Found:
     parts = [explanation.after[signal] / before for signal, before in explanation.before.items() if before > 0]
-    windows, rung = explanation.windows, explanation.rung
+    windows, step = explanation.windows, explanation.discretisation
     return Found(
         name,
         hidden,
@@ -194,7 +194,7 @@ def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, right: 
         right,
         max(parts, default=float("nan")),
         explanation.seconds,
-        f"{windows.count} windows of {windows.horizon:.2g} s, {rung.method} steps of {rung.timestep:g} s",
+        f"{windows.count} windows of {windows.horizon:.2g} s, {step.method} steps of {step.timestep:g} s",
     )
 
 

@@ -8,20 +8,19 @@ friction that sticks errs by more than what is smooth, so that the question is a
 
 from __future__ import annotations
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.fitting import Fitted
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
-from onlinebayes.criticism.hypotheses.rows import band_counts, band_squares, taken_out
+from onlinebayes.criticism.hypotheses.rows import rms, taken_out
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.ladder import Rung, adjustable, by_runge_kutta, first_order
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 
-LARGEST_ERROR = 0.1
+NEGLIGIBLE = 0.1
 """Of the residual, or of the noise where that is larger."""
 
 EVALUATIONS = 4
@@ -37,13 +36,13 @@ def ways(simulator: Identifiable, row: float) -> list[Rung]:
     steps = [row / n for n in range(1, parts + 1) if parts % n == 0] + [own / 2, own / 4, own / 16]
     methods = ["own", "runge_kutta"] if first_order(simulator) else ["own"]
     found = [Rung(step, method) for step in steps for method in methods]  # type: ignore[arg-type]
-    return sorted(found, key=lambda rung: cost(simulator, rung, row))
+    return sorted(found, key=lambda discretisation: cost(simulator, discretisation, row))
 
 
-def cost(simulator: Identifiable, rung: Rung, row: float) -> float:
+def cost(simulator: Identifiable, discretisation: Rung, row: float) -> float:
     """Evaluations of the forces for one row."""
-    fourth = rung.method == "runge_kutta" or by_runge_kutta(simulator)
-    return row / rung.timestep * (EVALUATIONS if fourth else 1)
+    fourth = discretisation.method == "runge_kutta" or by_runge_kutta(simulator)
+    return row / discretisation.timestep * (EVALUATIONS if fourth else 1)
 
 
 def finest(simulator: Identifiable) -> Rung:
@@ -74,17 +73,19 @@ def cheapest(fitted: Fitted, given: Identifiable, windows: Windows) -> Rung:
     if exact is None:
         return Rung(given.timestep)
     admissible = _admissible(fitted, windows)
-    for rung in ways(given, windows.step):
-        shown = _replayed(rung, given, fitted, windows)
-        if shown is not None and bool((_rms(fitted, windows, exact - shown) < admissible).all()):
-            return rung
+    for discretisation in ways(given, windows.step):
+        shown = _replayed(discretisation, given, fitted, windows)
+        if shown is not None and bool((_moved(fitted, windows, exact - shown) < admissible).all()):
+            return discretisation
     return best
 
 
-def _replayed(rung: Rung, given: Identifiable, fitted: Fitted, windows: Windows) -> Float[Tensor, "W n S"] | None:
+def _replayed(
+    discretisation: Rung, given: Identifiable, fitted: Fitted, windows: Windows
+) -> Float[Tensor, "W n S"] | None:
     """The replay of the fit's parameters and starts; None where that way diverges."""
     try:
-        simulator = rung.of(given)
+        simulator = discretisation.of(given)
         theta = theta_of(simulator, values_of(fitted.simulator, fitted.theta))
         shown, valid = replay_binned(simulator, windows, theta[None], fitted.lin.starts[None])
     except Stopped:
@@ -95,19 +96,14 @@ def _replayed(rung: Rung, given: Identifiable, fitted: Fitted, windows: Windows)
 
 
 def _errors(fitted: Fitted, windows: Windows, exact: Float[Tensor, "W n S"]) -> Float[Tensor, " S"]:
-    return _rms(fitted, windows, exact - (windows.bin(windows.value) - fitted.lin.residual))
+    return _moved(fitted, windows, exact - (windows.bin(windows.value) - fitted.lin.residual))
 
 
 def _admissible(fitted: Fitted, windows: Windows) -> Float[Tensor, " S"]:
     left = fitted.rows.in_noise(fitted.rows.residual)
-    return LARGEST_ERROR * _root_mean(windows, left).clamp_min(1.0)
+    return NEGLIGIBLE * rms(windows, left).clamp_min(1.0)
 
 
-def _rms(fitted: Fitted, windows: Windows, moved: Float[Tensor, "W n S"]) -> Float[Tensor, " S"]:
+def _moved(fitted: Fitted, windows: Windows, moved: Float[Tensor, "W n S"]) -> Float[Tensor, " S"]:
     rows = taken_out(windows, fitted.rows, moved[..., None])[..., 0]
-    return _root_mean(windows, fitted.rows.in_noise(rows))
-
-
-def _root_mean(windows: Windows, rows: Float[Tensor, "W n S"]) -> Float[Tensor, " S"]:
-    total, count = band_squares(windows, rows).sum((0, 1)), band_counts(windows).sum((0, 1))
-    return torch.sqrt(total / count.clamp_min(1.0))
+    return rms(windows, fitted.rows.in_noise(rows))

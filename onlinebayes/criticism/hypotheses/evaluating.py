@@ -1,4 +1,4 @@
-"""A hypothesis fitted, and judged by what it predicts of data that were left out; every evaluation is kept."""
+"""A hypothesis fitted, and judged by what it predicts of data that were left out; the best fit is kept."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.discretisation import cheapest, fine_enough
-from onlinebayes.criticism.hypotheses.fitting import LEAST_GAIN, Fitted, best_theta, fit
+from onlinebayes.criticism.hypotheses.fitting import SETTLED, Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
 from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
@@ -19,7 +19,7 @@ from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """A hypothesis, its fit, and the squares of what was left out, for each way of leaving data out."""
 
@@ -45,14 +45,14 @@ class Evaluator:
         given: the base model at its own step.
         windows: the data.
         runs: names of the fit runs.
-        rung: how models are integrated.
+        discretisation: how models are integrated.
         watch: told what is being done.
     """
 
     given: Identifiable
     windows: Windows
     runs: tuple[str, ...]
-    rung: Rung
+    discretisation: Rung
     watch: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Evaluation | None] = field(default_factory=dict)
 
@@ -65,37 +65,31 @@ class Evaluator:
         begun: Sequence[Mapping[str, float]],
         starts: Float[Tensor, "W J2"] | None = None,
     ) -> Evaluation | None:
-        """The hypothesis fitted from the best of some values; None where the simulator cannot carry or follow it.
+        """The best fit of the hypothesis so far, after one more from the best of some values.
 
         Args:
             hypothesis: what is fitted.
             begun: values by name from which the fit may begin, nominal ones for those that are missing [SI].
             starts: where the windows' starts begin; the smoothed ones when None.
+
+        Returns:
+            None where the simulator cannot carry or follow it.
         """
         key = frozenset(hypothesis.keys)
-        if key not in self.known:
-            self.known[key] = self._fitted(hypothesis, begun, starts)
+        known, found = self.known.get(key), self._fitted(hypothesis, begun, starts)
+        if known is None or (found is not None and found.fitted.score < known.fitted.score - SETTLED):
+            self.known[key] = found
         return self.known[key]
-
-    def again(
-        self, known: Evaluation, values: Mapping[str, float], starts: Float[Tensor, "W J2"] | None = None
-    ) -> Evaluation:
-        """A hypothesis fitted once more, from elsewhere; as it is known where that is no better."""
-        found = self._fitted(known.hypothesis, [values], starts)
-        if found is None or found.fitted.score > known.fitted.score - LEAST_GAIN:
-            return known
-        self.known[frozenset(known.hypothesis.keys)] = found
-        return found
 
     def _fitted(
         self, hypothesis: Hypothesis, begun: Sequence[Mapping[str, float]], starts: Float[Tensor, "W J2"] | None
     ) -> Evaluation | None:
         self.watch(f"fitting {hypothesis}")
         try:
-            simulator = build(self.rung.of(self.given), hypothesis, self.runs)
+            simulator = build(self.discretisation.of(self.given), hypothesis, self.runs)
             thetas = torch.stack([theta_of(simulator, values) for values in begun])
             fitted = fit(simulator, self.windows, best_theta(simulator, self.windows, thetas, starts), starts)
-            model = LinearModel.of(fitted, self.windows)
+            model = LinearModel.of(fitted)
             left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
             return Evaluation(hypothesis, fitted, left)
         except Stopped:
@@ -108,8 +102,8 @@ class Evaluator:
         given = build(self.given, here.hypothesis, self.runs)
         if fine_enough(here.fitted, given, self.windows):
             return self
-        rung = cheapest(here.fitted, given, self.windows)
-        if rung == self.rung:
+        discretisation = cheapest(here.fitted, given, self.windows)
+        if discretisation == self.discretisation:
             return self
-        self.watch(f"integrating by {rung.method} in steps of {rung.timestep:g} s")
-        return replace(self, rung=rung, known={})
+        self.watch(f"integrating by {discretisation.method} in steps of {discretisation.timestep:g} s")
+        return replace(self, discretisation=discretisation, known={})

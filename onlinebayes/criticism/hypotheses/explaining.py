@@ -11,7 +11,7 @@ from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, Fr
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
-from onlinebayes.criticism.hypotheses.lengths import ground
+from onlinebayes.criticism.hypotheses.lengths import fit_base
 from onlinebayes.criticism.hypotheses.search import Round, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
@@ -42,7 +42,7 @@ class Explanation:
     Args:
         base, found: the model as it is, and the hypothesis of which no neighbour is preferred.
         rounds: of the search.
-        windows, rung: on which, and integrated how, it was judged.
+        windows, discretisation: on which, and integrated how, it was judged.
         before, after: RMS of each signal over runs that were not fitted [its unit]; empty where none was held out.
         seconds: of the processor.
     """
@@ -51,7 +51,7 @@ class Explanation:
     found: Evaluation
     rounds: tuple[Round, ...]
     windows: Windows
-    rung: Rung
+    discretisation: Rung
     before: dict[str, float]
     after: dict[str, float]
     seconds: float
@@ -85,14 +85,15 @@ def explain(
     fit_runs, held_runs = split(measurement, holdout)
     given = scoped(in_step(given, fit_runs), scope, measurement, fit_runs.runs)
     watch("choosing the windows")
-    grounds = ground(given, fit_runs, measured_floors(fit_runs))
-    evaluator = Evaluator(given, grounds.windows, fit_runs.runs, grounds.rung, watch)
+    begun = fit_base(given, fit_runs, measured_floors(fit_runs))
+    evaluator = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch)
     base = evaluator.evaluate(
-        Hypothesis(), [values_of(grounds.fitted.simulator, grounds.fitted.theta)], grounds.fitted.lin.starts
+        Hypothesis(), [values_of(begun.fitted.simulator, begun.fitted.theta)], begun.fitted.lin.starts
     )
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
-    base = evaluator.again(base, {})  # a valley that windows on the way led into need not be the deepest
+    # A valley that shorter windows led into need not be the deepest.
+    base = evaluator.evaluate(Hypothesis(), [{}]) or base
     search = Search(evaluator, base, additions(given, fit_runs, candidates))
     search.base = search.refined(base)
     found = search.run()
@@ -106,7 +107,7 @@ def explain(
         found,
         tuple(search.rounds),
         search.evaluator.windows,
-        search.evaluator.rung,
+        search.evaluator.discretisation,
         before,
         after,
         time.process_time() - began,

@@ -17,6 +17,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.criticism.hypotheses.hypothesis import room
 from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares, project, score_weights, start_shift
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import per_noise
@@ -32,7 +33,7 @@ DAMPINGS = (0.1, 3.0, 100.0)
 MOST_STEPS = 30
 """A fit ends after so many steps."""
 
-LEAST_GAIN = 2e-3
+SETTLED = 2e-3
 """A step that lowers the score by less ends the fit: a tenth of what any rule looks at."""
 
 
@@ -96,11 +97,11 @@ def fit(
     for _ in range(most):
         there = _stepped(windows, here)
         gained = 0.0 if there is None else here.score - there.score
-        settled = fresh and gained < LEAST_GAIN
+        settled = fresh and gained < SETTLED
         here = here if there is None else there
         if settled:
             break
-        fresh = gained < LEAST_GAIN
+        fresh = gained < SETTLED
         if fresh:  # old derivatives lead no further
             here = _linearised(simulator, windows, here.theta, here.lin.starts) or here
     return here if fresh else _linearised(simulator, windows, here.theta, here.lin.starts) or here
@@ -170,5 +171,5 @@ def bounded_step(
 ) -> Float[Tensor, " P"]:
     """The damped step of theta within the bounds [SI]."""
     columns = rows.columns.flatten(0, 1)
-    low, high = simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta
+    low, high = room(simulator, theta)
     return bounded_least_squares(columns.T @ columns, columns.T @ rows.residual.flatten(), low, high, damping)

@@ -12,9 +12,9 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.hypothesis import build, theta_of
+from onlinebayes.criticism.hypotheses.hypothesis import build, room, theta_of
 from onlinebayes.criticism.hypotheses.lengths import windows_of
-from onlinebayes.criticism.hypotheses.rows import band_counts, band_squares, project, score_weights, start_shift
+from onlinebayes.criticism.hypotheses.rows import project, rms, score_weights, start_shift
 from onlinebayes.criticism.hypotheses.scoring import LinearModel
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import per_noise
@@ -30,12 +30,12 @@ STEPS = 3
 def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> dict[str, float]:
     """RMS of each signal over the windows of runs that were not fitted [its unit]; inf where the replay diverges."""
     fitted = evaluator.windows
-    windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.rung)
-    simulator = build(evaluator.rung.of(evaluator.given), evaluation.hypothesis, held.runs)
+    windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.discretisation)
+    simulator = build(evaluator.discretisation.of(evaluator.given), evaluation.hypothesis, held.runs)
     theta = theta_of(simulator, _carried_over(simulator, evaluation))
-    rms = _left(simulator, windows, theta) * windows.noise
+    errors = _left(simulator, windows, theta) * windows.noise
     names = [evaluator.given.signals[column] for column in windows.columns]
-    return dict(zip(names, rms.tolist(), strict=True))
+    return dict(zip(names, errors.tolist(), strict=True))
 
 
 def _carried_over(simulator: Identifiable, evaluation: Evaluation) -> dict[str, float]:
@@ -59,15 +59,8 @@ def _left(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"])
         rows = project(windows, lin, score_weights(windows, lin.residual * per_noise(windows)))
         if step == STEPS:
             break
-        model = LinearModel(rows, rows.columns * own, *(_room(simulator, theta, own)))
+        model = LinearModel(rows, rows.columns * own, *(end * own for end in room(simulator, theta)))
         moved = model.whole() * own
         starts = lin.starts + start_shift(windows, lin, rows, moved[None])[0]
         theta = simulator.parameters.clamp(theta + moved)
-    squares = band_squares(windows, rows.in_noise(rows.residual)).sum((0, 1))
-    return (squares / band_counts(windows).sum((0, 1)).clamp_min(1)).sqrt()
-
-
-def _room(simulator: Identifiable, theta: Float[Tensor, " P"], own: Tensor) -> tuple[Tensor, Tensor]:
-    """Bounds of a step of the own values."""
-    low, high = simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta
-    return low * own, high * own
+    return rms(windows, rows.in_noise(rows.residual))

@@ -69,3 +69,8 @@ def theta_of(simulator: Identifiable, values: Mapping[str, float]) -> Float[Tens
 def values_of(simulator: Identifiable, theta: Float[Tensor, " P"]) -> dict[str, float]:
     """Theta by name [SI]."""
     return dict(zip(simulator.parameters.names, theta.tolist(), strict=True))
+
+
+def room(simulator: Identifiable, theta: Float[Tensor, " P"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
+    """How far theta may go down and up within the simulator's bounds [SI]."""
+    return simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta

@@ -36,10 +36,10 @@ MOST_EVALUATIONS = 32_000
 FIRST_STEPS = 4
 """Steps of the fits on the way: they need not be good, for the next one goes on from there."""
 
-LARGEST_ERROR = 0.5
+LOST = 0.5
 """Of a signal's spread in its windows: beyond, the replay has lost the machine."""
 
-NOISE = 2.0
+INSIDE_NOISE = 2.0
 """Floors: a smaller error is no sign of having lost anything, however little a signal moves."""
 
 LARGEST_GROWTH = 5.0
@@ -47,15 +47,15 @@ LARGEST_GROWTH = 5.0
 
 
 @dataclass(frozen=True)
-class Ground:
+class BaseFit:
     """Windows, the way in which the base model is integrated over them, and the model fitted so."""
 
     windows: Windows
-    rung: Rung
+    discretisation: Rung
     fitted: Fitted
 
 
-def ground(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"]) -> Ground:
+def fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"]) -> BaseFit:
     """The base model on the longest windows that it can follow.
 
     Args:
@@ -86,30 +86,30 @@ def ground(given: Identifiable, measurement: Measurement, noise: Float[Tensor, "
 
 
 def _fitted(
-    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], horizon: float, before: Ground | Rung
-) -> Ground:
+    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], horizon: float, before: BaseFit | Rung
+) -> BaseFit:
     """The model on windows of one length, fitted roughly from where it was fitted before."""
-    rung = before.rung if isinstance(before, Ground) else before
-    values = values_of(before.fitted.simulator, before.fitted.theta) if isinstance(before, Ground) else {}
-    windows, simulator = windows_of(given, measurement, horizon, noise, rung), rung.of(given)
-    return Ground(windows, rung, fit(simulator, windows, theta_of(simulator, values), most=FIRST_STEPS))
+    discretisation = before.discretisation if isinstance(before, BaseFit) else before
+    values = values_of(before.fitted.simulator, before.fitted.theta) if isinstance(before, BaseFit) else {}
+    windows, simulator = windows_of(given, measurement, horizon, noise, discretisation), discretisation.of(given)
+    return BaseFit(windows, discretisation, fit(simulator, windows, theta_of(simulator, values), most=FIRST_STEPS))
 
 
 def windows_of(
-    given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"], rung: Rung
+    given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"], discretisation: Rung
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
     windows = make_windows(given, measurement, horizon, MEMORY * horizon, noise)
     moving = windows.moving.nonzero()[:, 0]
     if len(moving):
         windows = windows.select(moving)
-    most = max(1, int(MOST_EVALUATIONS / (windows.rows * cost(given, rung, windows.step))))
+    most = max(1, int(MOST_EVALUATIONS / (windows.rows * cost(given, discretisation, windows.step))))
     if windows.count <= most:
         return windows
     return windows.select(torch.linspace(0, windows.count - 1, most, device=windows.run.device).round().long())
 
 
-def follows(found: Ground) -> bool:
+def follows(found: BaseFit) -> bool:
     """Whether the replay stays with the measurement over these windows."""
     windows, rows = found.windows, found.fitted.rows
     left = rows.in_noise(rows.residual)
@@ -119,7 +119,7 @@ def follows(found: Ground) -> bool:
     number = seen.sum((0, 1)).clamp_min(1)
     spread = (centred.square().sum((0, 1)) / number).sqrt()
     error = (torch.where(seen, left, torch.zeros_like(left)).square().sum((0, 1)) / number).sqrt()
-    lost = (error > LARGEST_ERROR * spread) & (error > NOISE)
+    lost = (error > LOST * spread) & (error > INSIDE_NOISE)
     return not bool(lost.any()) and growth(windows, found.fitted) < LARGEST_GROWTH
 
 

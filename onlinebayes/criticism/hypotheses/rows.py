@@ -79,6 +79,12 @@ def band_counts(windows: Windows) -> Float[Tensor, "W B S"]:
     return band_squares(windows, torch.ones_like(windows.bin_noise))
 
 
+def rms(windows: Windows, rows: Float[Tensor, "W n S"]) -> Float[Tensor, " S"]:
+    """Of every signal, over all that was observed."""
+    total, count = band_squares(windows, rows).sum((0, 1)), band_counts(windows).sum((0, 1))
+    return (total / count.clamp_min(1.0)).sqrt()
+
+
 def score_weights(windows: Windows, rows: Float[Tensor, "W n S"]) -> Float[Tensor, "n S"]:
     """w of every bin and signal for a residual in units of noise."""
     count = band_counts(windows).sum(0).clamp_min(1.0)

@@ -24,6 +24,7 @@ from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.fitting import Fitted
+from onlinebayes.criticism.hypotheses.hypothesis import room
 from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
@@ -136,10 +137,9 @@ class LinearModel:
     high: Float[Tensor, " P"]
 
     @classmethod
-    def of(cls, fitted: Fitted, windows: Windows) -> LinearModel:
+    def of(cls, fitted: Fitted) -> LinearModel:
         """That of a fit."""
-        space, theta = fitted.simulator.parameters, fitted.theta
-        return cls(fitted.rows, fitted.rows.columns, space.low.to(theta) - theta, space.high.to(theta) - theta)
+        return cls(fitted.rows, fitted.rows.columns, *room(fitted.simulator, fitted.theta))
 
     def grown(
         self, columns: Float[Tensor, "W m K"], low: Float[Tensor, " K"], high: Float[Tensor, " K"]

@@ -9,8 +9,7 @@ The same least squares without each fold in turn predicts that fold, so that the
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import torch
@@ -31,11 +30,7 @@ SAME_LAW = 0.995
 """Cosine between what two candidates do: at that angle, a fit to one leaves a hundredth of the other's square."""
 
 
-PAIRED = 10
-"""Candidates of which all pairs are predicted: 45 small least squares, no replay."""
-
-
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """The best starting value of one candidate, and what it promises.
 
@@ -44,18 +39,12 @@ class Prediction:
         begun: where a refit may begin, entry -> value [SI]: as predicted, and its finite starting values.
         gain: predicted gain in left-out score [nats].
         direction: how it moves the rows, starts and theta taken out, of norm 1.
-        explained: share of the fitted rows' squares along that direction.
-        columns, low, high: its sizes in the linear model, and their bounds.
     """
 
     addition: Addition
     begun: tuple[Mapping[str, float], ...]
     gain: float
     direction: Float[Tensor, " N"]
-    explained: float
-    columns: Float[Tensor, "W m K"]
-    low: Float[Tensor, " K"]
-    high: Float[Tensor, " K"]
 
     def alike(self, other: Prediction) -> bool:
         """Whether it is the same law as another, to first order."""
@@ -67,13 +56,11 @@ def screen(
     windows: Windows,
     folds: Int[Tensor, " W"],
     candidates: Sequence[Addition],
-    watch: Callable[[str], None] = lambda _: None,
 ) -> list[Prediction]:
     """Every candidate's predicted gain, the largest first; candidates that the simulator refuses are left out."""
-    now = left_out(LinearModel.of(fitted, windows), windows, folds)
+    now = left_out(LinearModel.of(fitted), windows, folds)
     found = []
     for addition in candidates:
-        watch(addition.key)
         best = max(_predictions(fitted, windows, folds, addition, now), key=lambda p: p.gain, default=None)
         if best is not None:
             found.append(best)
@@ -97,48 +84,24 @@ def _predictions(
     base = windows.bin(windows.value) - fitted.lin.residual
     moved = torch.where(valid.all(1)[:, None, None, None], shown - base, torch.zeros_like(shown))
     columns = taken_out(windows, fitted.rows, moved.movedim(0, -1))
-    model = LinearModel.of(fitted, windows)
+    model = LinearModel.of(fitted)
     basis = orthonormal(model.columns.flatten(0, 1))
     for k, start in enumerate(starts):
         column = columns[..., k]
         if not float(column.square().sum()) > 0:
             continue
-        columns_of, low, high = _sizes(windows, column, start)
-        grown = model.grown(columns_of, low, high)
+        grown = model.grown(*_sizes(windows, column, start))
         sizes = grown.whole()[len(model.low) :].tolist()
         scaled = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
         # A finite starting value stands where linear prediction means little: it is taken as it is.
         best = {**start.values, **scaled} if k == 0 else start.values
         left = column.flatten() - basis @ (basis.T @ column.flatten())
-        direction = left / left.norm().clamp_min(1e-300)
-        residual = model.rows.residual.flatten()
         yield Prediction(
             addition,
             (best, *(one.values for one in starts[1:] if one is not start)),
             gain(left_out(grown, windows, folds), now).gain,
-            direction,
-            float((direction @ residual) ** 2 / residual.square().sum().clamp_min(1e-300)),
-            columns_of,
-            low,
-            high,
+            left / left.norm().clamp_min(1e-300),
         )
-
-
-def pairs(
-    fitted: Fitted, windows: Windows, folds: Int[Tensor, " W"], screened: Sequence[Prediction]
-) -> list[tuple[Prediction, Prediction]]:
-    """Pairs of what explains most of the rows, the best predicted ones first: one law of two may look useless alone."""
-    model = LinearModel.of(fitted, windows)
-    now = left_out(model, windows, folds)
-    leading: list[Prediction] = []
-    for one in sorted(screened, key=lambda p: -p.explained):
-        if len(leading) < PAIRED and not any(one.alike(other) for other in leading):
-            leading.append(one)
-    found = []
-    for a, b in itertools.combinations(leading, 2):
-        grown = model.grown(a.columns, a.low, a.high).grown(b.columns, b.low, b.high)
-        found.append((gain(left_out(grown, windows, folds), now).gain, a, b))
-    return [(a, b) for _, a, b in sorted(found, key=lambda item: -item[0])]
 
 
 def _sizes(

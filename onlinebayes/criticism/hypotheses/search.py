@@ -7,7 +7,6 @@ Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.evaluating`), 
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -16,16 +15,10 @@ from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
 from onlinebayes.criticism.hypotheses.scoring import Gain
-from onlinebayes.criticism.hypotheses.screening import Prediction, pairs, screen
+from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 
 REFITS = 4
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
-
-PAIR_REFITS = 3
-"""Pairs that are refitted where nothing alone is preferred."""
-
-NOISE = 1.5
-"""Floors: where no signal is missed by more, no pair is looked for."""
 
 LEAST_PROMISE = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
@@ -34,19 +27,14 @@ MOST_ADDITIONS = 6
 """A model that needs more has another fault."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
-    """An addition, or two, refitted: what it gains over the hypothesis of its round, and why it was refused."""
+    """An addition, refitted: what it gains over the hypothesis of its round, and why it was refused."""
 
-    additions: tuple[Addition, ...]
+    addition: Addition
     evaluation: Evaluation
     gains: tuple[Gain, ...]
     refused: str | None
-
-    @property
-    def key(self) -> str:
-        """Of the additions."""
-        return " + ".join(addition.key for addition in self.additions)
 
     @property
     def least(self) -> float:
@@ -54,7 +42,7 @@ class Trial:
         return min(one.gain for one in self.gains)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Round:
     """One round of the search.
 
@@ -77,7 +65,7 @@ class Round:
     @property
     def equals(self) -> tuple[str, ...]:
         """Keys of all that cannot be told from what was added."""
-        return (*(trial.key for trial in self.equal), *(addition.key for addition in self.alike))
+        return (*(trial.addition.key for trial in self.equal), *(addition.key for addition in self.alike))
 
 
 @dataclass
@@ -101,7 +89,7 @@ class Search:
         # What was dropped may be preferred again beside what came later: the same hypothesis twice ends the search.
         while len(here.hypothesis.keys) < MOST_ADDITIONS and frozenset(here.hypothesis.keys) not in seen:
             found = self.round(here)
-            better = here if found.added is None else self.fitted_from(here, found.added.evaluation)
+            better = here if found.added is None else self.evaluated_from(found.added.evaluation, here.hypothesis)
             if better is not here:
                 # It was not the addition that was missing, but a better fit without it: the round begins again.
                 self.base = better if here is self.base else self.base
@@ -114,9 +102,9 @@ class Search:
             here = self.pruned(self.refined(found.added.evaluation))
         return here
 
-    def fitted_from(self, here: Evaluation, richer: Evaluation) -> Evaluation:
-        """The same hypothesis fitted from where a richer one ended; as it is where that is no better."""
-        return self.evaluator.again(here, richer.values, richer.fitted.lin.starts)
+    def evaluated_from(self, richer: Evaluation, hypothesis: Hypothesis) -> Evaluation:
+        """A simpler hypothesis, fitted from where a richer one ended too; the richer one where it cannot be."""
+        return self.evaluator.evaluate(hypothesis, [richer.values], richer.fitted.lin.starts) or richer
 
     def round(self, here: Evaluation) -> Round:
         """Screen all candidates, refit those that promise most, add what the rule prefers."""
@@ -125,11 +113,7 @@ class Search:
         present = set(here.hypothesis.keys)
         left = [addition for addition in self.candidates if addition.key not in present]
         screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
-        tried = self.all_tried(here, [(p,) for p in promising(screened)])
-        if not any(trial.refused is None for trial in tried) and above_noise(here):
-            evaluator.watch("nothing alone; looking at pairs")
-            found = pairs(here.fitted, evaluator.windows, evaluator.partitions[0], screened)
-            tried += self.all_tried(here, found[:PAIR_REFITS])
+        tried = tuple(trial for p in promising(screened) if (trial := self.tried(here, p)) is not None)
         best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
         if best is None:
             return Round(here, screened, tried)
@@ -138,26 +122,16 @@ class Search:
         others = tuple(trial for trial in equal if trial is not chosen)
         return Round(here, screened, tried, chosen, others, _alike(screened, tried, chosen))
 
-    def all_tried(self, here: Evaluation, found: Sequence[tuple[Prediction, ...]]) -> tuple[Trial, ...]:
-        """Each refitted, without those that the simulator cannot follow."""
-        return tuple(trial for one in found if (trial := self.tried(here, one)) is not None)
-
-    def tried(self, here: Evaluation, predicted: Sequence[Prediction]) -> Trial | None:
-        """Additions more, fitted from where screening would begin; None where the simulator cannot follow them."""
-        hypothesis = here.hypothesis
-        for prediction in predicted:
-            hypothesis = hypothesis.plus(prediction.addition)
+    def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
+        """One addition more, fitted from where screening looked; None where the simulator cannot follow it."""
+        hypothesis = here.hypothesis.plus(prediction.addition)
         models: tuple[dict[str, float], ...] = (here.values, self.base.values, {})
-        begun = [
-            {name: value for part in (values, *added) for name, value in part.items()}
-            for values in models
-            for added in itertools.product(*(prediction.begun for prediction in predicted))
-        ]
+        begun = [{**values, **added} for values in models for added in prediction.begun]
         evaluation = self.evaluator.evaluate(hypothesis, begun, here.fitted.lin.starts)
         if evaluation is None:
             return None
-        gains, additions = evaluation.gains(here), tuple(prediction.addition for prediction in predicted)
-        return Trial(additions, evaluation, gains, refusal(gains, here.gains(self.base)[0]))
+        gains = evaluation.gains(here)
+        return Trial(prediction.addition, evaluation, gains, refusal(gains, here.gains(self.base)[0]))
 
     def refined(self, here: Evaluation) -> Evaluation:
         """The same hypothesis, integrated as finely as it asks; the base model too, for comparison."""
@@ -165,7 +139,9 @@ class Search:
         if evaluator is self.evaluator:
             return here
         base = evaluator.evaluate(Hypothesis(), [self.base.values], self.base.fitted.lin.starts)
-        again = evaluator.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
+        again = (
+            base if here is self.base else evaluator.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
+        )
         if base is None or again is None:
             return here
         self.evaluator, self.base = evaluator, base
@@ -174,9 +150,8 @@ class Search:
     def pruned(self, here: Evaluation) -> Evaluation:
         """Without the additions that the rule would not let in any more."""
         for key in here.hypothesis.keys[:-1]:
-            shorter = here.hypothesis.minus(key)
-            without = self.evaluator.evaluate(shorter, [here.values], here.fitted.lin.starts)
-            if without is not None and not preferred(here.gains(without), without.gains(self.base)[0]):
+            without = self.evaluated_from(here, here.hypothesis.minus(key))
+            if without is not here and not preferred(here.gains(without), without.gains(self.base)[0]):
                 self.evaluator.watch(f"dropping {key}")
                 return self.pruned(without)
         return here
@@ -189,16 +164,11 @@ def promising(screened: Sequence[Prediction]) -> list[Prediction]:
     return enough[:REFITS] + [prediction for prediction in simple[:1] if prediction not in enough[:REFITS]]
 
 
-def above_noise(here: Evaluation) -> bool:
-    """Whether more than noise is left in one of the signals."""
-    return bool((here.left[0].rms > NOISE).any())
-
-
 def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial) -> tuple[Addition, ...]:
-    """What is the same law as the only addition that was chosen, and was not refitted."""
-    of = next((p for p in screened if (p.addition,) == chosen.additions), None)
-    known = {trial.key for trial in tried}
-    return () if of is None else tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
+    """What is the same law as what was chosen, and was not refitted."""
+    of = next(prediction for prediction in screened if prediction.addition == chosen.addition)
+    known = {trial.addition.key for trial in tried}
+    return tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
 
 
 def _equal(best: Trial, other: Trial) -> bool:
@@ -206,4 +176,4 @@ def _equal(best: Trial, other: Trial) -> bool:
 
 
 def _parameters(trial: Trial) -> tuple[int, int, float]:
-    return len(trial.evaluation.fitted.theta), max(addition.rank for addition in trial.additions), -trial.least
+    return len(trial.evaluation.fitted.theta), trial.addition.rank, -trial.least

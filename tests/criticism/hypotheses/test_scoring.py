@@ -17,7 +17,7 @@ WINDOWS = windows_of(SIMULATOR, MEASUREMENT, 0.5, torch.tensor([NOISE], dtype=to
 
 def test_a_fold_is_predicted_as_by_a_fit_without_it() -> None:
     fitted, folds = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal), folds_of(WINDOWS)
-    model = LinearModel.of(fitted, WINDOWS)
+    model = LinearModel.of(fitted)
     normal = model.columns.mT @ model.columns
     right = (model.columns.mT @ model.rows.residual[..., None])[..., 0]
     for f in (0, 3):
@@ -31,7 +31,7 @@ def test_a_fold_is_predicted_as_by_a_fit_without_it() -> None:
 
 def test_left_out_squares_of_a_right_model_are_those_of_noise_and_a_little_more() -> None:
     fitted, folds = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal), folds_of(WINDOWS)
-    left = left_out(LinearModel.of(fitted, WINDOWS), WINDOWS, folds)
+    left = left_out(LinearModel.of(fitted), WINDOWS, folds)
     inside = band_squares(WINDOWS, fitted.rows.in_noise(fitted.rows.residual)).sum()
     assert inside < left.squares.sum() < 1.1 * inside
     assert 0.8 < float(left.rms) < 1.1
@@ -40,7 +40,7 @@ def test_left_out_squares_of_a_right_model_are_those_of_noise_and_a_little_more(
 
 def test_a_hypothesis_gains_nothing_over_itself() -> None:
     fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
-    left = left_out(LinearModel.of(fitted, WINDOWS), WINDOWS, folds_of(WINDOWS))
+    left = left_out(LinearModel.of(fitted), WINDOWS, folds_of(WINDOWS))
     own = gain(left, left)
     assert (own.gain, own.se, own.worse, own.folds) == (0.0, 0.0, 0, 6)
 
