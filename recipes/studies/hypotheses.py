@@ -160,9 +160,9 @@ def tabulate(found: Iterable[Found], first: int) -> ResultTable:
         "one effect hidden: named": [c for c in cases if len(c.hidden) == 1],
         "two effects hidden: both named": [c for c in cases if len(c.hidden) == 2],
     }
-    for name, those in kinds.items():
+    for name, those in ((name, those) for name, those in kinds.items() if those):
         right = sum(bool(one.right) for one in those)
-        table.add(name, right / max(len(those), 1), spread=f"{right} of {len(those)}")
+        table.add(name, right / len(those), spread=f"{right} of {len(those)}")
     seconds = [one.seconds for one in cases if one.right is not None]
     if seconds:
         table.add(
