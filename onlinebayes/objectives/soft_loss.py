@@ -40,7 +40,7 @@ class SquashedNormal(nn.Module):
         super().__init__()
         self.register_buffer("centre", (high + low) / 2, persistent=False)
         self.register_buffer("halfwidth", (high - low) / 2, persistent=False)
-        self._log_half = float(torch.log(self.halfwidth).sum())
+        self.log_half = float(torch.log(self.halfwidth).sum())
 
     def forward(self, location: Float[Tensor, "B A"], scale: Float[Tensor, "B A"]) -> tuple[Tensor, Tensor]:
         """Actions (B, A) and their log densities (B,), differentiable in location and scale."""
@@ -49,7 +49,7 @@ class SquashedNormal(nn.Module):
         # log(1 - tanh^2 u) = 2 (log 2 - u - softplus(-2 u)), stable far out.
         log_slope = 2 * (LOG_2 - u - nn.functional.softplus(-2 * u))
         log_normal = -0.5 * noise.square() - torch.log(scale) - 0.5 * math.log(2 * math.pi)
-        return self.centre + self.halfwidth * torch.tanh(u), (log_normal - log_slope).sum(-1) - self._log_half
+        return self.centre + self.halfwidth * torch.tanh(u), (log_normal - log_slope).sum(-1) - self.log_half
 
 
 class SoftLoss(TensorDictModuleBase):
@@ -67,7 +67,8 @@ class SoftLoss(TensorDictModuleBase):
         low, high: the action's bounds (A,).
         gamma: discount factor.
         alpha: the entropy's weight to begin with.
-        target_entropy: [nats]; -A without it.
+        target_entropy: [nats]; -1 for each action, its range scaled to [-1, 1], without it: what an action is measured
+            in says nothing about how much to explore.
         action_key: of the action.
     """
 
@@ -88,9 +89,10 @@ class SoftLoss(TensorDictModuleBase):
         super().__init__()
         self.inputs, self.actor, self.critics, self.targets = inputs, actor, critics, targets
         self.gamma, self.action_key = gamma, action_key
-        self.target_entropy = -float(len(low)) if target_entropy is None else target_entropy
         self.log_alpha = nn.Parameter(torch.tensor(math.log(alpha), device=low.device))
         self._squashed = SquashedNormal(low.to(torch.float32), high.to(torch.float32))
+        usual = self._squashed.log_half - len(low)
+        self.target_entropy = usual if target_entropy is None else target_entropy
         following = [after(key) for key in inputs.keys]
         self.in_keys = [*inputs.keys, action_key, ("next", "reward"), ("next", "terminated"), *following]
         self.out_keys = ["loss_actor", "loss_qvalue", "loss_alpha", "alpha", "entropy"]

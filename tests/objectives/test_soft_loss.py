@@ -77,7 +77,13 @@ def test_losses_and_gradients_are_torchrls(normalise, monkeypatch):
     )
     values = [ValueOperator(Body(inputs, member(critics, k)), in_keys=[*KEYS, "action"]) for k in range(2)]
     theirs = SACLoss(
-        policy, values, num_qvalue_nets=2, loss_function="l2", alpha_init=0.4, target_entropy=-2.0, delay_qvalue=True
+        policy,
+        values,
+        num_qvalue_nets=2,
+        loss_function="l2",
+        alpha_init=0.4,
+        target_entropy=loss.target_entropy,
+        delay_qvalue=True,
     )
     theirs.make_value_estimator(gamma=0.9)
     SoftUpdate(theirs, tau=0.05)
