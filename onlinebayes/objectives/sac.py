@@ -2,7 +2,8 @@
 
     Q target   y = R + gamma (1 - terminated) (min_i Q'_i(s', a') - alpha log pi(a' | s')),   a' ~ pi
     actor      minimise  E[alpha log pi(a | s) - min_i Q_i(s, a)]
-    alpha      such that the policy's entropy is -1 nat an action, ranges scaled to [-1, 1];      Q' follows Q with rate tau
+    alpha      such that the policy's entropy is -1 nat an action, ranges scaled to [-1, 1]
+    targets    Q' follows Q with rate tau
 
 Haarnoja et al., Soft Actor-Critic Algorithms and Applications (2018); the losses stand in ``soft_loss``.
 

@@ -185,7 +185,7 @@ def read(file: Path) -> Found:
 
 def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, right: bool | None) -> Found:
     parts = [explanation.after[signal] / before for signal, before in explanation.before.items() if before > 0]
-    windows, step = explanation.windows, explanation.discretisation
+    windows, step = explanation.windows, explanation.discretisation.values
     return Found(
         name,
         hidden,

@@ -1,12 +1,17 @@
 """How finely the model is integrated: the cheapest way whose error no judgement can notice.
 
-    error = RMS of the start-projected difference from the finest way,    fine enough: error < max(rms, noise) / 10
+    values:        RMS of the start-projected difference from the finest way < max(rms, noise) / 10   in every signal
+    derivatives:   |c - c_fine| < |c_fine| / 20                                                   of every column
 
-in every signal. A method of first order errs by half a step's delay, which passes for a late sensor or a slow drive;
-friction that sticks errs by more than what is smooth, so that the question is asked anew for what is added.
+Derivatives lead a fit and need not be as good as what it is judged by: where four evaluations a step are needed for
+the values, one is enough for them. A method of first order errs by half a step's delay, which passes for a late sensor
+or a slow drive; friction that sticks errs by more than what is smooth, so that the question is asked anew for what is
+added.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 from jaxtyping import Float
 from torch import Tensor
@@ -15,6 +20,7 @@ from onlinebayes.criticism.hypotheses.fitting import Fitted
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.hypotheses.rows import rms, taken_out
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.identification.replaying.ladder import Rung, adjustable, by_runge_kutta, first_order
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
@@ -26,6 +32,17 @@ NEGLIGIBLE = 0.1
 EVALUATIONS = 4
 """Of the forces in a step of Runge's and Kutta's method."""
 
+ALIKE = 0.05
+"""Share of a derivative by which a cheaper one may differ from it: a fit's steps are as good, to a twentieth."""
+
+
+@dataclass(frozen=True)
+class Discretisation:
+    """How a model is integrated, and how where only its derivatives are asked for."""
+
+    values: Rung
+    derivatives: Rung
+
 
 def ways(simulator: Identifiable, row: float) -> list[Rung]:
     """Ways to integrate a log with rows ``row`` [s] apart, the cheapest first; the own one where the step is fixed."""
@@ -35,13 +52,15 @@ def ways(simulator: Identifiable, row: float) -> list[Rung]:
     parts = max(1, round(row / own))
     steps = [row / n for n in range(1, parts + 1) if parts % n == 0] + [own / 2, own / 4, own / 16]
     methods = ["own", "runge_kutta"] if first_order(simulator) else ["own"]
+    if by_runge_kutta(simulator) and simulator.with_first_order() is not simulator:
+        methods.append("first_order")
     found = [Rung(step, method) for step in steps for method in methods]  # type: ignore[arg-type]
     return sorted(found, key=lambda discretisation: cost(simulator, discretisation, row))
 
 
 def cost(simulator: Identifiable, discretisation: Rung, row: float) -> float:
     """Evaluations of the forces for one row."""
-    fourth = discretisation.method == "runge_kutta" or by_runge_kutta(simulator)
+    fourth = discretisation.method == "runge_kutta" or (discretisation.method == "own" and by_runge_kutta(simulator))
     return row / discretisation.timestep * (EVALUATIONS if fourth else 1)
 
 
@@ -66,18 +85,56 @@ def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
     return exact is None or bool((_errors(fitted, windows, exact) < _admissible(fitted, windows)).all())
 
 
-def cheapest(fitted: Fitted, given: Identifiable, windows: Windows) -> Rung:
+def cheapest(fitted: Fitted, given: Identifiable, windows: Windows) -> Discretisation:
     """The cheapest way that is fine enough for a fit; the finest where none is."""
+    values = _values(fitted, given, windows)
+    return Discretisation(values, _derivatives(fitted, given, windows, values))
+
+
+def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Rung:
     best = finest(given)
     exact = _replayed(best, given, fitted, windows)
     if exact is None:
         return Rung(given.timestep)
     admissible = _admissible(fitted, windows)
-    for discretisation in ways(given, windows.step):
-        shown = _replayed(discretisation, given, fitted, windows)
+    for way in ways(given, windows.step):
+        shown = _replayed(way, given, fitted, windows)
         if shown is not None and bool((_moved(fitted, windows, exact - shown) < admissible).all()):
-            return discretisation
+            return way
     return best
+
+
+def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Rung) -> Rung:
+    dear = cost(given, values, windows.step)
+    cheaper = [way for way in ways(given, windows.step) if cost(given, way, windows.step) < dear]
+    exact = _linearised(values, given, fitted, windows) if cheaper else None
+    if exact is not None:
+        for way in cheaper:
+            rough = _linearised(way, given, fitted, windows)
+            if rough is not None and _alike(windows, fitted, rough, exact):
+                return way
+    return values
+
+
+def _linearised(way: Rung, given: Identifiable, fitted: Fitted, windows: Windows) -> Linearisation | None:
+    """At the fit's parameters and starts; None where that way diverges."""
+    try:
+        simulator = way.of(given)
+        theta = theta_of(simulator, values_of(fitted.simulator, fitted.theta))
+        found = linearise(simulator, windows, theta, fitted.lin.starts)
+    except Stopped:
+        raise
+    except BadInput:
+        return None
+    return found if found.valid else None
+
+
+def _alike(windows: Windows, fitted: Fitted, rough: Linearisation, exact: Linearisation) -> bool:
+    """Whether all derivatives differ by little: by the starts, and by theta with the starts taken out."""
+    by_theta = [taken_out(windows, fitted.rows, one.by_theta).flatten(0, 1) for one in (rough, exact)]
+    by_start = [one.by_start.flatten(0, 2) for one in (rough, exact)]
+    pairs = ((by_theta[0], by_theta[1]), (by_start[0], by_start[1]))
+    return all(bool(((a - b).norm(dim=0) <= ALIKE * b.norm(dim=0)).all()) for a, b in pairs)
 
 
 def _replayed(

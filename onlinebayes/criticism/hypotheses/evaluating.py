@@ -9,12 +9,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.discretisation import cheapest, fine_enough
+from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, fine_enough
 from onlinebayes.criticism.hypotheses.fitting import SETTLED, Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
 from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -52,7 +51,7 @@ class Evaluator:
     given: Identifiable
     windows: Windows
     runs: tuple[str, ...]
-    discretisation: Rung
+    discretisation: Discretisation
     watch: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Evaluation | None] = field(default_factory=dict)
 
@@ -86,9 +85,12 @@ class Evaluator:
     ) -> Evaluation | None:
         self.watch(f"fitting {hypothesis}")
         try:
-            simulator = build(self.discretisation.of(self.given), hypothesis, self.runs)
+            ways = self.discretisation
+            simulator = build(ways.values.of(self.given), hypothesis, self.runs)
+            rough = build(ways.derivatives.of(self.given), hypothesis, self.runs)
             thetas = torch.stack([theta_of(simulator, values) for values in begun])
-            fitted = fit(simulator, self.windows, best_theta(simulator, self.windows, thetas, starts), starts)
+            theta = best_theta(simulator, self.windows, thetas, starts)
+            fitted = fit(simulator, self.windows, theta, starts, rough=rough)
             model = LinearModel.of(fitted)
             left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
             return Evaluation(hypothesis, fitted, left)
@@ -105,5 +107,6 @@ class Evaluator:
         discretisation = cheapest(here.fitted, given, self.windows)
         if discretisation == self.discretisation:
             return self
-        self.watch(f"integrating by {discretisation.method} in steps of {discretisation.timestep:g} s")
+        way = discretisation.values
+        self.watch(f"integrating by {way.method} in steps of {way.timestep:g} s")
         return replace(self, discretisation=discretisation, known={})

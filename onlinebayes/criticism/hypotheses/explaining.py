@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
+from onlinebayes.criticism.hypotheses.discretisation import Discretisation
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
@@ -18,7 +19,6 @@ from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.closed_loops import completed
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
-from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.identification.replaying.scoped import scoped
 from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import split
@@ -51,7 +51,7 @@ class Explanation:
     found: Evaluation
     rounds: tuple[Round, ...]
     windows: Windows
-    discretisation: Rung
+    discretisation: Discretisation
     before: dict[str, float]
     after: dict[str, float]
     seconds: float

@@ -2,9 +2,10 @@
 
     step:  min |r~ - C~ d|^2 + lambda |D d|^2,   low <= theta + d <= high,    D^2 = diag(C~' C~)     (Marquardt 1963)
 
-The undamped step is tried first, then all dampings at once. The weights are renewed after each step, so that the fit
-ends where the score of the data it saw has no slope (iteratively reweighted least squares). Derivatives cost a replay
-for each parameter and start: they are kept as long as steps with them lead on (chord method).
+The undamped step is tried first, and all dampings at once where it brings less than half of what it promises. The
+weights are renewed after each step, so that the fit ends where the score of the data it saw has no slope (iteratively
+reweighted least squares). Derivatives cost a replay for each parameter and start: they are kept as long as steps with
+them keep that promise (chord method).
 """
 
 from __future__ import annotations
@@ -30,8 +31,11 @@ from onlinebayes.simulators.identifiable import Identifiable
 DAMPINGS = (0.1, 3.0, 100.0)
 """Marquardt's lambdas, replayed side by side where the undamped step does not descend."""
 
-MOST_STEPS = 30
+MOST_STEPS = 16
 """A fit ends after so many steps."""
+
+PROMISE_KEPT = 0.5
+"""Share of the promised gain below which a step is damped, and derivatives are worked out anew."""
 
 SETTLED = 2e-3
 """A step that lowers the score by less ends the fit: a tenth of what any rule looks at."""
@@ -43,12 +47,14 @@ class Fitted:
 
     Args:
         simulator: what was fitted.
+        rough: the same, integrated as is enough for derivatives.
         lin: its replay and sensitivities at the mode.
         rows: the same, starts taken out, with the weights of the score there.
         score: of the data that it was fitted to, see :func:`score_of`.
     """
 
     simulator: Identifiable
+    rough: Identifiable
     lin: Linearisation
     rows: Rows
     score: float
@@ -71,6 +77,8 @@ def fit(
     windows: Windows,
     theta: Float[Tensor, " P"],
     starts: Float[Tensor, "W J2"] | None = None,
+    *,
+    rough: Identifiable | None = None,
     most: int = MOST_STEPS,
 ) -> Fitted:
     """Fit from a starting value.
@@ -80,14 +88,15 @@ def fit(
         windows: the data.
         theta: where to begin [SI].
         starts: where the windows' starts begin; the smoothed ones when None.
+        rough: the simulator by which derivatives are taken; the same when None.
         most: steps.
 
     Raises:
         BadInput: the replay diverges where it begins.
     """
-    here = _linearised(
-        simulator, windows, simulator.parameters.clamp(theta), windows.start if starts is None else starts
-    )
+    models = (simulator, simulator if rough is None else rough)
+    begun = windows.start if starts is None else starts
+    here = _linearised(*models, windows, simulator.parameters.clamp(theta), begun)
     if here is None:
         raise BadInput(
             "the simulation diverges over the measured windows",
@@ -95,16 +104,16 @@ def fit(
         )
     fresh = True
     for _ in range(most):
-        there = _stepped(windows, here)
-        gained = 0.0 if there is None else here.score - there.score
-        settled = fresh and gained < SETTLED
-        here = here if there is None else there
+        promise = _promise(windows, here)
+        there = _stepped(windows, here, here.score - PROMISE_KEPT * promise)
+        gained = here.score - there.score
+        settled, fresh = fresh and gained < SETTLED, gained < max(SETTLED, PROMISE_KEPT * promise)
+        here = there
         if settled:
             break
-        fresh = gained < SETTLED
         if fresh:  # old derivatives lead no further
-            here = _linearised(simulator, windows, here.theta, here.lin.starts) or here
-    return here if fresh else _linearised(simulator, windows, here.theta, here.lin.starts) or here
+            here = _linearised(*models, windows, here.theta, here.lin.starts) or here
+    return here if fresh else _linearised(*models, windows, here.theta, here.lin.starts) or here
 
 
 def best_theta(
@@ -123,33 +132,51 @@ def best_theta(
 
 
 def _linearised(
-    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], starts: Float[Tensor, "W J2"]
+    simulator: Identifiable,
+    rough: Identifiable,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"],
 ) -> Fitted | None:
     """A point with its derivatives; None where a replay diverges."""
-    lin = linearise(simulator, windows, theta, starts)
-    return _weighed(simulator, windows, lin) if lin.valid else None
+    lin = linearise(rough, windows, theta, starts)
+    if rough is not simulator:
+        shown, valid = replay_binned(simulator, windows, theta[None], starts[None])
+        if not bool(valid.all()):
+            return None
+        residual = windows.bin(windows.value) - shown[0]
+        lin = replace(lin, residual=residual) if lin.valid else linearise(simulator, windows, theta, starts)
+    return _weighed(simulator, rough, windows, lin) if lin.valid else None
 
 
-def _weighed(simulator: Identifiable, windows: Windows, lin: Linearisation) -> Fitted:
+def _weighed(simulator: Identifiable, rough: Identifiable, windows: Windows, lin: Linearisation) -> Fitted:
     """A point with the weights of the score there."""
     residual = lin.residual * per_noise(windows)
     rows = project(windows, lin, score_weights(windows, residual))
     # What a better start would remove is no error of the model: the weights are those of what is left.
     left = rows.in_noise(rows.residual)
-    return Fitted(simulator, lin, project(windows, lin, score_weights(windows, left)), score_of(windows, left))
+    return Fitted(simulator, rough, lin, project(windows, lin, score_weights(windows, left)), score_of(windows, left))
 
 
-def _stepped(windows: Windows, here: Fitted) -> Fitted | None:
-    """One step on; None where no damping lowers the misfit."""
-    for dampings in ((0.0,), DAMPINGS):
-        there = _best_of(windows, here, dampings)
-        if there is not None:
-            return there
-    return None
+def _promise(windows: Windows, here: Fitted) -> float:
+    """By how much the undamped step lowers the score, to first order."""
+    rows = here.rows
+    step = bounded_step(here.simulator, rows, here.theta, 0.0)
+    return here.score - score_of(windows, rows.in_noise(rows.residual - rows.columns @ step))
 
 
-def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float]) -> Fitted | None:
-    """The best of some steps, each with the starts that go with it; None where none descends."""
+def _stepped(windows: Windows, here: Fitted, enough: float) -> Fitted:
+    """One step on, damped where the undamped one does not reach ``enough``; itself where none lowers the score."""
+    there = min(here, _best_of(windows, here, (0.0,)), key=_score)
+    return there if there.score <= enough else min(there, _best_of(windows, here, DAMPINGS), key=_score)
+
+
+def _score(fitted: Fitted) -> float:
+    return fitted.score
+
+
+def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float]) -> Fitted:
+    """The best of some steps, each with the starts that go with it; itself where none lowers the misfit."""
     simulator, lin, rows = here.simulator, here.lin, here.rows
     steps = torch.stack([bounded_step(simulator, rows, lin.theta, damping) for damping in dampings])
     starts = lin.starts + start_shift(windows, lin, rows, steps)
@@ -160,10 +187,10 @@ def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float]) -> Fitte
     misfit = torch.where(valid.all(1), misfit, torch.full_like(misfit, math.inf))
     best = int(misfit.argmin())
     if not bool(misfit[best] < (lin.residual * scale).square().sum()):
-        return None
+        return here
     residual = windows.bin(windows.value) - binned[best]
-    found = _weighed(simulator, windows, replace(lin, theta=theta[best], starts=starts[best], residual=residual))
-    return found if found.score < here.score else None
+    moved = replace(lin, theta=theta[best], starts=starts[best], residual=residual)
+    return _weighed(simulator, here.rough, windows, moved)
 
 
 def bounded_step(

@@ -30,8 +30,8 @@ STEPS = 3
 def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> dict[str, float]:
     """RMS of each signal over the windows of runs that were not fitted [its unit]; inf where the replay diverges."""
     fitted = evaluator.windows
-    windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.discretisation)
-    simulator = build(evaluator.discretisation.of(evaluator.given), evaluation.hypothesis, held.runs)
+    windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.discretisation.values)
+    simulator = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, held.runs)
     theta = theta_of(simulator, _carried_over(simulator, evaluation))
     errors = _left(simulator, windows, theta) * windows.noise
     names = [evaluator.given.signals[column] for column in windows.columns]

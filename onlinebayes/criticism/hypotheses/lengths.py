@@ -14,7 +14,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.discretisation import cheapest, cost
+from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, cost
 from onlinebayes.criticism.hypotheses.fitting import Fitted, fit
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
@@ -30,8 +30,14 @@ SHORTEST_ROWS = 20
 FEWEST_WINDOWS = 15
 """Fewer windows make no folds that differ."""
 
+MOST_ROWS = 10_000
+"""Rows in all windows of one replay: enough to tell shares of an error of a twentieth."""
+
 MOST_EVALUATIONS = 32_000
-"""Evaluations of the forces in all windows of one replay; a search takes some thousand replays."""
+"""Evaluations of the forces in these; a search takes some thousand replays."""
+
+FEW = 30
+"""Windows that are looked at on the way: the length that they ask for is known to a factor of two anyway."""
 
 FIRST_STEPS = 4
 """Steps of the fits on the way: they need not be good, for the next one goes on from there."""
@@ -51,7 +57,7 @@ class BaseFit:
     """Windows, the way in which the base model is integrated over them, and the model fitted so."""
 
     windows: Windows
-    discretisation: Rung
+    discretisation: Discretisation
     fitted: Fitted
 
 
@@ -68,7 +74,8 @@ def fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor,
     """
     row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
     horizon = SHORTEST_ROWS * row
-    first = _fitted(given, measurement, noise, horizon, Rung(given.timestep))
+    own = Rung(given.timestep)
+    first = _fitted(given, measurement, noise, horizon, Discretisation(own, own))
     best = _fitted(given, measurement, noise, horizon, cheapest(first.fitted, given, first.windows))
     while horizon < max(measurement.durations):
         horizon *= 2
@@ -81,18 +88,25 @@ def fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor,
         if longer.windows.count < FEWEST_WINDOWS or longer.windows.rows <= best.windows.rows or not follows(longer):
             break
         best = longer
-    fitted = best.fitted
-    return replace(best, fitted=fit(fitted.simulator, best.windows, fitted.theta, fitted.lin.starts))
+    fitted, way = best.fitted, best.discretisation.values
+    windows = windows_of(given, measurement, best.windows.horizon, noise, way)
+    return replace(best, windows=windows, fitted=fit(fitted.simulator, windows, fitted.theta, rough=fitted.rough))
 
 
 def _fitted(
-    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], horizon: float, before: BaseFit | Rung
+    given: Identifiable,
+    measurement: Measurement,
+    noise: Float[Tensor, " S"],
+    horizon: float,
+    before: BaseFit | Discretisation,
 ) -> BaseFit:
-    """The model on windows of one length, fitted roughly from where it was fitted before."""
+    """The model on few windows of one length, fitted roughly from where it was fitted before."""
     discretisation = before.discretisation if isinstance(before, BaseFit) else before
     values = values_of(before.fitted.simulator, before.fitted.theta) if isinstance(before, BaseFit) else {}
-    windows, simulator = windows_of(given, measurement, horizon, noise, discretisation), discretisation.of(given)
-    return BaseFit(windows, discretisation, fit(simulator, windows, theta_of(simulator, values), most=FIRST_STEPS))
+    windows = thinned(windows_of(given, measurement, horizon, noise, discretisation.values), FEW)
+    simulator, rough = discretisation.values.of(given), discretisation.derivatives.of(given)
+    fitted = fit(simulator, windows, theta_of(simulator, values), rough=rough, most=FIRST_STEPS)
+    return BaseFit(windows, discretisation, fitted)
 
 
 def windows_of(
@@ -103,7 +117,12 @@ def windows_of(
     moving = windows.moving.nonzero()[:, 0]
     if len(moving):
         windows = windows.select(moving)
-    most = max(1, int(MOST_EVALUATIONS / (windows.rows * cost(given, discretisation, windows.step))))
+    rows = min(MOST_ROWS, MOST_EVALUATIONS / cost(given, discretisation, windows.step))
+    return thinned(windows, max(1, int(rows / windows.rows)))
+
+
+def thinned(windows: Windows, most: int) -> Windows:
+    """At most so many of the windows, evenly spread."""
     if windows.count <= most:
         return windows
     return windows.select(torch.linspace(0, windows.count - 1, most, device=windows.run.device).round().long())

@@ -59,20 +59,29 @@ def screen(
 ) -> list[Prediction]:
     """Every candidate's predicted gain, the largest first; candidates that the simulator refuses are left out."""
     now = left_out(LinearModel.of(fitted), windows, folds)
+    # Both as derivatives are taken: what a cheap method errs by falls out of the difference.
+    base, valid = replay_binned(fitted.rough, windows, fitted.theta[None], fitted.lin.starts[None])
+    if not bool(valid.all()):
+        raise BadInput("the fitted model diverges in coarse steps", "give the model a shorter time step")
     found = []
     for addition in candidates:
-        best = max(_predictions(fitted, windows, folds, addition, now), key=lambda p: p.gain, default=None)
+        best = max(_predictions(fitted, windows, folds, base[0], addition, now), key=lambda p: p.gain, default=None)
         if best is not None:
             found.append(best)
     return sorted(found, key=lambda p: -p.gain)
 
 
 def _predictions(
-    fitted: Fitted, windows: Windows, folds: Int[Tensor, " W"], addition: Addition, now: LeftOut
+    fitted: Fitted,
+    windows: Windows,
+    folds: Int[Tensor, " W"],
+    base: Float[Tensor, "W n S"],
+    addition: Addition,
+    now: LeftOut,
 ) -> Iterator[Prediction]:
     """One for each starting value at which the replay stays finite."""
     try:
-        simulator = addition.joined(fitted.simulator, windows.runs)
+        simulator = addition.joined(fitted.rough, windows.runs)
     except Stopped:
         raise
     except BadInput:
@@ -81,7 +90,6 @@ def _predictions(
     thetas = torch.stack([theta_of(simulator, {**known, **start.values}) for start in starts])
     begun = fitted.lin.starts.expand(len(thetas), *fitted.lin.starts.shape)
     shown, valid = replay_binned(simulator, windows, thetas, begun)
-    base = windows.bin(windows.value) - fitted.lin.residual
     moved = torch.where(valid.all(1)[:, None, None, None], shown - base, torch.zeros_like(shown))
     columns = taken_out(windows, fitted.rows, moved.movedim(0, -1))
     model = LinearModel.of(fitted)

@@ -17,7 +17,7 @@ from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, pref
 from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 
-REFITS = 4
+REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
 
 LEAST_PROMISE = LEAST_GAIN / 5
