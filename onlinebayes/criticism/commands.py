@@ -10,7 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
+from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.assembly import Question, assemble
+from onlinebayes.criticism.hypotheses.explaining import explained
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS
 from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.criticism.searching.context import SearchContext
@@ -184,3 +187,33 @@ def _over_longer(task: Task, found: SearchResult, context: SearchContext, most: 
     if again is None or not stands:
         return task.unexplained_over(longer, again), found
     return task.over(longer, dropped_by(again, found)), again
+
+
+def answer(
+    question: Question,
+    simulator: Identifiable,
+    measurement: Measurement,
+    *,
+    holdout: Sequence[str] | None = None,
+    selection: Selection | None = None,
+    scope: Scope | None = None,
+    candidates: str | Sequence[str | Effect] = "all",
+    progress: Say | None = None,
+    interrupt: Interrupt | None = None,
+) -> Criticism:
+    """What :func:`compare`, :func:`diagnose` and :func:`refine` answer, by the search that is to replace theirs.
+
+    Args:
+        question: which of them asks; the others as there.
+
+    Raises:
+        BadInput, Stopped: as :func:`compare`.
+    """
+    stopwatch = Stopwatch(progress)
+    watch = Watch(stopwatch, interrupt)
+    most = {"compare": 0, "diagnose": 1, "refine": MOST_ADDITIONS}[question]
+    with watch.heeded():
+        task = prepare(simulator, measurement, holdout, selection, scope)
+    found = explained(task.simulator, task.fit_runs, candidates if most else (), most=most, watch=watch)
+    result = answered(question, task, found, stopwatch)
+    return replace(result, interrupted=watch.stopped)

@@ -12,6 +12,7 @@ import os
 import re
 import statistics
 import sys
+import time
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -115,28 +116,30 @@ def machine(name: str, key: str) -> Found:
     """A measured machine."""
     if not (data := os.environ.get("ONLINEBAYES_DATA")):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder of the measured machines")
-    return _found(name, (), explained(load_problem(Path(data) / str(MACHINES[key][0]))), None)
+    return _found(name, (), *explained(load_problem(Path(data) / str(MACHINES[key][0]))), None)
 
 
 def blind(name: str, rig: str, kind: str, seed: int) -> Found:
     """A case of the rigs; only after the search its truth is looked at."""
     made = case(rig, kind, seed)
-    explanation = explained(loaded(made))
+    explanation, seconds = explained(loaded(made))
     hidden = tuple(spelt(key, made.truth) for key in made.hidden)
     answers = [answer(rig, key) for key in hidden]
     accepted = [as_effect(key) for key in explanation.found.hypothesis.keys]
     innocent = [key for key in accepted if not any(one.admits(key) for one in answers)]
-    return _found(name, hidden, explanation, all(one.found(accepted) for one in answers) and not innocent)
+    return _found(name, hidden, explanation, seconds, all(one.found(accepted) for one in answers) and not innocent)
 
 
-def explained(problem: Problem) -> Explanation:
-    """A problem as its file says it, on one thread."""
+def explained(problem: Problem) -> tuple[Explanation, float]:
+    """A problem as its file says it, on one thread, and the processor's seconds that it took."""
+    began = time.process_time()
     simulator = problem.simulator
     if type(simulator) is MujocoSimulator:
         simulator = MujocoSimulator(simulator.spec, simulator.parameters, threads=1, effects=simulator.effects)
-    return explain(
+    found = explain(
         simulator, problem.measurement, holdout=problem.holdout, candidates=problem.candidates, scope=problem.scope
     )
+    return found, time.process_time() - began
 
 
 def as_effect(key: str) -> str:
@@ -183,9 +186,9 @@ def read(file: Path) -> Found:
     return parsed(Found, file.read_text("utf-8"), lambda raw: "additions" in raw, "case of this study")
 
 
-def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, right: bool | None) -> Found:
+def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, seconds: float, right: bool | None) -> Found:
     parts = [explanation.after[signal] / before for signal, before in explanation.before.items() if before > 0]
-    windows, step = explanation.windows, explanation.discretisation.values
+    windows, step = explanation.windows, explanation.evaluator.discretisation.values
     return Found(
         name,
         hidden,
@@ -193,7 +196,7 @@ def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, right: 
         tuple(key for one in explanation.rounds for key in one.equals),
         right,
         max(parts, default=float("nan")),
-        explanation.seconds,
+        seconds,
         f"{windows.count} windows of {windows.horizon:.2g} s, {step.method} steps of {step.timestep:g} s",
     )
 

@@ -1,4 +1,4 @@
-"""What a hypothesis may add to a model: an effect, an effect of one size a run, or a number of the model freed.
+"""What a hypothesis may add to a model: an effect, one of one size a run, a number freed, or a bound that is wider.
 
 Each says how it joins a simulator, and from which values a fit of it may begin.
 """
@@ -18,6 +18,12 @@ from onlinebayes.simulators.identifiable import Identifiable
 
 DIFFERENCE = 1e-3
 """Of its range, by which a freed number is moved to see what it does."""
+
+WIDER = 10.0
+"""Times the distance between its bounds by which a parameter may go beyond one of them."""
+
+ON_BOUND = 1e-6
+"""Of the range, within which a fitted parameter lies on its bound."""
 
 FARTHEST = 3.0
 """A linear prediction goes so many times as far as a finite starting value."""
@@ -135,3 +141,57 @@ class FreedNumber:
         reach = step if own + step <= self.bounds.high else -step
         low, high = sorted(((self.bounds.low - own) / reach, (self.bounds.high - own) / reach))
         return (Start({self.address: own + reach}, (self.address,), own, reach, low, high),)
+
+
+@dataclass(frozen=True)
+class WiderBounds:
+    """A parameter whose fit lies on a bound, with a wider one."""
+
+    name: str
+    before: Parameter
+    after: Parameter
+
+    @property
+    def key(self) -> str:
+        """``bounds of`` its name."""
+        return f"bounds of {self.name}"
+
+    @property
+    def rank(self) -> int:
+        """See :class:`Addition`."""
+        return 0
+
+    def joined(self, simulator: Identifiable, runs: Sequence[str]) -> Identifiable:
+        """The simulator with the wider bounds."""
+        return simulator.with_bounds(self.name, self.after)
+
+    def starts(self, simulator: Identifiable) -> tuple[Start, ...]:
+        """A little beyond the bound."""
+        up = self.after.high > self.before.high
+        bound, end = (self.before.high, self.after.high) if up else (self.before.low, self.after.low)
+        step = DIFFERENCE * (self.before.high - self.before.low) * (1 if up else -1)
+        return (Start({self.name: bound + step}, (self.name,), bound, step, 0.0, (end - bound) / step),)
+
+
+def wider_bounds(simulator: Identifiable, values: Mapping[str, float]) -> tuple[WiderBounds, ...]:
+    """For every parameter whose fitted value lies on a bound that may be another.
+
+    A bound at zero stays (friction, mass and time are never negative), a positive low one goes down to a tenth.
+    Constants of nature (``option.*``) stay: a free fall in air would ask for a weaker gravity.
+
+    Args:
+        simulator: the base model.
+        values: as fitted [SI].
+    """
+    found = []
+    for name in simulator.parameters:
+        before, value = simulator.parameters[name], values[name]
+        width = before.high - before.low
+        if name.startswith("option.") or "@" in name:
+            continue
+        if value >= before.high - ON_BOUND * width:
+            found.append(WiderBounds(name, before, replace(before, high=before.high + WIDER * width)))
+        elif value <= before.low + ON_BOUND * width and before.low != 0:
+            low = before.low / WIDER if before.low > 0 else before.low - WIDER * width
+            found.append(WiderBounds(name, before, replace(before, low=low)))
+    return tuple(found)

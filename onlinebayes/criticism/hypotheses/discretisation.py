@@ -85,6 +85,16 @@ def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
     return exact is None or bool((_errors(fitted, windows, exact) < _admissible(fitted, windows)).all())
 
 
+def error_in_floors(fitted: Fitted, given: Identifiable, windows: Windows) -> tuple[float, float]:
+    """What integration errs by in the worst signal, and the largest residual of any; arguments as :func:`fine_enough`.
+
+    The error is infinite where the finest way diverges.
+    """
+    left = float(rms(windows, fitted.rows.in_noise(fitted.rows.residual)).max())
+    exact = _replayed(finest(given), given, fitted, windows)
+    return (float("inf") if exact is None else float(_errors(fitted, windows, exact).max())), left
+
+
 def cheapest(fitted: Fitted, given: Identifiable, windows: Windows) -> Discretisation:
     """The cheapest way that is fine enough for a fit; the finest where none is."""
     values = _values(fitted, given, windows)

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
-from onlinebayes.criticism.hypotheses.discretisation import Discretisation
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, wider_bounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
 from onlinebayes.criticism.hypotheses.lengths import fit_base
-from onlinebayes.criticism.hypotheses.search import Round, Search
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.closed_loops import completed
@@ -23,7 +21,7 @@ from onlinebayes.identification.replaying.scoped import scoped
 from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -42,19 +40,26 @@ class Explanation:
     Args:
         base, found: the model as it is, and the hypothesis of which no neighbour is preferred.
         rounds: of the search.
-        windows, discretisation: on which, and integrated how, it was judged.
+        evaluator: by which both were fitted and judged.
         before, after: RMS of each signal over runs that were not fitted [its unit]; empty where none was held out.
-        seconds: of the processor.
     """
 
     base: Evaluation
     found: Evaluation
     rounds: tuple[Round, ...]
-    windows: Windows
-    discretisation: Discretisation
-    before: dict[str, float]
-    after: dict[str, float]
-    seconds: float
+    evaluator: Evaluator
+    before: Mapping[str, float] = field(default_factory=dict)
+    after: Mapping[str, float] = field(default_factory=dict)
+
+    def with_held_out(self, runs: Measurement) -> Explanation:
+        """With the errors of both over runs that were not fitted."""
+        before, after = (held_out_errors(self.evaluator, evaluation, runs) for evaluation in (self.base, self.found))
+        return replace(self, before=before, after=after)
+
+    @property
+    def windows(self) -> Windows:
+        """On which it was judged."""
+        return self.evaluator.windows
 
 
 def explain(
@@ -64,7 +69,7 @@ def explain(
     holdout: Sequence[str] | None = None,
     candidates: str | Sequence[str | Effect] = "all",
     scope: Scope | None = None,
-    watch: Callable[[str], None] = lambda _: None,
+    watch: Watch = UNWATCHED,
 ) -> Explanation:
     """Search for what is missing in a model, or off in it.
 
@@ -79,39 +84,58 @@ def explain(
     Raises:
         BadInput: the model and the measurement do not fit together.
     """
-    began = time.process_time()
     measurement, _ = completed(simulator, measurement.seen())
     given, measurement = charted(simulator, measurement)
     fit_runs, held_runs = split(measurement, holdout)
     given = scoped(in_step(given, fit_runs), scope, measurement, fit_runs.runs)
-    watch("choosing the windows")
+    found = explained(given, fit_runs, candidates, watch=watch)
+    watch.say("replaying the runs that were held out")
+    return found.with_held_out(held_runs) if held_runs.runs else found
+
+
+def explained(
+    given: Identifiable,
+    fit_runs: Measurement,
+    candidates: str | Sequence[str | Effect] = "all",
+    *,
+    most: int = MOST_ADDITIONS,
+    watch: Watch = UNWATCHED,
+) -> Explanation:
+    """:func:`explain` for a model and fit runs that were made ready.
+
+    Args:
+        given: the model, in step with the log.
+        fit_runs: what it is fitted to.
+        candidates: as there; without any the base model is fitted and nothing is searched.
+        most: additions at which the search ends.
+        watch: told what is being done; a stop ends the search with what was found so far.
+
+    Raises:
+        BadInput: as there.
+        Stopped: it was interrupted before the base model was fitted.
+    """
+    with watch.heeded():
+        search = Search(*_base(given, fit_runs, watch), (), most)
+    with watch.giving_up():
+        if candidates:
+            wider = wider_bounds(search.base.fitted.simulator, search.base.values)
+            search.candidates = (*wider, *additions(given, fit_runs, candidates))
+            search.run()
+    return Explanation(search.base, search.here, tuple(search.rounds), search.evaluator)
+
+
+def _base(given: Identifiable, fit_runs: Measurement, watch: Watch) -> tuple[Evaluator, Evaluation]:
+    """The base model fitted, and by what."""
+    watch.say("choosing the windows")
     begun = fit_base(given, fit_runs, measured_floors(fit_runs))
-    evaluator = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch)
+    evaluator = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch.say)
     base = evaluator.evaluate(
         Hypothesis(), [values_of(begun.fitted.simulator, begun.fitted.theta)], begun.fitted.lin.starts
     )
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
     # A valley that shorter windows led into need not be the deepest.
-    base = evaluator.evaluate(Hypothesis(), [{}]) or base
-    search = Search(evaluator, base, additions(given, fit_runs, candidates))
-    search.base = search.refined(base)
-    found = search.run()
-    watch("replaying the runs that were held out")
-    before, after = (
-        held_out_errors(search.evaluator, evaluation, held_runs) if held_runs.runs else {}
-        for evaluation in (search.base, found)
-    )
-    return Explanation(
-        search.base,
-        found,
-        tuple(search.rounds),
-        search.evaluator.windows,
-        search.evaluator.discretisation,
-        before,
-        after,
-        time.process_time() - began,
-    )
+    return evaluator, evaluator.evaluate(Hypothesis(), [{}]) or base
 
 
 def additions(

@@ -26,6 +26,12 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
 
+CONFOUNDED = 1e-3
+"""Share of its square of which nothing but this is left: then the free parameters do the same already."""
+
+PART = 0.1
+"""Of a candidate's norm, from which on a parameter is named as one that does the same."""
+
 SAME_LAW = 0.995
 """Cosine between what two candidates do: at that angle, a fit to one leaves a hundredth of the other's square."""
 
@@ -39,12 +45,14 @@ class Prediction:
         begun: where a refit may begin, entry -> value [SI]: as predicted, and its finite starting values.
         gain: predicted gain in left-out score [nats].
         direction: how it moves the rows, starts and theta taken out, of norm 1.
+        imitated_by: free parameters that do the same already; empty where they cannot.
     """
 
     addition: Addition
     begun: tuple[Mapping[str, float], ...]
     gain: float
     direction: Float[Tensor, " N"]
+    imitated_by: tuple[str, ...] = ()
 
     def alike(self, other: Prediction) -> bool:
         """Whether it is the same law as another, to first order."""
@@ -104,12 +112,22 @@ def _predictions(
         # A finite starting value stands where linear prediction means little: it is taken as it is.
         best = {**start.values, **scaled} if k == 0 else start.values
         left = column.flatten() - basis @ (basis.T @ column.flatten())
+        confounded = float(left.square().sum()) < CONFOUNDED * float(column.square().sum())
         yield Prediction(
             addition,
             (best, *(one.values for one in starts[1:] if one is not start)),
             gain(left_out(grown, windows, folds), now).gain,
             left / left.norm().clamp_min(1e-300),
+            _imitators(fitted, column) if confounded else (),
         )
+
+
+def _imitators(fitted: Fitted, column: Float[Tensor, "W m"]) -> tuple[str, ...]:
+    """The free parameters that together do what a candidate does, the largest first."""
+    C, c = fitted.rows.columns.flatten(0, 1), column.flatten()
+    parts = (torch.linalg.lstsq(C, c[:, None]).solution[:, 0] * C.norm(dim=0)).abs() / c.norm()
+    order = parts.argsort(descending=True).tolist()
+    return tuple(fitted.simulator.parameters.names[i] for i in order if float(parts[i]) > PART)
 
 
 def _sizes(

@@ -53,6 +53,7 @@ class Round:
         added: what the rule preferred, None in the last round.
         equal: what was refitted and is equally good.
         alike: the same law as what was added, to first order, and was not refitted.
+        silent: keys of the candidates that move no measured signal.
     """
 
     begun: Evaluation
@@ -61,6 +62,7 @@ class Round:
     added: Trial | None = None
     equal: tuple[Trial, ...] = ()
     alike: tuple[Addition, ...] = ()
+    silent: tuple[str, ...] = ()
 
     @property
     def equals(self) -> tuple[str, ...]:
@@ -76,31 +78,39 @@ class Search:
         evaluator: fits and judges; replaced by a finer one where what was added asks for it.
         base: the base model as it evaluated it.
         candidates: the additions to try.
+        most: additions at which the search ends.
+        rounds: so far.
+        here: the preferred hypothesis so far: what stands where the search is stopped.
     """
 
     evaluator: Evaluator
     base: Evaluation
     candidates: Sequence[Addition]
+    most: int = MOST_ADDITIONS
     rounds: list[Round] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        self.here = self.base
 
     def run(self) -> Evaluation:
         """The hypothesis of which no neighbour is preferred."""
-        here, seen = self.base, set[frozenset[str]]()
+        self.here, seen = self.refined(self.base), set[frozenset[str]]()
+        self.base = self.here
         # What was dropped may be preferred again beside what came later: the same hypothesis twice ends the search.
-        while len(here.hypothesis.keys) < MOST_ADDITIONS and frozenset(here.hypothesis.keys) not in seen:
-            found = self.round(here)
+        while len(self.here.hypothesis.keys) < self.most and frozenset(self.here.hypothesis.keys) not in seen:
+            here, found = self.here, self.round(self.here)
             better = here if found.added is None else self.evaluated_from(found.added.evaluation, here.hypothesis)
             if better is not here:
                 # It was not the addition that was missing, but a better fit without it: the round begins again.
                 self.base = better if here is self.base else self.base
-                here = better
+                self.here = better
                 continue
             seen.add(frozenset(here.hypothesis.keys))
             self.rounds.append(found)
             if found.added is None:
                 break
-            here = self.pruned(self.refined(found.added.evaluation))
-        return here
+            self.here = self.pruned(self.refined(found.added.evaluation))
+        return self.here
 
     def evaluated_from(self, richer: Evaluation, hypothesis: Hypothesis) -> Evaluation:
         """A simpler hypothesis, fitted from where a richer one ended too; the richer one where it cannot be."""
@@ -113,14 +123,16 @@ class Search:
         present = set(here.hypothesis.keys)
         left = [addition for addition in self.candidates if addition.key not in present]
         screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
+        shown = {prediction.addition.key for prediction in screened}
+        silent = tuple(addition.key for addition in left if addition.key not in shown)
         tried = tuple(trial for p in promising(screened) if (trial := self.tried(here, p)) is not None)
         best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
         if best is None:
-            return Round(here, screened, tried)
+            return Round(here, screened, tried, silent=silent)
         equal = [trial for trial in tried if trial is best or _equal(best, trial)]
         chosen = min((trial for trial in equal if trial.refused is None), key=_parameters)
         others = tuple(trial for trial in equal if trial is not chosen)
-        return Round(here, screened, tried, chosen, others, _alike(screened, tried, chosen))
+        return Round(here, screened, tried, chosen, others, _alike(screened, tried, chosen), silent)
 
     def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
         """One addition more, fitted from where screening looked; None where the simulator cannot follow it."""
@@ -144,7 +156,7 @@ class Search:
         )
         if base is None or again is None:
             return here
-        self.evaluator, self.base = evaluator, base
+        self.evaluator, self.base, self.here = evaluator, base, again
         return again
 
     def pruned(self, here: Evaluation) -> Evaluation:

@@ -1,0 +1,116 @@
+"""The answer put together: what the fit runs say, the held-out runs opened once, and what a reader should know.
+
+found in the fit runs -> verdict -> both models replayed over all runs -> error over the held-out runs
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
+from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.hypothesis import build
+from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of, to_replay
+from onlinebayes.criticism.hypotheses.ranking import ranked, steps
+from onlinebayes.criticism.hypotheses.verdict import AT_FLOOR, decide
+from onlinebayes.criticism.judging.localise import failures
+from onlinebayes.criticism.judging.verdict import rms_over_floor
+from onlinebayes.criticism.results import Criticism, Remainder, WidenedBounds
+from onlinebayes.criticism.task import Task
+from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.replaying.ladder import reported
+from onlinebayes.identification.results import Estimate, FittedModel
+from onlinebayes.measurements import Measurement
+
+
+def answered(question: str, task: Task, explanation: Explanation, stopwatch: Stopwatch) -> Criticism:
+    """The answer to a question.
+
+    Args:
+        question: which command asks.
+        task: the model and the runs.
+        explanation: what was found in the fit runs.
+        stopwatch: takes the stages, and has timed the earlier ones.
+    """
+    units = {signal.name: signal.unit for signal in task.fit_runs.signals}
+    base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
+    stopwatch("weighing what is left")
+    fits = {id(one): as_fit(one, evaluator) for one in (base, found)}
+    numerics = numerics_of(found, evaluator)
+    before, after = (rms_over_floor(fits[id(one)], explanation.windows, numerics) for one in (base, found))
+    stopwatch("opening the held-out runs")
+    base_model, final_model, held = _opened(task, explanation, fits)
+    error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
+    fit, windows = fits[id(found)], explanation.windows
+    return Criticism(
+        command=question,  # type: ignore[arg-type]
+        verdict=decide(explanation, numerics, before, after, task.selection.tolerance),
+        accepted=found.hypothesis.keys,
+        remainder=_remainder(fit, explanation, after, units, task.selection.tolerance),
+        heldout_error=error,
+        steps=steps(explanation),
+        candidates=(candidates := ranked(explanation, final_model.parameters)),
+        candidates_tried=len(candidates),
+        holdout_looks=1,
+        failures=failures(fits[id(base)], windows, units),
+        parameters=final_model.parameters,
+        flat_directions=flat_of(fit, windows),
+        numerics=numerics,
+        base=base_model,
+        final=final_model,
+        signals=tuple(units),
+        commands=tuple(task.simulator.commands),
+        units=units,
+        sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
+        selection=task.selection,
+        notes=task.notes,
+        widened=_widened(found, final_model.parameters),
+        detail=detail,
+        timings=stopwatch.timings(),
+    )
+
+
+def _opened(task: Task, explanation: Explanation, fits: Mapping[int, Fit]) -> tuple[FittedModel, FittedModel, Windows]:
+    """Both models replayed over all runs, in the same windows, and those of the held-out runs."""
+    evaluator, selection = explanation.evaluator, task.selection
+    pair = (explanation.base, explanation.found)
+    rung = reported(task.simulator, *(one.fitted.simulator for one in pair))
+    found = pair[1].fitted
+    shown = rung.of(build(evaluator.given, pair[1].hypothesis, evaluator.runs))
+
+    def windows(runs: Measurement) -> Windows:
+        return to_replay(shown, runs, found.theta, selection.horizon_s, explanation.windows.noise)
+
+    parts = (windows(task.fit_runs), windows(task.held_runs))
+    base = fitted_model(pair[0], evaluator, fits[id(pair[0])], selection.folds, rung, parts)
+    if pair[1] is pair[0]:
+        return base, base, parts[1]
+    return base, fitted_model(pair[1], evaluator, fits[id(pair[1])], selection.folds, rung, parts), parts[1]
+
+
+def _remainder(
+    fit: Fit, explanation: Explanation, after: Mapping[str, float], units: dict[str, str], tolerance: float
+) -> Remainder:
+    """What the final model leaves, and where."""
+    if max(after.values(), default=0.0) <= max(tolerance, AT_FLOOR):
+        return Remainder("noise", after, "")
+    worst = failures(fit, explanation.windows, units, most=1)
+    return Remainder("structured", after, worst[0].where if worst else "")
+
+
+def _widened(found: Evaluation, fitted: Mapping[str, Estimate]) -> dict[str, WidenedBounds]:
+    """Bounds that exclude the truth and numbers that are off, as they are and as they would have to be."""
+    wide = {}
+    for addition in found.hypothesis.additions:
+        if isinstance(addition, WiderBounds):
+            before, value = (addition.before.low, addition.before.high), fitted[addition.name]
+            wide[addition.name] = WidenedBounds(before, (min(before[0], value.q05), max(before[1], value.q95)))
+        elif isinstance(addition, FreedNumber):
+            simulator, value = found.fitted.simulator, fitted[addition.address]
+            own = float(simulator.nominal[simulator.parameters.index(addition.address)])
+            wide[addition.address] = WidenedBounds((own, own), (value.q05, value.q95))
+    return wide

@@ -1,0 +1,111 @@
+"""A fitted hypothesis as the report shows it: the mended simulator, its parameters with their spread, and its replays.
+
+The report integrates no more coarsely than the user's model did. Covariances are the jackknife's over blocks of the
+data; windows begin at their best starts, as they did in the fit: a start read off a noisy sensor would add an error
+that no parameter deserves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.discretisation import error_in_floors
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.hypothesis import build, theta_of
+from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.blocks import Blocks, make_blocks
+from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time
+from onlinebayes.identification.fitting.heldout import replay_runs
+from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.identification.fitting.per_run_values import held_out_model
+from onlinebayes.identification.fitting.projection import project, start_shift
+from onlinebayes.identification.fitting.sensitivities import linearise_starts
+from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.measured_starts import windows_to_replay
+from onlinebayes.identification.results import FittedModel, FlatDirection, Numerics
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.identifiable import Identifiable
+
+START_STEPS = 2
+"""Of Newton: starts are nearly linear over a window."""
+
+ADMISSIBLE = 0.1
+"""Floors by which a finer step may move the replay where no more than noise is left."""
+
+
+def as_fit(evaluation: Evaluation, evaluator: Evaluator) -> Fit:
+    """The hypothesis at its mode, every signal weighed by its noise alone: what is left is compared with that."""
+    fitted = evaluation.fitted
+    return Fit(fitted.simulator, fitted.lin, project(evaluator.windows, fitted.lin), True)
+
+
+def numerics_of(evaluation: Evaluation, evaluator: Evaluator) -> Numerics:
+    """Whether it is integrated finely enough to be judged by."""
+    fitted = evaluation.fitted
+    given = build(evaluator.given, evaluation.hypothesis, evaluator.runs)
+    error, left = error_in_floors(fitted, given, evaluator.windows)
+    return Numerics(fitted.simulator.timestep, error, error <= max(ADMISSIBLE, ADMISSIBLE * left))
+
+
+def flat_of(fit: Fit, windows: Windows) -> tuple[FlatDirection, ...]:
+    """The combinations of parameters that the fit runs do not determine."""
+    return flat_directions(fit, residual_correlation_time(fit, windows), windows.bin_step)
+
+
+def blocks_of(fit: Fit, windows: Windows, folds: int | None) -> Blocks:
+    """Parts of the data that are independent of one another."""
+    return make_blocks(windows, residual_correlation_time(fit, windows), folds)
+
+
+def fitted_model(
+    evaluation: Evaluation,
+    evaluator: Evaluator,
+    fit: Fit,
+    folds: int | None,
+    rung: Rung,
+    windows: tuple[Windows, Windows],
+) -> FittedModel:
+    """A hypothesis with its replays of all runs.
+
+    Args:
+        evaluation, evaluator: the hypothesis, and by what it was fitted.
+        fit: see :func:`as_fit`.
+        folds: number of blocks asked for.
+        rung: how it is run.
+        windows: of the fit runs and of the held-out ones; see :func:`to_replay`.
+    """
+    blocks = blocks_of(fit, evaluator.windows, folds)
+    model = rung.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
+    theta = theta_of(model, evaluation.values)
+    covariance = covariance_of(fit, blocks)
+    values = estimates(fit, covariance, blocks.count, flat_of(fit, evaluator.windows))
+    parts = ((windows[0], False), (windows[1], True))
+    replays = [
+        run
+        for part, held in parts
+        for run in replay_runs(model, begun_best(model, part, theta, held_out=held), theta, held)
+    ]
+    return FittedModel(model, theta, covariance, values, tuple(effect.key for effect in model.effects), tuple(replays))
+
+
+def to_replay(
+    simulator: Identifiable, runs: Measurement, theta: Float[Tensor, " P"], horizon: float, noise: Float[Tensor, " S"]
+) -> Windows:
+    """Tiled windows of ``horizon`` [s] at every row, from starts as measured."""
+    return windows_to_replay(simulator, runs, theta, horizon, noise)
+
+
+def begun_best(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], *, held_out: bool) -> Windows:
+    """The same windows, each begun at its best start; as they are where the model diverges."""
+    model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
+    starts = parts.start
+    for _ in range(START_STEPS):
+        lin = linearise_starts(model, parts, values, starts)
+        if not lin.valid:
+            return windows
+        starts = lin.starts + start_shift(parts, lin, project(parts, lin), torch.zeros_like(values))
+    return replace(windows, start=starts)

@@ -1,0 +1,144 @@
+"""Every candidate of a search as the report lists it: what was added, what was tried, what was only screened."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+from onlinebayes.criticism.hypotheses.additions import AddedEffect
+from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
+from onlinebayes.criticism.hypotheses.screening import Prediction
+from onlinebayes.criticism.hypotheses.search import Round, Trial
+from onlinebayes.criticism.results import MOVES_NOTHING, NOT_NEEDED, Candidate, Step
+from onlinebayes.identification.results import Estimate
+
+
+def ranked(explanation: Explanation, fitted: Mapping[str, Estimate]) -> tuple[Candidate, ...]:
+    """All candidates, what was added first, then by what they gain, those that cannot be told from a parameter last.
+
+    Args:
+        explanation: the search.
+        fitted: the parameters of what was found.
+    """
+    kept = explanation.found.hypothesis.keys
+    added = {found.added.addition.key: found for found in explanation.rounds if found.added is not None}
+    rows = [_added(added[key], fitted) for key in kept if key in added]
+    known = {row.effect for row in rows}
+    if not explanation.rounds:
+        return tuple(rows)
+    for row in (*_tried(explanation, known), *_screened(explanation.rounds[0], known)):
+        if row.effect not in known:
+            known.add(row.effect)
+            rows.append(row)
+    free = [row for row in rows if not row.confounded_with]
+    numbered = [replace(row, rank=number) for number, row in enumerate(free, 1)]
+    return (*numbered, *(row for row in rows if row.confounded_with))
+
+
+def steps(explanation: Explanation) -> tuple[Step, ...]:
+    """What was added, in order, with left-out errors inside the fit runs [the signals' units]."""
+    windows = explanation.windows
+    scale = windows.noise / windows.bin_rows**0.5
+    names = [explanation.evaluator.given.signals[column] for column in windows.columns]
+    taken = []
+    for found in explanation.rounds:
+        if found.added is None or found.added.addition.key not in explanation.found.hypothesis.keys:
+            continue
+        before, after = (
+            dict(zip(names, (evaluation.left[0].rms * scale).tolist(), strict=True))
+            for evaluation in (found.begun, found.added.evaluation)
+        )
+        first = found.added.gains[0]
+        taken.append(Step(found.added.addition.key, before, after, first.gain, first.se, first.folds))
+    return tuple(taken)
+
+
+def equals(found: Round) -> tuple[str, ...]:
+    """What cannot be told from what a round added, and is another law: an own number is the effect that moves it."""
+    assert found.added is not None
+    mine = same_as(found.added.addition.key)
+    return tuple(key for key in dict.fromkeys(found.equals) if same_as(key) != mine)
+
+
+def same_as(key: str) -> str:
+    """The effect that is the same law as an own number of the model, or one size a run of it; others as they are."""
+    key = key.removesuffix(" in each run")
+    body, _, field = key.rpartition(".")
+    if body.startswith("body.") and field.startswith("ipos["):
+        return f"com_offset@{body.removeprefix('body.')}.{'xyz'[int(field[5])]}"
+    if body.startswith("actuator.") and field == "gear[0]":
+        return f"actuator_gain@{body.removeprefix('actuator.')}"
+    return key
+
+
+def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:
+    trial = found.added
+    assert trial is not None
+    key, first = trial.addition.key, trial.gains[0]
+    own = trial.addition.effect.key if isinstance(trial.addition, AddedEffect) else key
+    values = {
+        name.removeprefix(f"{own}."): value
+        for name, value in fitted.items()
+        if name == own or name.startswith(f"{own}.")
+    }
+    return Candidate(
+        key,
+        1,
+        None,
+        first.gain,
+        first.se,
+        first.folds,
+        accepted=True,
+        parameters=values,
+        indistinguishable_from=equals(found),
+    )
+
+
+def _tried(explanation: Explanation, known: set[str]) -> Iterator[Candidate]:
+    """What was refitted and is not in the model, as it stood in the last round in which it was."""
+    last = {trial.addition.key: (found, trial) for found in explanation.rounds for trial in found.tried}
+    left = [(found, trial) for key, (found, trial) in last.items() if key not in known]
+    for found, trial in sorted(left, key=lambda pair: -pair[1].gains[0].gain):
+        yield _refused(found, trial)
+
+
+def _refused(found: Round, trial: Trial) -> Candidate:
+    first, key = trial.gains[0], trial.addition.key
+    tied = found.added is not None and key in equals(found)
+    return Candidate(
+        key,
+        1,
+        None,
+        first.gain,
+        first.se,
+        first.folds,
+        refused_because=(trial.refused or NOT_NEEDED,),
+        indistinguishable_from=(found.added.addition.key,) if tied and found.added is not None else (),
+    )
+
+
+def _screened(first: Round, known: set[str]) -> Iterator[Candidate]:
+    """What was never refitted, by what it promised beside the base model."""
+    folds = first.begun.left[0].squares.shape[0]
+    for prediction in first.screened:
+        key = prediction.addition.key
+        confounded = prediction.imitated_by if prediction.gain < LEAST_GAIN else ()
+        yield Candidate(
+            key,
+            None if confounded else 1,
+            None,
+            None,
+            None,
+            folds,
+            refused_because=() if confounded else (_promised(prediction),),
+            confounded_with=confounded,
+        )
+    listed = known | {prediction.addition.key for prediction in first.screened}
+    for key in first.silent:
+        if key not in listed:
+            yield Candidate(key, None, None, None, None, folds, confounded_with=(MOVES_NOTHING,))
+
+
+def _promised(prediction: Prediction) -> str:
+    return f"not refitted: it promises a gain of {max(prediction.gain, 0.0):.3f}"

@@ -1,0 +1,64 @@
+"""The verdict in one word.
+
+In this order: insufficient_data (nothing moves, or fewer than seven windows do), unexplained where the integrator errs
+by too much to judge, and, where what was added takes away half of the squared error above the noise, or all of it: tie
+(what was added first cannot be told from another law), bounds_exclude_truth (it frees a number of the model, or widens
+a bound), missing_effect. Without any, adequate (no more than the tolerance is left) or unexplained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from onlinebayes.criticism.hypotheses.additions import AddedEffect
+from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.ranking import equals
+from onlinebayes.criticism.results import Verdict
+from onlinebayes.identification.results import Numerics
+
+FEWEST_WINDOWS = 7
+"""Of motion: fewer tell no law from chance."""
+
+AT_FLOOR = 1.2
+"""Floors: no more is left than noise."""
+
+EXPLAINED = 0.5
+"""Share of the squared error above the noise that may be left where it is said that an effect was missing."""
+
+
+def decide(
+    explanation: Explanation,
+    numerics: Numerics,
+    before: Mapping[str, float],
+    after: Mapping[str, float],
+    tolerance: float,
+) -> Verdict:
+    """The first verdict that applies.
+
+    Args:
+        explanation: what was found.
+        numerics: of the base model.
+        before, after: RMS over the floor of the base and the final model, by signal.
+        tolerance: RMS over the floor up to which a model is adequate.
+    """
+    worst, windows = max(after.values(), default=0.0), explanation.windows
+    if not bool(windows.observed.any()) or windows.count < FEWEST_WINDOWS:
+        return "insufficient_data"
+    kept = explanation.found.hypothesis.additions
+    if not numerics.sufficient:
+        quiet = not kept and worst <= tolerance and numerics.error_at_quarter_step <= 1.0
+        return "adequate" if quiet else "unexplained"
+    if not kept:
+        return "adequate" if worst <= tolerance else "unexplained"
+    if not (explains(before, after) or worst <= AT_FLOOR):
+        return "unexplained"
+    first = kept[0]
+    if any(equals(found) for found in explanation.rounds if found.added and found.added.addition.key == first.key):
+        return "tie"
+    return "missing_effect" if isinstance(first, AddedEffect) else "bounds_exclude_truth"
+
+
+def explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether half of the squared error above the floor is gone."""
+    excess, left = (sum(max(0.0, value**2 - 1) for value in errors.values()) for errors in (before, after))
+    return left <= EXPLAINED * excess
