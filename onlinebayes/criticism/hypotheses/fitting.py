@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.hypothesis import room
@@ -28,7 +28,7 @@ from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
 
-DAMPINGS = (0.1, 3.0, 100.0)
+DAMPINGS = (0.003, 0.03, 0.3, 3.0, 30.0)
 """Marquardt's lambdas, replayed side by side where the undamped step does not descend."""
 
 MOST_STEPS = 16
@@ -63,6 +63,13 @@ class Fitted:
     def theta(self) -> Float[Tensor, " P"]:
         """The mode [SI]."""
         return self.lin.theta
+
+    def of(self, some: Int[Tensor, " V"]) -> Fitted:
+        """In some of the windows."""
+        lin, rows = self.lin, self.rows
+        parts = {name: getattr(lin, name)[some] for name in ("starts", "residual", "by_start", "by_theta")}
+        cut = {name: getattr(rows, name)[some] for name in ("residual", "columns", "basis", "triangle")}
+        return replace(self, lin=replace(lin, **parts), rows=replace(rows, **cut))
 
 
 def score_of(windows: Windows, residual: Float[Tensor, "W n S"]) -> float:
