@@ -14,7 +14,8 @@ from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import build
 from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of, to_replay
 from onlinebayes.criticism.hypotheses.ranking import ranked, steps
-from onlinebayes.criticism.hypotheses.verdict import AT_FLOOR, decide
+from onlinebayes.criticism.hypotheses.search import AT_FLOOR
+from onlinebayes.criticism.hypotheses.verdict import decide
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import rms_over_floor
 from onlinebayes.criticism.results import Criticism, Remainder, WidenedBounds

@@ -193,7 +193,7 @@ def _found(name: str, hidden: tuple[str, ...], explanation: Explanation, seconds
         name,
         hidden,
         explanation.found.hypothesis.keys,
-        tuple(key for one in explanation.rounds for key in one.equals),
+        tuple(other.key for one in explanation.rounds for other in one.equals),
         right,
         max(parts, default=float("nan")),
         seconds,

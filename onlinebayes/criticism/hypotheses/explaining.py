@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from onlinebayes.criticism.candidates.candidates import propose
+from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, wider_bounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
@@ -22,7 +22,7 @@ from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
 PER_RUN = ("sensor_bias",)
@@ -115,11 +115,12 @@ def explained(
         Stopped: it was interrupted before the base model was fitted.
     """
     with watch.heeded():
-        search = Search(*_base(given, fit_runs, watch), (), most)
+        search = Search(*_base(given, fit_runs, watch), (), most=most)
     with watch.giving_up():
         if candidates:
             wider = wider_bounds(search.base.fitted.simulator, search.base.values)
             search.candidates = (*wider, *additions(given, fit_runs, candidates))
+            search.last = flexible(given, fit_runs) if candidates == "all" else ()
             search.run()
     return Explanation(search.base, search.here, tuple(search.rounds), search.evaluator)
 
@@ -151,3 +152,23 @@ def additions(
         found += [AddedEffect(effect, per_run=True) for effect in effects if effect.name in PER_RUN]
     found += [FreedNumber(address, bounds) for address, bounds in simulator.own_numbers.items()]
     return tuple(found)
+
+
+def flexible(simulator: Identifiable, measurement: Measurement) -> tuple[Addition, ...]:
+    """Laws with so much freedom that they find something in whatever another law leaves.
+
+    Cogging with its period and phase, wind with the drag that it needs, and for each free parameter that is no constant
+    of nature a drift and a step in time.
+    """
+    windows = make_windows(simulator, measurement, SCALES_HORIZON)
+    vocabulary = {**EFFECTS, **simulator.own_effects}
+    last = [name for name, kind in vocabulary.items() if kind.tried_last and kind.target_kind != "parameter"]
+    free = [name for name in simulator.targets("parameter") if name in simulator.parameters and "@" not in name]
+    changing = [kind.name for kind in vocabulary.values() if kind.tried_last and kind.target_kind == "parameter"]
+    last += [f"{kind}@{name}" for name in free if not name.startswith("option.") for kind in changing]
+    return tuple(
+        AddedEffect(effect)
+        for name in last
+        for effect in propose(simulator, windows, [name])
+        if can_have(simulator, effect)
+    )

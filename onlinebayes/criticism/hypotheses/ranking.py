@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.screening import Prediction
@@ -55,10 +55,22 @@ def steps(explanation: Explanation) -> tuple[Step, ...]:
 
 
 def equals(found: Round) -> tuple[str, ...]:
-    """What cannot be told from what a round added, and is another law: an own number is the effect that moves it."""
+    """What cannot be told from what a round added, and is another law.
+
+    An own number is the effect that moves it, and a law that contains what was added is no rival of it.
+    """
     assert found.added is not None
-    mine = same_as(found.added.addition.key)
-    return tuple(key for key in dict.fromkeys(found.equals) if same_as(key) != mine)
+    mine = found.added.addition
+    others = (other for other in found.equals if not contains(other, mine))
+    return tuple(dict.fromkeys(other.key for other in others if same_as(other.key) != same_as(mine.key)))
+
+
+def contains(richer: Addition, simpler: Addition) -> bool:
+    """Whether one effect becomes the other for some of its values."""
+    if not (isinstance(richer, AddedEffect) and isinstance(simpler, AddedEffect)):
+        return False
+    effect = richer.effect
+    return simpler.effect.key in {f"{name}@{effect.element}" for name in effect.contains}
 
 
 def same_as(key: str) -> str:
@@ -92,6 +104,7 @@ def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:
         accepted=True,
         parameters=values,
         indistinguishable_from=equals(found),
+        nested_in=tuple(other.key for other in found.equals if contains(other, trial.addition)),
     )
 
 

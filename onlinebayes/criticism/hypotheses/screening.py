@@ -11,7 +11,7 @@ are looked at in a quarter of the windows first, where nothing is left out, and 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
@@ -28,11 +28,14 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
 
-PART_OF_WINDOWS = 4
-"""Every so manieth window shows which candidates promise most."""
+FEW = 8
+"""Windows at least, and a quarter of all, that show which candidates promise most."""
 
 SHORTLIST = 12
 """Candidates that are looked at in all windows: four times as many as are refitted."""
+
+STARTS = 3
+"""Starting values of a candidate from which a refit may begin, those that promise most."""
 
 CONFOUNDED = 1e-3
 """Share of its square of which nothing but this is left: then the free parameters do the same already."""
@@ -50,7 +53,7 @@ class Prediction:
 
     Args:
         addition: the candidate.
-        begun: where a refit may begin, entry -> value [SI]: as predicted, and its finite starting values.
+        begun: where a refit may begin, entry -> value [SI]: the best starting values, as predicted and as they are.
         gain: predicted gain in left-out score [nats].
         direction: how it moves the rows, starts and theta taken out, of norm 1.
         imitated_by: free parameters that do the same already; empty where they cannot.
@@ -84,7 +87,8 @@ class _Bench:
 
     def of_part(self) -> _Bench:
         """A quarter of the windows, nothing left out."""
-        some = torch.arange(0, self.windows.count, PART_OF_WINDOWS, device=self.windows.run.device)
+        count, few = self.windows.count, min(self.windows.count, max(FEW, self.windows.count // 4))
+        some = torch.linspace(0, count - 1, few, device=self.windows.run.device).round().long()
         return _Bench(self.fitted.of(some), self.windows.select(some), self.base[some], None)
 
     @cached_property
@@ -134,8 +138,11 @@ def screen(
 
 
 def _ordered(bench: _Bench, candidates: Sequence[Addition]) -> list[Prediction]:
-    best = (max(_predictions(bench, addition), key=lambda p: p.gain, default=None) for addition in candidates)
-    return sorted((one for one in best if one is not None), key=lambda p: -p.gain)
+    found = []
+    for addition in candidates:
+        if best := sorted(_predictions(bench, addition), key=lambda p: -p.gain)[:STARTS]:
+            found.append(replace(best[0], begun=tuple(values for one in best for values in one.begun)))
+    return sorted(found, key=lambda p: -p.gain)
 
 
 def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
@@ -160,13 +167,12 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
         grown = bench.model.grown(*_sizes(windows, column, start))
         sizes = grown.whole()[len(bench.model.low) :].tolist()
         scaled = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
-        # A finite starting value stands where linear prediction means little: it is taken as it is.
-        best = {**start.values, **scaled} if k == 0 else start.values
         left = column.flatten() - bench.basis @ (bench.basis.T @ column.flatten())
         confounded = float(left.square().sum()) < CONFOUNDED * float(column.square().sum())
         yield Prediction(
             addition,
-            (best, *(one.values for one in starts[1:] if one is not start)),
+            # A finite starting value may stand where linear prediction means little: it is tried as it is, too.
+            ({**start.values, **scaled}, start.values),
             bench.gain(grown),
             left / left.norm().clamp_min(1e-300),
             _imitators(fitted, column) if confounded else (),

@@ -23,6 +23,9 @@ REFITS = 3
 LEAST_PROMISE = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
 
+AT_FLOOR = 1.2
+"""Floors: no more is left than noise."""
+
 MOST_ADDITIONS = 6
 """A model that needs more has another fault."""
 
@@ -65,9 +68,9 @@ class Round:
     silent: tuple[str, ...] = ()
 
     @property
-    def equals(self) -> tuple[str, ...]:
-        """Keys of all that cannot be told from what was added."""
-        return (*(trial.addition.key for trial in self.equal), *(addition.key for addition in self.alike))
+    def equals(self) -> tuple[Addition, ...]:
+        """All that cannot be told from what was added."""
+        return (*(trial.addition for trial in self.equal), *self.alike)
 
 
 @dataclass
@@ -78,6 +81,7 @@ class Search:
         evaluator: fits and judges; replaced by a finer one where what was added asks for it.
         base: the base model as it evaluated it.
         candidates: the additions to try.
+        last: those with so much freedom that they are tried where none of the others explains what is left.
         most: additions at which the search ends.
         rounds: so far.
         here: the preferred hypothesis so far: what stands where the search is stopped.
@@ -86,6 +90,7 @@ class Search:
     evaluator: Evaluator
     base: Evaluation
     candidates: Sequence[Addition]
+    last: Sequence[Addition] = ()
     most: int = MOST_ADDITIONS
     rounds: list[Round] = field(default_factory=list)
 
@@ -105,8 +110,11 @@ class Search:
                 self.base = better if here is self.base else self.base
                 self.here = better
                 continue
-            seen.add(frozenset(here.hypothesis.keys))
             self.rounds.append(found)
+            if found.added is None and self.last and float(here.left[0].rms.max()) > AT_FLOOR:
+                self.candidates, self.last = (*self.candidates, *self.last), ()
+                continue
+            seen.add(frozenset(here.hypothesis.keys))
             if found.added is None:
                 break
             self.here = self.pruned(self.refined(found.added.evaluation))

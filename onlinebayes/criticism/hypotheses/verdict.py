@@ -13,14 +13,12 @@ from collections.abc import Mapping
 from onlinebayes.criticism.hypotheses.additions import AddedEffect
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
+from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.results import Numerics
 
 FEWEST_WINDOWS = 7
 """Of motion: fewer tell no law from chance."""
-
-AT_FLOOR = 1.2
-"""Floors: no more is left than noise."""
 
 EXPLAINED = 0.5
 """Share of the squared error above the noise that may be left where it is said that an effect was missing."""
