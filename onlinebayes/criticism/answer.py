@@ -6,6 +6,8 @@ found in the fit runs -> verdict -> both models replayed over all runs -> error 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import Literal
 
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
@@ -18,7 +20,8 @@ from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import rms_over_floor
-from onlinebayes.criticism.results import Criticism, Remainder, WidenedBounds
+from onlinebayes.criticism.mending import Mended
+from onlinebayes.criticism.results import Criticism, Remainder, WidenedBounds, Wiring
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
@@ -27,17 +30,23 @@ from onlinebayes.identification.replaying.ladder import reported
 from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.measurements import Measurement
 
+Question = Literal["compare", "diagnose", "refine"]
 
-def answered(question: str, task: Task, explanation: Explanation, stopwatch: Stopwatch) -> Criticism:
+
+def answered(
+    question: Question, task: Task, explanation: Explanation, fault: Mended | None, stopwatch: Stopwatch
+) -> Criticism:
     """The answer to a question.
 
     Args:
         question: which command asks.
         task: the model and the runs.
         explanation: what was found in the fit runs.
+        fault: what is wrong with the log, if that explains as much: nothing is added to the model then.
         stopwatch: takes the stages, and has timed the earlier ones.
     """
     units = {signal.name: signal.unit for signal in task.fit_runs.signals}
+    explanation = explanation if fault is None else replace(explanation, found=explanation.base)
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
     fits = {id(one): as_fit(one, evaluator) for one in (base, found)}
@@ -48,8 +57,10 @@ def answered(question: str, task: Task, explanation: Explanation, stopwatch: Sto
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
     fit, windows = fits[id(found)], explanation.windows
     return Criticism(
-        command=question,  # type: ignore[arg-type]
-        verdict=decide(explanation, numerics, before, after, task.selection.tolerance),
+        command=question,
+        verdict=(
+            decide(explanation, numerics, before, after, task.selection.tolerance) if fault is None else "data_problem"
+        ),
         accepted=found.hypothesis.keys,
         remainder=_remainder(fit, explanation, after, units, task.selection.tolerance),
         heldout_error=error,
@@ -72,7 +83,23 @@ def answered(question: str, task: Task, explanation: Explanation, stopwatch: Sto
         widened=_widened(found, final_model.parameters),
         detail=detail,
         timings=stopwatch.timings(),
+        wiring=None if fault is None else _wiring(fault, base),
+        mended=None if fault is None else _mended(fault, task),
     )
+
+
+def _wiring(fault: Mended, base: Evaluation) -> Wiring:
+    """The fault in words, and what mends it."""
+    before, after = (float(one.left[0].rms.square().mean().sqrt()) for one in (base, fault.evaluation))
+    alternatives = tuple((other.says, other.lines) for other in fault.equals)
+    return Wiring(fault.fault.says, fault.fault.lines, before, after, alternatives)
+
+
+def _mended(fault: Mended, task: Task) -> FittedModel:
+    """The base model fitted to the table put right, without replays."""
+    evaluation, evaluator = fault.evaluation, fault.evaluator
+    rung = reported(evaluator.given, evaluation.fitted.simulator)
+    return fitted_model(evaluation, evaluator, as_fit(evaluation, evaluator), task.selection.folds, rung, ())
 
 
 def _opened(task: Task, explanation: Explanation, fits: Mapping[int, Fit]) -> tuple[FittedModel, FittedModel, Windows]:
@@ -86,11 +113,11 @@ def _opened(task: Task, explanation: Explanation, fits: Mapping[int, Fit]) -> tu
     def windows(runs: Measurement) -> Windows:
         return to_replay(shown, runs, found.theta, selection.horizon_s, explanation.windows.noise)
 
-    parts = (windows(task.fit_runs), windows(task.held_runs))
+    parts = ((windows(task.fit_runs), False), (windows(task.held_runs), True))
     base = fitted_model(pair[0], evaluator, fits[id(pair[0])], selection.folds, rung, parts)
     if pair[1] is pair[0]:
-        return base, base, parts[1]
-    return base, fitted_model(pair[1], evaluator, fits[id(pair[1])], selection.folds, rung, parts), parts[1]
+        return base, base, parts[1][0]
+    return base, fitted_model(pair[1], evaluator, fits[id(pair[1])], selection.folds, rung, parts), parts[1][0]
 
 
 def _remainder(

@@ -12,9 +12,10 @@ from functools import partial
 
 from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.assembly import Question, assemble
-from onlinebayes.criticism.hypotheses.explaining import explained
+from onlinebayes.criticism.hypotheses.explaining import begun, searched
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS
 from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
+from onlinebayes.criticism.mending import Mended, mended
 from onlinebayes.criticism.results import Criticism
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.delays_from_idle import late_from_idle
@@ -214,6 +215,12 @@ def answer(
     most = {"compare": 0, "diagnose": 1, "refine": MOST_ADDITIONS}[question]
     with watch.heeded():
         task = prepare(simulator, measurement, holdout, selection, scope)
-    found = explained(task.simulator, task.fit_runs, candidates if most else (), most=most, watch=watch)
-    result = answered(question, task, found, stopwatch)
-    return replace(result, interrupted=watch.stopped)
+    search = begun(task.simulator, task.fit_runs, watch)
+    fault: Mended | None = None
+    with watch.giving_up():
+        fault = mended(search.evaluator, search.base, task.fit_runs)
+    certain = fault is not None and fault.certain
+    found = searched(search, task.fit_runs, candidates if most and not certain else (), most=most, watch=watch)
+    if fault is not None and not fault.as_good_as(found.found, found.base):
+        fault = None
+    return replace(answered(question, task, found, fault, stopwatch), interrupted=watch.stopped)

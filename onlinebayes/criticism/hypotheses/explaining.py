@@ -98,26 +98,48 @@ def explained(
     fit_runs: Measurement,
     candidates: str | Sequence[str | Effect] = "all",
     *,
-    most: int = MOST_ADDITIONS,
     watch: Watch = UNWATCHED,
 ) -> Explanation:
-    """:func:`explain` for a model and fit runs that were made ready.
+    """:func:`explain` for a model and fit runs that were made ready; arguments and errors as there."""
+    return searched(begun(given, fit_runs, watch), fit_runs, candidates, watch=watch)
+
+
+def begun(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) -> Search:
+    """A search that stands at the base model.
 
     Args:
         given: the model, in step with the log.
         fit_runs: what it is fitted to.
-        candidates: as there; without any the base model is fitted and nothing is searched.
-        most: additions at which the search ends.
-        watch: told what is being done; a stop ends the search with what was found so far.
+        watch: told what is being done.
 
     Raises:
-        BadInput: as there.
-        Stopped: it was interrupted before the base model was fitted.
+        BadInput: the model cannot follow the measurement.
+        Stopped: it was interrupted.
     """
     with watch.heeded():
-        search = Search(*_base(given, fit_runs, watch), (), most=most)
+        return Search(*_base(given, fit_runs, watch), ())
+
+
+def searched(
+    search: Search,
+    fit_runs: Measurement,
+    candidates: str | Sequence[str | Effect] = "all",
+    *,
+    most: int = MOST_ADDITIONS,
+    watch: Watch = UNWATCHED,
+) -> Explanation:
+    """What a search finds.
+
+    Args:
+        search: of :func:`begun`.
+        fit_runs: as there.
+        candidates: as in :func:`explain`; without any nothing is searched.
+        most: additions at which the search ends.
+        watch: told what is being done; a stop ends the search with what was found so far.
+    """
     with watch.giving_up():
         if candidates:
+            given, search.most = search.evaluator.given, most
             wider = wider_bounds(search.base.fitted.simulator, search.base.values)
             search.candidates = (*wider, *additions(given, fit_runs, candidates))
             search.last = flexible(given, fit_runs) if candidates == "all" else ()

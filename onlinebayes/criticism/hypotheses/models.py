@@ -7,6 +7,7 @@ that no parameter deserves.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import torch
@@ -67,7 +68,7 @@ def fitted_model(
     fit: Fit,
     folds: int | None,
     rung: Rung,
-    windows: tuple[Windows, Windows],
+    windows: Sequence[tuple[Windows, bool]],
 ) -> FittedModel:
     """A hypothesis with its replays of all runs.
 
@@ -76,17 +77,16 @@ def fitted_model(
         fit: see :func:`as_fit`.
         folds: number of blocks asked for.
         rung: how it is run.
-        windows: of the fit runs and of the held-out ones; see :func:`to_replay`.
+        windows: of runs, and whether these were held out; see :func:`to_replay`.
     """
     blocks = blocks_of(fit, evaluator.windows, folds)
     model = rung.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
     theta = theta_of(model, evaluation.values)
     covariance = covariance_of(fit, blocks)
     values = estimates(fit, covariance, blocks.count, flat_of(fit, evaluator.windows))
-    parts = ((windows[0], False), (windows[1], True))
     replays = [
         run
-        for part, held in parts
+        for part, held in windows
         for run in replay_runs(model, begun_best(model, part, theta, held_out=held), theta, held)
     ]
     return FittedModel(model, theta, covariance, values, tuple(effect.key for effect in model.effects), tuple(replays))

@@ -1,0 +1,191 @@
+"""Is it the log: does a reversed sign, a wrong unit, a swapped column explain the misfit better than any law?
+
+    promise(fault) = score of the replay from the smoothed starts - the same with the fault put right      screened
+    gain(fault)    = gain in left-out score of the model fitted to the table put right                     judged
+
+A fault has no parameter of its own, so that it goes before every law that does no better. It has to take away half of
+the squared error above the noise: it is gross, or it is none. Errors are counted in units of a floor that carries the
+fault's factor along: dividing a column by 57 makes no error smaller. Nor does a fault explain what it stills: a column
+in thousandths moves by less than its sensor's noise, and would not be scored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.fitting import score_of
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.rule import equally_good
+from onlinebayes.criticism.hypotheses.scoring import Gain
+from onlinebayes.criticism.hypotheses.search import AT_FLOOR
+from onlinebayes.criticism.wiring.faults import AsItStands, Fault, SwitchedOff
+from onlinebayes.criticism.wiring.hypotheses import hypotheses
+from onlinebayes.identification.data.motion import seen_by
+from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.replaying.replay import replay_binned
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.simulators.identifiable import Identifiable
+
+LEAST_FLOORS = 3.0
+"""A base model that errs by fewer floors has no such fault."""
+
+LEAST_PROMISE = 0.1
+"""Nats that a fault's replay has to gain: it is a tenth of the error."""
+
+REFITS = 4
+"""Faults that are fitted."""
+
+POINTS = 6
+"""Of the parameters' box, beside the fitted and the nominal values: what is wrong may have led the fit astray."""
+
+MOVING = 0.5
+"""Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""
+
+EXPLAINED = 0.5
+"""Share of the squared error above the noise that a fault may leave."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mended:
+    """A fault that explains the misfit.
+
+    Args:
+        fault: what it is.
+        equals: faults that explain as much.
+        evaluator, evaluation: the model fitted to the table put right.
+        gains: over the model fitted to the table as it stands, for each way of leaving data out.
+    """
+
+    fault: Fault
+    equals: tuple[Fault, ...]
+    evaluator: Evaluator
+    evaluation: Evaluation
+    gains: tuple[Gain, ...]
+
+    @property
+    def certain(self) -> bool:
+        """Whether nothing but noise is left: no law can explain as much with less."""
+        return float(self.evaluation.left[0].rms.max()) <= AT_FLOOR
+
+    def as_good_as(self, found: Evaluation, base: Evaluation) -> bool:
+        """Whether it explains at least as much as what the search found, or cannot be told from it."""
+        theirs = found.gains(base)
+        over = [
+            Gain(tuple(b - a for a, b in zip(mine.by_signal, other.by_signal, strict=True)), other.se, other.folds, 0)
+            for mine, other in zip(self.gains, theirs, strict=True)
+        ]
+        return equally_good(over, [one.gain for one in theirs])
+
+
+def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
+    """The fault that explains the misfit of the base model, if one does.
+
+    Args:
+        evaluator, base: the base model fitted to the table as it stands.
+        measurement: the fit runs.
+    """
+    if float(base.left[0].rms.max()) <= LEAST_FLOORS:
+        return None
+    evaluator.watch("checking signs, units and columns")
+    judged = []
+    for fault in _promising(evaluator, base, measurement):
+        if (found := _judged(fault, evaluator, base, measurement)) is not None and _explains(found, base):
+            judged.append(found)
+    if not judged:
+        return None
+    best = max(judged, key=lambda one: one.gains[0].gain)
+    alike = [one for one in judged if one is best or equally_good(best.evaluation.gains(one.evaluation), _gains(best))]
+    return replace(alike[0], equals=tuple(one.fault for one in alike[1:]))
+
+
+def _gains(found: Mended) -> list[float]:
+    return [one.gain for one in found.gains]
+
+
+def _explains(found: Mended, base: Evaluation) -> bool:
+    """Whether it leaves at most half of the squared error above the noise."""
+    before, after = (float((one.left[0].rms.square() - 1).clamp_min(0).sum()) for one in (base, found.evaluation))
+    return after <= EXPLAINED * before
+
+
+def _judged(fault: Fault, evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
+    """The model fitted to the table put right; None where that stills what moved, or cannot be followed."""
+    try:
+        given = fault.model(evaluator.given)
+        windows = _put_right(fault, given, evaluator.windows, measurement)
+    except Stopped:
+        raise
+    except BadInput:
+        return None
+    if windows.observed.sum() < MOVING * evaluator.windows.observed.sum():
+        return None
+    anew = replace(evaluator, given=given, windows=windows, known={})
+    found = anew.evaluate(Hypothesis(), [base.values, {}])
+    return None if found is None else Mended(fault, (), anew, found, found.gains(base))
+
+
+def _put_right(fault: Fault, given: Identifiable, windows: Windows, measurement: Measurement) -> Windows:
+    """The same windows of the table put right, their starts too: for most faults it is not smoothed anew."""
+    table, names = fault.mended(measurement), [signal.name for signal in measurement.signals]
+    floor = fault.noise(names, windows.noise)
+    if fault.smoothed_anew:
+        return make_windows(given, table, windows.horizon, 0.0, floor)
+    shown = [seen_by(joint, names).signal for joint in joint_names(given)]
+    return make_windows(given, table, windows.horizon, like=replace(fault.started(windows, shown), noise=floor))
+
+
+def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> list[Fault]:
+    """The faults whose replay gains most, in the order in which they are named."""
+    thetas = _thetas(evaluator.given, base)
+    own = _replayed(AsItStands(), evaluator, thetas, measurement)
+    faults = (*hypotheses(evaluator.given, measurement), *_switched_off(evaluator, measurement))
+    promise = {fault: own - _replayed(fault, evaluator, thetas, measurement) for fault in faults}
+    best = sorted(promise.values(), reverse=True)[:REFITS]
+    return [fault for fault, gain in promise.items() if gain >= max(LEAST_PROMISE, best[-1])][:REFITS]
+
+
+def _switched_off(evaluator: Evaluator, measurement: Measurement) -> Iterator[Fault]:
+    """Each actuator off in each run, and in all of them."""
+    for actuator in evaluator.given.commands:
+        yield from (SwitchedOff(actuator, (run,)) for run in measurement.runs)
+
+
+def _thetas(simulator: Identifiable, base: Evaluation) -> Float[Tensor, "M P"]:
+    """The fitted theta, the nominal one, and points of the box."""
+    space, fitted = simulator.parameters, base.fitted.theta
+    nominal = space.clamp(simulator.nominal.to(fitted))
+    if not len(space):
+        return nominal[None]
+    draws = torch.quasirandom.SobolEngine(len(space), scramble=True, seed=0).draw(POINTS).to(fitted)
+    return torch.cat([fitted[None], nominal[None], space.from_unit(draws)])
+
+
+def _replayed(fault: Fault, evaluator: Evaluator, thetas: Float[Tensor, "M P"], measurement: Measurement) -> float:
+    """Score of the replay from the smoothed starts with the fault put right, best of some thetas."""
+    try:
+        given = fault.model(evaluator.given)
+        simulator = evaluator.discretisation.derivatives.of(given)
+        windows = _put_right(fault, given, _few(evaluator.windows), measurement)
+    except Stopped:
+        raise
+    except BadInput:
+        return float("inf")
+    starts = windows.start.expand(len(thetas), *windows.start.shape)
+    shown, valid = replay_binned(simulator, windows, thetas, starts)
+    measured, scale = windows.bin(windows.value), per_noise(windows)
+    finite: Sequence[Tensor] = [one for one, good in zip(shown, valid, strict=True) if bool(good.all())]
+    return min((score_of(windows, (measured - one) * scale) for one in finite), default=float("inf"))
+
+
+def _few(windows: Windows) -> Windows:
+    """Enough of the windows to tell gross misfits apart."""
+    some = torch.linspace(0, windows.count - 1, min(windows.count, 2 * REFITS), device=windows.run.device)
+    return windows.select(some.round().long())
