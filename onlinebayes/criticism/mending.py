@@ -19,6 +19,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.explaining import begun
 from onlinebayes.criticism.hypotheses.fitting import score_of
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rule import equally_good
@@ -103,7 +104,14 @@ def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> 
         return None
     best = max(judged, key=lambda one: one.gains[0].gain)
     alike = [one for one in judged if one is best or equally_good(best.evaluation.gains(one.evaluation), _gains(best))]
-    return replace(alike[0], equals=tuple(one.fault for one in alike[1:]))
+    return _anew(replace(alike[0], equals=tuple(one.fault for one in alike[1:])), evaluator, measurement)
+
+
+def _anew(found: Mended, evaluator: Evaluator, measurement: Measurement) -> Mended:
+    """The same with the model fitted on windows and in steps that suit the table put right."""
+    search = begun(found.fault.model(evaluator.given), found.fault.mended(measurement))
+    base = search.refined(search.base)
+    return replace(found, evaluator=search.evaluator, evaluation=base)
 
 
 def _gains(found: Mended) -> list[float]:

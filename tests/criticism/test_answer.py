@@ -1,0 +1,106 @@
+"""The new search's answer as users read it: the verdict, the mended model, the error on runs that were not fitted."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from onlinebayes.criticism import Criticism
+from onlinebayes.criticism.commands import answer
+from onlinebayes.criticism.report import write_report
+from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Interrupt
+from onlinebayes.simulators.effects import Cogging, ConstantLoad
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.rigs import FREE, NOISE, TRUTH, measure, model
+
+FEW = ("dry_friction", "quadratic_drag", "joint_stiffness", "constant_load", "actuator_delay")
+HELD = ("run9", "run8")
+LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+COGGING = Cogging("rail", Parameter(0.0, 5.0, "N"), Parameter(1.0, 60.0, "rad/m"), Parameter(-4.0, 4.0, "rad"))
+
+
+def asked(data: Measurement, simulator: MujocoSimulator | None = None, question: str = "refine") -> Criticism:
+    return answer(question, simulator or model(), data, holdout=HELD, candidates=FEW)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def loaded() -> Criticism:
+    return asked(measure({LOAD: (0.5,)}, runs=10))
+
+
+def test_a_right_model_is_adequate() -> None:
+    found = asked(measure(runs=10))
+    assert (found.verdict, found.accepted, found.remainder.status) == ("adequate", (), "noise")
+    assert not found.changed
+
+
+def test_a_hidden_load_is_the_missing_effect_and_mends_the_held_out_runs(loaded: Criticism) -> None:
+    assert (loaded.verdict, loaded.accepted) == ("missing_effect", ("constant_load@rail",))
+    assert set(loaded.held_out_runs) == set(HELD)
+    assert loaded.heldout_error.after["qpos.rail"] < 1.2 * NOISE < loaded.heldout_error.before["qpos.rail"]
+    assert loaded.parameters["constant_load@rail.load"].mean == pytest.approx(0.5, abs=0.02)
+    first = loaded.candidates[0]
+    assert (first.effect, first.rank, first.accepted) == ("constant_load@rail", 1, True)
+    assert {row.effect for row in loaded.candidates} >= {"dry_friction@rail", "quadratic_drag@rail"}
+    assert [step.added for step in loaded.steps] == ["constant_load@rail"]
+    assert loaded.steps[0].error_after["qpos.rail"] < loaded.steps[0].error_before["qpos.rail"]
+
+
+def test_the_report_is_written_from_it(loaded: Criticism, tmp_path: Path) -> None:
+    write_report(loaded, tmp_path)
+    told = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    assert (told["verdict"], told["accepted"]) == ("missing_effect", ["constant_load@rail"])
+    assert "constant_load" in (tmp_path / "report.html").read_text("utf-8")
+
+
+def test_compare_tries_no_effect() -> None:
+    found = asked(measure({LOAD: (0.5,)}, runs=10), question="compare")
+    assert (found.verdict, found.accepted, found.candidates) == ("unexplained", (), ())
+    assert found.failures
+
+
+def test_bounds_that_exclude_the_truth_are_widened() -> None:
+    light = ParameterSpace({**FREE, "body.cart.mass": Parameter(0.5, 2.0, "kg")})
+    found = asked(measure(runs=10), model(light))
+    assert (found.verdict, tuple(found.widened)) == ("bounds_exclude_truth", ("body.cart.mass",))
+    low, high = found.widened["body.cart.mass"].after
+    assert low <= TRUTH[0] <= high
+    assert found.remainder.status == "noise"
+
+
+def test_a_reversed_column_is_a_problem_of_the_data() -> None:
+    data = measure(runs=10)
+    turned = data.data.clone()
+    turned["signal"] = -turned["signal"]
+    found = asked(replace(data, data=turned))
+    assert found.verdict == "data_problem"
+    assert found.wiring is not None
+    said = [found.wiring.lines, *(lines for _, lines in found.wiring.alternatives)]
+    assert '[signals."qpos.rail"]\nsign = -1' in said
+    assert found.wiring.error_after < 1.2 < found.wiring.error_before
+    assert found.mended is not None
+    assert found.mended.parameters["body.cart.mass"].mean == pytest.approx(TRUTH[0], rel=0.02)
+
+
+@pytest.mark.slow
+def test_cogging_is_found_where_nothing_else_explains_the_data() -> None:
+    found = answer("refine", model(), measure({COGGING: (0.8, 12.0, 0.5)}, runs=10), holdout=HELD)
+    assert found.accepted == ("cogging@rail",)
+    assert found.parameters["cogging@rail.poles"].mean == pytest.approx(12.0, abs=0.5)
+
+
+def test_what_was_found_before_a_stop_is_kept() -> None:
+    interrupt = Interrupt()
+
+    def say(line: str) -> None:
+        interrupt.requested |= line.startswith("screening with constant_load")
+
+    data = measure({LOAD: (0.5,)}, runs=10)
+    found = answer("refine", model(), data, holdout=HELD, candidates=FEW, progress=say, interrupt=interrupt)
+    assert found.interrupted
+    assert found.accepted == ("constant_load@rail",)
