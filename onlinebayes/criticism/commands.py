@@ -221,6 +221,6 @@ def answer(
         fault = mended(search.evaluator, search.base, task.fit_runs)
     certain = fault is not None and fault.certain
     found = searched(search, task.fit_runs, candidates if most and not certain else (), most=most, watch=watch)
-    if fault is not None and not fault.as_good_as(found.found, found.base):
-        fault = None
+    if fault is not None and not certain and (not most or not fault.as_good_as(found.found, found.base)):
+        fault = None  # where no law was asked, only what leaves noise is believed
     return replace(answered(question, task, found, fault, stopwatch), interrupted=watch.stopped)

@@ -22,15 +22,19 @@ from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import begun
 from onlinebayes.criticism.hypotheses.fitting import score_of
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.models import as_fit
 from onlinebayes.criticism.hypotheses.rule import equally_good
 from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault, SwitchedOff
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
+from onlinebayes.criticism.wiring.outages import outage
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.identification.fitting.projection import per_noise
 from onlinebayes.identification.replaying.replay import replay_binned
+from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
@@ -97,7 +101,7 @@ def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> 
         return None
     evaluator.watch("checking signs, units and columns")
     judged = []
-    for fault in _promising(evaluator, base, measurement):
+    for fault in (*_promising(evaluator, base, measurement), *_outages(evaluator, base, measurement)):
         if (found := _judged(fault, evaluator, base, measurement)) is not None and _explains(found, base):
             judged.append(found)
     if not judged:
@@ -158,6 +162,23 @@ def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     promise = {fault: own - _replayed(fault, evaluator, thetas, measurement) for fault in faults}
     best = sorted(promise.values(), reverse=True)[:REFITS]
     return [fault for fault, gain in promise.items() if gain >= max(LEAST_PROMISE, best[-1])][:REFITS]
+
+
+def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> list[Fault]:
+    """Actuators that were off for parts of runs, where few windows err far more than the others."""
+    if not evaluator.given.commands:
+        return []
+    windows, way = evaluator.windows, evaluator.discretisation.values
+    fitted, shift = as_fit(base, evaluator), torch.zeros_like(base.fitted.theta)
+    grounds = Grounds(windows, fitted, Numerics(way.timestep, 0.0, True), way, shift)
+    simulator = way.of(evaluator.given)
+    try:
+        found = outage(grounds, simulator, make_windows(simulator, measurement, windows.horizon, 0.0, windows.noise))
+    except Stopped:
+        raise
+    except BadInput:
+        return []
+    return [] if found is None else [found[0]]
 
 
 def _switched_off(evaluator: Evaluator, measurement: Measurement) -> Iterator[Fault]:

@@ -46,8 +46,12 @@ def measure(
     parameters: ParameterSpace = FREE,
     finer: int = 1,
     simulator: MujocoSimulator | None = None,
+    off: tuple[float, float] | None = None,
 ) -> Measurement:
-    """Runs of the slide with these effects hidden in it; each from rest at 0; integrated with steps so much finer."""
+    """Runs of the slide with these effects hidden in it; each from rest at 0; integrated with steps so much finer.
+
+    The motor gives no force from ``off[0]`` to ``off[1]`` [s], and the table commands as ever.
+    """
     step, rows = 0.01, round(seconds / 0.01) + 1
     simulator, theta = (simulator or model(parameters)).with_timestep(0.01 / finer), list(truth)
     for effect, values in (effects or {}).items():
@@ -55,10 +59,13 @@ def measure(
     command = commands(runs, rows, step, seed)
     zero = torch.zeros(runs, 1, dtype=torch.float64)
     times = torch.arange(1, rows, dtype=torch.float64) * step
+    given = command.clone()
+    if off is not None:
+        given[:, round(off[0] / step) : round(off[1] / step)] = 0.0
     path = simulator.rollout(
         torch.tensor(theta, dtype=torch.float64).expand(runs, -1),
         TensorDict({"qpos": zero, "qvel": zero}, batch_size=(runs,)),
-        TensorDict({"command": command[:, :-1]}, batch_size=(runs, rows - 1)),
+        TensorDict({"command": given[:, :-1]}, batch_size=(runs, rows - 1)),
         times,
     )
     angle = torch.cat([zero, path["qpos"][..., 0]], 1)

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+import torch
 
 from onlinebayes.criticism import Criticism
 from onlinebayes.criticism.commands import answer
@@ -104,3 +105,13 @@ def test_what_was_found_before_a_stop_is_kept() -> None:
     found = answer("refine", model(), data, holdout=HELD, candidates=FEW, progress=say, interrupt=interrupt)
     assert found.interrupted
     assert found.accepted == ("constant_load@rail",)
+
+
+def test_a_motor_that_was_off_for_a_part_of_the_runs_is_a_problem_of_the_data() -> None:
+    whole = measure(runs=10)
+    still = measure(runs=10, off=(1.0, 1.6))
+    assert not torch.equal(whole.data["signal"], still.data["signal"])
+    found = asked(still)
+    assert found.verdict == "data_problem"
+    assert found.wiring is not None
+    assert found.wiring.fault.startswith("motor was off from 1 s to 1.6 s in run0")

@@ -1,16 +1,17 @@
 """The verdict in one word.
 
 In this order: insufficient_data (nothing moves, or fewer than seven windows do), unexplained where the integrator errs
-by too much to judge, and, where what was added takes away half of the squared error above the noise, or all of it: tie
-(what was added first cannot be told from another law), bounds_exclude_truth (it frees a number of the model, or widens
-a bound), missing_effect. Without any, adequate (no more than the tolerance is left) or unexplained.
+by too much to judge, and, where what was added takes away half of the squared error above the noise, or all of it:
+bounds_exclude_truth (what was added first widens a bound: no law does as well with less), tie (it cannot be told from
+another law), bounds_exclude_truth (it frees a number that the model has fixed), missing_effect. Without any, adequate
+(no more than the tolerance is left) or unexplained.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, WiderBounds
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
@@ -51,6 +52,8 @@ def decide(
     if not (explains(before, after) or worst <= AT_FLOOR):
         return "unexplained"
     first = kept[0]
+    if isinstance(first, WiderBounds):
+        return "bounds_exclude_truth"
     if any(equals(found) for found in explanation.rounds if found.added and found.added.addition.key == first.key):
         return "tie"
     return "missing_effect" if isinstance(first, AddedEffect) else "bounds_exclude_truth"
