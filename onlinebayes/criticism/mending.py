@@ -51,6 +51,9 @@ REFITS = 4
 POINTS = 6
 """Of the parameters' box, beside the fitted and the nominal values: what is wrong may have led the fit astray."""
 
+OUTAGE_WINDOWS = (1.0, 0.25)
+"""Seconds of the windows in which outages are looked for: in short runs one in each may strike every long window."""
+
 MOVING = 0.5
 """Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""
 
@@ -172,13 +175,16 @@ def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -
     fitted, shift = as_fit(base, evaluator), torch.zeros_like(base.fitted.theta)
     grounds = Grounds(windows, fitted, Numerics(way.timestep, 0.0, True), way, shift)
     simulator = way.of(evaluator.given)
-    try:
-        found = outage(grounds, simulator, make_windows(simulator, measurement, windows.horizon, 0.0, windows.noise))
-    except Stopped:
-        raise
-    except BadInput:
-        return []
-    return [] if found is None else [found[0]]
+    for horizon in OUTAGE_WINDOWS:
+        try:
+            found = outage(grounds, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise))
+        except Stopped:
+            raise
+        except BadInput:
+            continue
+        if found is not None:
+            return [found[0]]
+    return []
 
 
 def _switched_off(evaluator: Evaluator, measurement: Measurement) -> Iterator[Fault]:

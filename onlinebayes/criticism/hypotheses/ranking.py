@@ -73,15 +73,26 @@ def contains(richer: Addition, simpler: Addition) -> bool:
     return simpler.effect.key in {f"{name}@{effect.element}" for name in effect.contains}
 
 
+SAME_LAW = {
+    "joint.damping": "viscous_friction",
+    "joint.frictionloss": "dry_friction",
+    "joint.stiffness": "joint_stiffness",
+    "joint.armature": "armature",
+    "body.mass": "payload",
+    "actuator.gear[0]": "actuator_gain",
+}
+"""Own numbers of a model and the effects that are the same law."""
+
+
 def same_as(key: str) -> str:
     """The effect that is the same law as an own number of the model, or one size a run of it; others as they are."""
     key = key.removesuffix(" in each run")
-    body, _, field = key.rpartition(".")
-    if body.startswith("body.") and field.startswith("ipos["):
-        return f"com_offset@{body.removeprefix('body.')}.{'xyz'[int(field[5])]}"
-    if body.startswith("actuator.") and field == "gear[0]":
-        return f"actuator_gain@{body.removeprefix('actuator.')}"
-    return key
+    place, _, field = key.rpartition(".")
+    kind, _, target = place.partition(".")
+    if kind == "body" and field.startswith("ipos["):
+        return f"com_offset@{target}.{'xyz'[int(field[5])]}"
+    name = SAME_LAW.get(f"{kind}.{field}")
+    return key if name is None else f"{name}@{target}"
 
 
 def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from onlinebayes.criticism.hypotheses.additions import Addition
+from onlinebayes.criticism.hypotheses.additions import Addition, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
@@ -178,10 +178,11 @@ class Search:
 
 
 def promising(screened: Sequence[Prediction]) -> list[Prediction]:
-    """What is refitted: the best predictions, and the best of one parameter, which goes before its equals."""
+    """What is refitted: the best predictions, and the simplest, which go before their equals."""
     enough = [prediction for prediction in screened if prediction.gain >= LEAST_PROMISE]
-    simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1]
-    return enough[:REFITS] + [prediction for prediction in simple[:1] if prediction not in enough[:REFITS]]
+    wider = [prediction for prediction in enough if isinstance(prediction.addition, WiderBounds)]
+    simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1][:1]
+    return list({id(one): one for one in (*enough[:REFITS], *wider, *simple)}.values())
 
 
 def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial) -> tuple[Addition, ...]:
