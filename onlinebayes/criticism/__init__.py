@@ -10,6 +10,7 @@ from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.candidates.survey import Screened, screen
 from onlinebayes.criticism.commands import compare, diagnose, refine
+from onlinebayes.criticism.hypotheses.explaining import Explanation, explain
 from onlinebayes.criticism.judging.screening import CONFOUNDED
 from onlinebayes.criticism.results import (
     HELPS,
@@ -38,6 +39,7 @@ __all__ = [
     "Criticism",
     "Detail",
     "Estimate",
+    "Explanation",
     "Failure",
     "FittedModel",
     "FlatDirection",
@@ -61,6 +63,7 @@ __all__ = [
     "by_cheaper_method",
     "compare",
     "diagnose",
+    "explain",
     "ground",
     "grown",
     "grown_theta",

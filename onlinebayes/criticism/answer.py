@@ -7,30 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Literal
 
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import build
-from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of, to_replay
+from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import ranked, steps
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import rms_over_floor
 from onlinebayes.criticism.mending import Mended
-from onlinebayes.criticism.results import Criticism, Remainder, WidenedBounds, Wiring
+from onlinebayes.criticism.results import Criticism, Question, Remainder, WidenedBounds, Wiring
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import Fit
 from onlinebayes.identification.replaying.ladder import reported
+from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.measurements import Measurement
-
-Question = Literal["compare", "diagnose", "refine"]
 
 
 def answered(
@@ -49,13 +47,12 @@ def answered(
     explanation = explanation if fault is None else replace(explanation, found=explanation.base)
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
-    fits = {id(one): as_fit(one, evaluator) for one in (base, found)}
+    windows, base_fit, fit = explanation.windows, as_fit(base, evaluator), as_fit(found, evaluator)
     numerics = numerics_of(found, evaluator)
-    before, after = (rms_over_floor(fits[id(one)], explanation.windows, numerics) for one in (base, found))
+    before, after = (rms_over_floor(one, windows, numerics) for one in (base_fit, fit))
     stopwatch("opening the held-out runs")
-    base_model, final_model, held = _opened(task, explanation, fits)
+    base_model, final_model, held = _opened(task, explanation)
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
-    fit, windows = fits[id(found)], explanation.windows
     return Criticism(
         command=question,
         verdict=(
@@ -68,7 +65,7 @@ def answered(
         candidates=(candidates := ranked(explanation, final_model.parameters)),
         candidates_tried=len(candidates),
         holdout_looks=1,
-        failures=failures(fits[id(base)], windows, units),
+        failures=failures(base_fit, windows, units),
         parameters=final_model.parameters,
         flat_directions=flat_of(fit, windows),
         numerics=numerics,
@@ -99,25 +96,23 @@ def _mended(fault: Mended, task: Task) -> FittedModel:
     """The base model fitted to the table put right, without replays."""
     evaluation, evaluator = fault.evaluation, fault.evaluator
     rung = reported(evaluator.given, evaluation.fitted.simulator)
-    return fitted_model(evaluation, evaluator, as_fit(evaluation, evaluator), task.selection.folds, rung, ())
+    return fitted_model(evaluation, evaluator, task.selection.folds, rung, ())
 
 
-def _opened(task: Task, explanation: Explanation, fits: Mapping[int, Fit]) -> tuple[FittedModel, FittedModel, Windows]:
+def _opened(task: Task, explanation: Explanation) -> tuple[FittedModel, FittedModel, Windows]:
     """Both models replayed over all runs, in the same windows, and those of the held-out runs."""
-    evaluator, selection = explanation.evaluator, task.selection
-    pair = (explanation.base, explanation.found)
-    rung = reported(task.simulator, *(one.fitted.simulator for one in pair))
-    found = pair[1].fitted
-    shown = rung.of(build(evaluator.given, pair[1].hypothesis, evaluator.runs))
+    evaluator, selection, base, found = explanation.evaluator, task.selection, explanation.base, explanation.found
+    rung = reported(task.simulator, base.fitted.simulator, found.fitted.simulator)
+    shown = rung.of(build(evaluator.given, found.hypothesis, evaluator.runs))
 
     def windows(runs: Measurement) -> Windows:
-        return to_replay(shown, runs, found.theta, selection.horizon_s, explanation.windows.noise)
+        return windows_to_replay(shown, runs, found.fitted.theta, selection.horizon_s, explanation.windows.noise)
 
-    parts = ((windows(task.fit_runs), False), (windows(task.held_runs), True))
-    base = fitted_model(pair[0], evaluator, fits[id(pair[0])], selection.folds, rung, parts)
-    if pair[1] is pair[0]:
-        return base, base, parts[1][0]
-    return base, fitted_model(pair[1], evaluator, fits[id(pair[1])], selection.folds, rung, parts), parts[1][0]
+    held = windows(task.held_runs)
+    parts = ((windows(task.fit_runs), False), (held, True))
+    before = fitted_model(base, evaluator, selection.folds, rung, parts)
+    after = before if found is base else fitted_model(found, evaluator, selection.folds, rung, parts)
+    return before, after, held
 
 
 def _remainder(

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import torch
 
@@ -24,7 +23,7 @@ from onlinebayes.criticism.findings.too_small import too_small_note
 from onlinebayes.criticism.judging.held_starts import fitted_starts, starts_note
 from onlinebayes.criticism.judging.localise import failures
 from onlinebayes.criticism.judging.verdict import Evidence, decide, left_over, what_to_record
-from onlinebayes.criticism.results import Candidate, Criticism, HeldOutError, Remainder
+from onlinebayes.criticism.results import Candidate, Criticism, HeldOutError, Question, Remainder
 from onlinebayes.criticism.searching.search import SearchResult
 from onlinebayes.criticism.searching.stage import blocks_for
 from onlinebayes.criticism.searching.ties import alternatives
@@ -41,8 +40,6 @@ from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.identification.replaying.ladder import Rung, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import FittedModel, FlatDirection, ReplayedRun
-
-Question = Literal["compare", "diagnose", "refine"]
 
 
 @dataclass(frozen=True)

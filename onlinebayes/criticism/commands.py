@@ -11,12 +11,12 @@ from dataclasses import replace
 from functools import partial
 
 from onlinebayes.criticism.answer import answered
-from onlinebayes.criticism.assembly import Question, assemble
+from onlinebayes.criticism.assembly import assemble
 from onlinebayes.criticism.hypotheses.explaining import begun, searched
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS
 from onlinebayes.criticism.inquiry import first_fit, inquire, suspect
 from onlinebayes.criticism.mending import Mended, mended
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.results import Criticism, Question
 from onlinebayes.criticism.searching.context import SearchContext
 from onlinebayes.criticism.searching.delays_from_idle import late_from_idle
 from onlinebayes.criticism.searching.search import MOST_EFFECTS, SearchResult, enough_motion, ground

@@ -23,10 +23,10 @@ from onlinebayes.criticism.hypotheses.explaining import begun
 from onlinebayes.criticism.hypotheses.fitting import score_of
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.models import as_fit
-from onlinebayes.criticism.hypotheses.rule import equally_good
+from onlinebayes.criticism.hypotheses.rule import equally_good, halves
 from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
-from onlinebayes.criticism.wiring.faults import AsItStands, Fault, SwitchedOff
+from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
 from onlinebayes.criticism.wiring.outages import outage
 from onlinebayes.identification.data.motion import seen_by
@@ -52,13 +52,11 @@ POINTS = 6
 """Of the parameters' box, beside the fitted and the nominal values: what is wrong may have led the fit astray."""
 
 OUTAGE_WINDOWS = (1.0, 0.25)
-"""Seconds of the windows in which outages are looked for: in short runs one in each may strike every long window."""
+"""Seconds of the windows, beside those of the fit, in which outages are looked for: long ones show how parameters that
+suit the rest fail, in short ones fewer are struck. The outage that explains most is judged."""
 
 MOVING = 0.5
 """Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""
-
-EXPLAINED = 0.5
-"""Share of the squared error above the noise that a fault may leave."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,14 +101,14 @@ def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> 
     if float(base.left[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking signs, units and columns")
-    judged = []
-    for fault in (*_promising(evaluator, base, measurement), *_outages(evaluator, base, measurement)):
-        if (found := _judged(fault, evaluator, base, measurement)) is not None and _explains(found, base):
-            judged.append(found)
-    if not judged:
+    judged = [_judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
+    off = [_judged(fault, evaluator, base, measurement) for fault in _outages(evaluator, base, measurement)]
+    judged.append(max(filter(None, off), key=lambda one: one.gains[0].gain, default=None))
+    enough = [one for one in judged if one is not None and _explains(one, base)]
+    if not enough:
         return None
-    best = max(judged, key=lambda one: one.gains[0].gain)
-    alike = [one for one in judged if one is best or equally_good(best.evaluation.gains(one.evaluation), _gains(best))]
+    best = max(enough, key=lambda one: one.gains[0].gain)
+    alike = [one for one in enough if one is best or equally_good(best.evaluation.gains(one.evaluation), _gains(best))]
     return _anew(replace(alike[0], equals=tuple(one.fault for one in alike[1:])), evaluator, measurement)
 
 
@@ -126,9 +124,7 @@ def _gains(found: Mended) -> list[float]:
 
 
 def _explains(found: Mended, base: Evaluation) -> bool:
-    """Whether it leaves at most half of the squared error above the noise."""
-    before, after = (float((one.left[0].rms.square() - 1).clamp_min(0).sum()) for one in (base, found.evaluation))
-    return after <= EXPLAINED * before
+    return halves(*(one.left[0].rms.tolist() for one in (base, found.evaluation)))
 
 
 def _judged(fault: Fault, evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
@@ -161,21 +157,21 @@ def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     """The faults whose replay gains most, in the order in which they are named."""
     thetas = _thetas(evaluator.given, base)
     own = _replayed(AsItStands(), evaluator, thetas, measurement)
-    faults = (*hypotheses(evaluator.given, measurement), *_switched_off(evaluator, measurement))
+    faults = hypotheses(evaluator.given, measurement)
     promise = {fault: own - _replayed(fault, evaluator, thetas, measurement) for fault in faults}
     best = sorted(promise.values(), reverse=True)[:REFITS]
     return [fault for fault, gain in promise.items() if gain >= max(LEAST_PROMISE, best[-1])][:REFITS]
 
 
-def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> list[Fault]:
-    """Actuators that were off for parts of runs, where few windows err far more than the others."""
+def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Iterator[Fault]:
+    """Actuators that were off for parts of runs, where few windows err far more than the others, by window length."""
     if not evaluator.given.commands:
-        return []
+        return
     windows, way = evaluator.windows, evaluator.discretisation.values
     fitted, shift = as_fit(base, evaluator), torch.zeros_like(base.fitted.theta)
     grounds = Grounds(windows, fitted, Numerics(way.timestep, 0.0, True), way, shift)
     simulator = way.of(evaluator.given)
-    for horizon in OUTAGE_WINDOWS:
+    for horizon in (windows.horizon, *OUTAGE_WINDOWS):
         try:
             found = outage(grounds, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise))
         except Stopped:
@@ -183,14 +179,7 @@ def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -
         except BadInput:
             continue
         if found is not None:
-            return [found[0]]
-    return []
-
-
-def _switched_off(evaluator: Evaluator, measurement: Measurement) -> Iterator[Fault]:
-    """Each actuator off in each run, and in all of them."""
-    for actuator in evaluator.given.commands:
-        yield from (SwitchedOff(actuator, (run,)) for run in measurement.runs)
+            yield found[0]
 
 
 def _thetas(simulator: Identifiable, base: Evaluation) -> Float[Tensor, "M P"]:

@@ -26,6 +26,9 @@ Verdict = Literal[
 ]
 
 
+Question = Literal["compare", "diagnose", "refine"]
+"""Which command asks."""
+
 MOVES_NOTHING = "nothing moves"
 """In place of the parameters that do the same: no measured signal moves with the effect."""
 
@@ -219,7 +222,7 @@ class Criticism:
             [sensor noise], where the starts as measured, and not the model, are what errs; not in report.json.
     """
 
-    command: Literal["compare", "diagnose", "refine"]
+    command: Question
     verdict: Verdict
     accepted: tuple[str, ...]
     remainder: Remainder

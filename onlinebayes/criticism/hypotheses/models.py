@@ -14,11 +14,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.discretisation import error_in_floors
+from onlinebayes.criticism.hypotheses.discretisation import NEGLIGIBLE, error_in_floors
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.hypothesis import build, theta_of
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.fitting.blocks import Blocks, make_blocks
+from onlinebayes.identification.fitting.blocks import make_blocks
 from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time
 from onlinebayes.identification.fitting.heldout import replay_runs
 from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
@@ -26,16 +26,11 @@ from onlinebayes.identification.fitting.per_run_values import held_out_model
 from onlinebayes.identification.fitting.projection import project, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise_starts
 from onlinebayes.identification.replaying.ladder import Rung
-from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import FittedModel, FlatDirection, Numerics
-from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
 START_STEPS = 2
 """Of Newton: starts are nearly linear over a window."""
-
-ADMISSIBLE = 0.1
-"""Floors by which a finer step may move the replay where no more than noise is left."""
 
 
 def as_fit(evaluation: Evaluation, evaluator: Evaluator) -> Fit:
@@ -49,7 +44,7 @@ def numerics_of(evaluation: Evaluation, evaluator: Evaluator) -> Numerics:
     fitted = evaluation.fitted
     given = build(evaluator.given, evaluation.hypothesis, evaluator.runs)
     error, left = error_in_floors(fitted, given, evaluator.windows)
-    return Numerics(fitted.simulator.timestep, error, error <= max(ADMISSIBLE, ADMISSIBLE * left))
+    return Numerics(fitted.simulator.timestep, error, error <= NEGLIGIBLE * max(1.0, left))
 
 
 def flat_of(fit: Fit, windows: Windows) -> tuple[FlatDirection, ...]:
@@ -57,15 +52,9 @@ def flat_of(fit: Fit, windows: Windows) -> tuple[FlatDirection, ...]:
     return flat_directions(fit, residual_correlation_time(fit, windows), windows.bin_step)
 
 
-def blocks_of(fit: Fit, windows: Windows, folds: int | None) -> Blocks:
-    """Parts of the data that are independent of one another."""
-    return make_blocks(windows, residual_correlation_time(fit, windows), folds)
-
-
 def fitted_model(
     evaluation: Evaluation,
     evaluator: Evaluator,
-    fit: Fit,
     folds: int | None,
     rung: Rung,
     windows: Sequence[tuple[Windows, bool]],
@@ -74,12 +63,12 @@ def fitted_model(
 
     Args:
         evaluation, evaluator: the hypothesis, and by what it was fitted.
-        fit: see :func:`as_fit`.
         folds: number of blocks asked for.
         rung: how it is run.
-        windows: of runs, and whether these were held out; see :func:`to_replay`.
+        windows: of runs, and whether these were held out.
     """
-    blocks = blocks_of(fit, evaluator.windows, folds)
+    fit = as_fit(evaluation, evaluator)
+    blocks = make_blocks(evaluator.windows, residual_correlation_time(fit, evaluator.windows), folds)
     model = rung.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
     theta = theta_of(model, evaluation.values)
     covariance = covariance_of(fit, blocks)
@@ -90,13 +79,6 @@ def fitted_model(
         for run in replay_runs(model, begun_best(model, part, theta, held_out=held), theta, held)
     ]
     return FittedModel(model, theta, covariance, values, tuple(effect.key for effect in model.effects), tuple(replays))
-
-
-def to_replay(
-    simulator: Identifiable, runs: Measurement, theta: Float[Tensor, " P"], horizon: float, noise: Float[Tensor, " S"]
-) -> Windows:
-    """Tiled windows of ``horizon`` [s] at every row, from starts as measured."""
-    return windows_to_replay(simulator, runs, theta, horizon, noise)
 
 
 def begun_best(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], *, held_out: bool) -> Windows:

@@ -14,7 +14,7 @@ other is named beside it.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from onlinebayes.criticism.hypotheses.scoring import Gain
 
@@ -29,6 +29,20 @@ STANDARD_ERRORS = 2.0
 
 SHARE_WORSE = 0.2
 """Of the folds, at most, may be predicted worse."""
+
+
+EXPLAINED = 0.5
+"""Share of the squared error above the noise that may be left where it is said that something explains the misfit."""
+
+
+def halves(before: Iterable[float], after: Iterable[float]) -> bool:
+    """Whether half of the squared error above the noise is gone.
+
+    Args:
+        before, after: RMS of every signal [floors].
+    """
+    excess, left = (sum(max(0.0, value**2 - 1) for value in errors) for errors in (before, after))
+    return left <= EXPLAINED * excess
 
 
 def explains_enough(found: Gain, gained: Sequence[float]) -> bool:

@@ -22,7 +22,7 @@ from onlinebayes.criticism.hypotheses.additions import Addition, Start
 from onlinebayes.criticism.hypotheses.fitting import Fitted, score_of
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.hypotheses.rows import taken_out
-from onlinebayes.criticism.hypotheses.scoring import LeftOut, LinearModel, gain, left_out
+from onlinebayes.criticism.hypotheses.scoring import LinearModel, left_out
 from onlinebayes.criticism.judging.screening import orthonormal
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
@@ -102,19 +102,16 @@ class _Bench:
         return orthonormal(self.model.columns.flatten(0, 1))
 
     @cached_property
-    def _now(self) -> LeftOut | float:
-        return self._judged(self.model)
+    def _now(self) -> float:
+        return self._score(self.model)
 
     def gain(self, grown: LinearModel) -> float:
         """Of a model with more parameters, to first order."""
-        now, then = self._now, self._judged(grown)
-        if isinstance(now, float) or isinstance(then, float):
-            return float(now) - float(then)  # type: ignore[arg-type]
-        return gain(then, now).gain
+        return self._now - self._score(grown)
 
-    def _judged(self, model: LinearModel) -> LeftOut | float:
+    def _score(self, model: LinearModel) -> float:
         if self.folds is not None:
-            return left_out(model, self.windows, self.folds)
+            return float(left_out(model, self.windows, self.folds).by_signal.sum())
         left = model.rows.residual - model.columns @ model.whole()
         return score_of(self.windows, model.rows.in_noise(left))
 

@@ -14,15 +14,13 @@ from collections.abc import Mapping
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, WiderBounds
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
+from onlinebayes.criticism.hypotheses.rule import halves
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.results import Numerics
 
 FEWEST_WINDOWS = 7
 """Of motion: fewer tell no law from chance."""
-
-EXPLAINED = 0.5
-"""Share of the squared error above the noise that may be left where it is said that an effect was missing."""
 
 
 def decide(
@@ -49,7 +47,7 @@ def decide(
         return "adequate" if quiet else "unexplained"
     if not kept:
         return "adequate" if worst <= tolerance else "unexplained"
-    if not (explains(before, after) or worst <= AT_FLOOR):
+    if not (halves(before.values(), after.values()) or worst <= AT_FLOOR):
         return "unexplained"
     first = kept[0]
     if isinstance(first, WiderBounds):
@@ -57,9 +55,3 @@ def decide(
     if any(equals(found) for found in explanation.rounds if found.added and found.added.addition.key == first.key):
         return "tie"
     return "missing_effect" if isinstance(first, AddedEffect) else "bounds_exclude_truth"
-
-
-def explains(before: Mapping[str, float], after: Mapping[str, float]) -> bool:
-    """Whether half of the squared error above the floor is gone."""
-    excess, left = (sum(max(0.0, value**2 - 1) for value in errors.values()) for errors in (before, after))
-    return left <= EXPLAINED * excess
