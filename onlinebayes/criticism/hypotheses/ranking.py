@@ -98,20 +98,15 @@ def same_as(key: str) -> str:
 def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:
     trial = found.added
     assert trial is not None
-    key, first = trial.addition.key, trial.gains[0]
+    key = trial.addition.key
     own = trial.addition.effect.key if isinstance(trial.addition, AddedEffect) else key
     values = {
         name.removeprefix(f"{own}."): value
         for name, value in fitted.items()
         if name == own or name.startswith(f"{own}.")
     }
-    return Candidate(
-        key,
-        1,
-        None,
-        first.gain,
-        first.se,
-        first.folds,
+    return replace(
+        _refitted(trial),
         accepted=True,
         parameters=values,
         indistinguishable_from=equals(found),
@@ -127,16 +122,15 @@ def _tried(explanation: Explanation, known: set[str]) -> Iterator[Candidate]:
         yield _refused(found, trial)
 
 
+def _refitted(trial: Trial) -> Candidate:
+    first = trial.gains[0]
+    return Candidate(trial.addition.key, 1, None, first.gain, first.se, first.folds)
+
+
 def _refused(found: Round, trial: Trial) -> Candidate:
-    first, key = trial.gains[0], trial.addition.key
-    tied = found.added is not None and key in equals(found)
-    return Candidate(
-        key,
-        1,
-        None,
-        first.gain,
-        first.se,
-        first.folds,
+    tied = found.added is not None and trial.addition.key in equals(found)
+    return replace(
+        _refitted(trial),
         refused_because=(trial.refused or NOT_NEEDED,),
         indistinguishable_from=(found.added.addition.key,) if tied and found.added is not None else (),
     )

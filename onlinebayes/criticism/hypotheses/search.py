@@ -81,7 +81,8 @@ class Search:
         evaluator: fits and judges; replaced by a finer one where what was added asks for it.
         base: the base model as it evaluated it.
         candidates: the additions to try.
-        last: those with so much freedom that they are tried where none of the others explains what is left.
+        last: those with so much freedom that they are tried where none of the others is preferred to the base model,
+            and believed where they leave no more than noise.
         most: additions at which the search ends.
         rounds: so far.
         here: the preferred hypothesis so far: what stands where the search is stopped.
@@ -96,6 +97,7 @@ class Search:
 
     def __post_init__(self) -> None:
         self.here = self.base
+        self.flexible = set[Addition]()
 
     def run(self) -> Evaluation:
         """The hypothesis of which no neighbour is preferred."""
@@ -111,8 +113,8 @@ class Search:
                 self.here = better
                 continue
             self.rounds.append(found)
-            if found.added is None and self.last and float(here.left[0].rms.max()) > AT_FLOOR:
-                self.candidates, self.last = (*self.candidates, *self.last), ()
+            if found.added is None and here is self.base and self.last and not quiet(here):
+                self.candidates, self.flexible, self.last = (*self.candidates, *self.last), {*self.last}, ()
                 continue
             seen.add(frozenset(here.hypothesis.keys))
             if found.added is None:
@@ -151,7 +153,10 @@ class Search:
         if evaluation is None:
             return None
         gains = evaluation.gains(here)
-        return Trial(prediction.addition, evaluation, gains, refusal(gains, here.gains(self.base)[0]))
+        refused = refusal(gains, here.gains(self.base)[0])
+        if prediction.addition in self.flexible and not quiet(evaluation):
+            refused = refused or "has too much freedom to be believed where it leaves more than noise"
+        return Trial(prediction.addition, evaluation, gains, refused)
 
     def refined(self, here: Evaluation) -> Evaluation:
         """The same hypothesis, integrated as finely as it asks; the base model too, for comparison."""
@@ -175,6 +180,11 @@ class Search:
                 self.evaluator.watch(f"dropping {key}")
                 return self.pruned(without)
         return here
+
+
+def quiet(here: Evaluation) -> bool:
+    """Whether no more than noise is left."""
+    return float(here.left[0].rms.max()) <= AT_FLOOR
 
 
 def promising(screened: Sequence[Prediction]) -> list[Prediction]:
