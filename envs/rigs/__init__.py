@@ -3,6 +3,7 @@
 from envs.rigs.cases import KINDS, LEVELS, BlindCase, case, effect_case, hidden_in, sized_case
 from envs.rigs.catalogue import RIGS
 from envs.rigs.files import write_case
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 __all__ = [
@@ -11,6 +12,7 @@ __all__ = [
     "RIGS",
     "BlindCase",
     "HiddenEffect",
+    "OffNumber",
     "Protocol",
     "Rig",
     "Tie",

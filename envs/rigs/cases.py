@@ -9,6 +9,8 @@
 | bounds  | one base parameter lies outside the bounds given                      | bounds_exclude_truth |
 | wiring  | the log is not what it says: see :mod:`envs.rigs.wiring`              | data_problem         |
 | short   | less than a second of each of two runs                                | insufficient_data    |
+| surplus | the model has a passive term that the machine lacks                   | bounds_exclude_truth |
+| own     | a number that the model keeps fixed is off                            | bounds_exclude_truth |
 
 The same rig, kind and seed give the same case; which seeds are reported is the study's to say.
 """
@@ -25,12 +27,13 @@ from jaxtyping import Float
 from numpy import ndarray
 
 from envs.rigs.catalogue import RIGS
+from envs.rigs.off_numbers import OffNumber, number, with_number
 from envs.rigs.recording import Recording, record
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 from envs.rigs.wiring import Fault, miswired
 from onlinebayes.runs import BadInput
 
-KINDS = ("effect", "null", "tie", "outside", "bounds", "wiring", "short")
+KINDS = ("effect", "null", "tie", "outside", "bounds", "wiring", "short", "surplus", "own")
 LEVELS: Mapping[str, float] = {"weak": 0.45, "medium": 1.0, "strong": 2.5}  # times the medium size
 BASE = (0.75, 1.35)  # true base parameters, as shares of the nominal ones
 MOST_HIDDEN = 2
@@ -50,11 +53,13 @@ class BlindCase:
         parameters: address -> prior bounds [SI].
         noise: signal -> (sd, resolution) as its data sheet gives them [SI].
         holdout: names of the runs to open once.
-        hidden: keys ``effect@target`` of what is hidden; for the judge, as all that follows.
+        hidden: keys ``effect@target`` of what is hidden, or the model's number that is off; for the judge, as all that
+            follows.
         level: weak, medium or strong; empty where nothing has a size.
         partners: keys that explain the data as well as ``hidden``.
         fault: what is wrong with the table or the bounds, and where; empty otherwise.
         truth: every value that made the data [SI], by address.
+        small: keys of what is off by little beside ``hidden``, on messy machines.
     """
 
     rig: str
@@ -70,6 +75,7 @@ class BlindCase:
     partners: tuple[str, ...]
     fault: str
     truth: Mapping[str, float]
+    small: tuple[str, ...] = ()
 
 
 @final
@@ -82,6 +88,12 @@ class _Plan:
     partners: tuple[str, ...] = ()
     fixed: tuple[str, ...] = ()
     fault: Fault | None = None
+    off: OffNumber | None = None
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Of what is hidden."""
+        return tuple(effect.key for effect in self.hidden) + ((self.off.key,) if self.off else ())
 
 
 def case(rig: str, kind: str, seed: int, last: bool = True) -> BlindCase:
@@ -128,14 +140,18 @@ def effect_case(rig: str, key: str, level: str, seed: int) -> BlindCase:
     return _made(RIGS[rig], "effect", seed, _seen(RIGS[rig], (known[key],), level), draw)
 
 
-def sized_case(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> BlindCase:
-    """A case that hides this effect at ``scale`` times its medium size, or nothing: for calibration.
+def sized_case(rig: Rig, effect: HiddenEffect | OffNumber | None, scale: float, seed: int) -> BlindCase:
+    """A case that hides this effect or number at ``scale`` times its medium size, or nothing: for calibration.
 
     Base parameters, inputs and noise are those of the rig's null case of the same seed, so that the two tell what the
     effect adds. The rig may be one with another protocol.
     """
-    plan = _Plan() if effect is None else _Plan((effect.resized(scale),), "medium")
-    return _made(rig, "null" if effect is None else "effect", seed, plan, _drawing(rig.name, "null", seed))
+    draw = _drawing(rig.name, "null", seed)
+    if effect is None:
+        return _made(rig, "null", seed, _Plan(), draw)
+    if isinstance(effect, OffNumber):
+        return _made(rig, "own", seed, _off(rig, effect.resized(scale), "medium"), draw)
+    return _made(rig, "effect", seed, _Plan((effect.resized(scale),), "medium"), draw)
 
 
 def _drawing(rig: str, kind: str, seed: int) -> np.random.Generator:
@@ -153,7 +169,14 @@ def _plan(rig: Rig, kind: str, seed: int, draw: np.random.Generator, last: bool)
         return _Plan((rig.outside[draw.integers(len(rig.outside))],), "strong")
     if kind == "wiring":
         return _Plan(fault=Fault.drawn(rig, draw))
+    if kind in ("surplus", "own"):
+        numbers = rig.surplus if kind == "surplus" else rig.own
+        return _off(rig, numbers[draw.integers(len(numbers))], level)
     return _Plan()
+
+
+def _off(rig: Rig, off: OffNumber, level: str) -> _Plan:
+    return _Plan(level=level, partners=(off.law, *rig.partners((off.law,))), fixed=off.fixed, off=off)
 
 
 def _seen(rig: Rig, hidden: tuple[HiddenEffect, ...], level: str) -> _Plan:
@@ -173,11 +196,17 @@ def drawn_effects(rig: Rig, draw: np.random.Generator, last: bool = True) -> tup
 
 
 def _made(rig: Rig, kind: str, seed: int, plan: _Plan, draw: np.random.Generator) -> BlindCase:
-    base = _base(rig, plan.fixed, draw)
+    base = base_values(rig, plan.fixed, draw)
     truth = {**rig.nominal, **base}
     # Drawn even where nothing is hidden: the case with the effect and the one without get the same commands.
-    for effect, sign in zip(plan.hidden, draw.choice([-1.0, 1.0], MOST_HIDDEN), strict=False):
-        truth |= effect.values(LEVELS[plan.level], float(sign))
+    signs = draw.choice([-1.0, 1.0], MOST_HIDDEN).tolist()
+    for effect, sign in zip(plan.hidden, signs, strict=False):
+        truth |= effect.values(LEVELS[plan.level], sign)
+    xml = rig.xml
+    if plan.off:
+        truth[plan.off.key] = number(xml, plan.off.key)
+        sign = 1.0 if plan.off.key in {off.key for off in rig.surplus} else signs[0]
+        xml = with_number(xml, plan.off.key, truth[plan.off.key] + sign * LEVELS[plan.level] * plan.off.size)
     bounds = {name: bound for name, bound in rig.free.items() if name not in plan.fixed}
     fault = plan.fault.name if plan.fault else ""
     if kind == "bounds":
@@ -193,7 +222,7 @@ def _made(rig: Rig, kind: str, seed: int, plan: _Plan, draw: np.random.Generator
         interference=plan.fault.interference if plan.fault else None,
     )
     names = [f"fit{k + 1}" for k in range(protocol.fit)] + [f"held{k + 1}" for k in range(protocol.held)]
-    columns = _columns(rig, recording, names)
+    columns = tables(rig, recording, names)
     if plan.fault:
         columns = {run: miswired(table, plan.fault) for run, table in columns.items()}
     return BlindCase(
@@ -201,19 +230,19 @@ def _made(rig: Rig, kind: str, seed: int, plan: _Plan, draw: np.random.Generator
         kind=kind,
         seed=seed,
         columns=columns,
-        xml=rig.xml,
+        xml=xml,
         parameters=bounds,
-        noise=_noise(rig),
+        noise=data_sheet(rig),
         holdout=tuple(names[protocol.fit :]),
-        hidden=tuple(effect.key for effect in plan.hidden),
-        level=plan.level if plan.hidden else "",
+        hidden=plan.keys,
+        level=plan.level if plan.keys else "",
         partners=plan.partners,
         fault=fault,
         truth=truth,
     )
 
 
-def _base(rig: Rig, fixed: tuple[str, ...], draw: np.random.Generator) -> dict[str, float]:
+def base_values(rig: Rig, fixed: tuple[str, ...], draw: np.random.Generator) -> dict[str, float]:
     """True values of the free parameters; those that a tie keeps fixed stay nominal."""
     low, high = np.log(BASE)
     drawn = {name: rig.nominal[name] * float(np.exp(draw.uniform(low, high))) for name in rig.free}
@@ -236,19 +265,21 @@ def _shortened(protocol: Protocol) -> Protocol:
     return replace(protocol, fit=1, held=1, seconds=SHORT)
 
 
-def _columns(rig: Rig, made: Recording, names: list[str]) -> dict[str, dict[str, ndarray]]:
-    tables = {}
+def tables(rig: Rig, made: Recording, names: list[str]) -> dict[str, dict[str, ndarray]]:
+    """The measurement tables of a recording, by the names of its runs."""
+    found = {}
     for run, name in enumerate(names):
         table = {"time": made.time}
         table |= {f"ctrl.{act.name}": made.command[:, run, k] for k, act in enumerate(rig.actuators)}
         table |= {f"qpos.{joint}": made.reading[:, run, k] for k, joint in enumerate(rig.joints)}
         if rig.protocol.speed_sd:
             table |= {f"qvel.{joint}": made.speed[:, run, k] for k, joint in enumerate(rig.joints)}
-        tables[name] = table
-    return tables
+        found[name] = table
+    return found
 
 
-def _noise(rig: Rig) -> dict[str, tuple[float, float]]:
+def data_sheet(rig: Rig) -> dict[str, tuple[float, float]]:
+    """Signal -> (sd, resolution) of its sensor [SI]."""
     protocol = rig.protocol
     found = {
         f"qpos.{joint}": (float(sd), step)

@@ -15,6 +15,7 @@ from envs.rigs.drive import Actuator, Drive
 from envs.rigs.equations import Equations, Values
 from envs.rigs.integrator import HiddenMass, Hysteresis, Plant
 from envs.rigs.laws import JointLaws
+from envs.rigs.off_numbers import OffNumber
 
 MODELS = Path(__file__).with_name("models")
 
@@ -134,6 +135,9 @@ class Rig:
         ties: pairs of effects that the cases of kind ``tie`` are made with.
         alike: groups of effects that no input parts on this rig while ``free`` is free: the right name of one of them
             is the name of any.
+        surplus: passive terms that an engineer may put into the model and the machine lacks.
+        own: numbers of the model that may be off.
+        moments: principal moments of its model that are the armature of a hinge: number -> effect.
     """
 
     name: str
@@ -149,11 +153,19 @@ class Rig:
     alike: tuple[tuple[str, ...], ...] = ()
     last: tuple[HiddenEffect, ...] = ()
     by_name: tuple[HiddenEffect, ...] = ()
+    surplus: tuple[OffNumber, ...] = ()
+    own: tuple[OffNumber, ...] = ()
+    moments: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def xml(self) -> str:
         """The engineer's model."""
         return (MODELS / f"{self.name}.xml").read_text(encoding="utf-8")
+
+    @property
+    def laws(self) -> dict[str, str]:
+        """Numbers of the model -> the effect that is the same law."""
+        return {**self.moments, **{off.key: off.law for off in (*self.surplus, *self.own)}}
 
     def partners(self, keys: tuple[str, ...]) -> tuple[str, ...]:
         """Effects that look like one of these."""

@@ -11,15 +11,19 @@ import mujoco
 import numpy as np
 import pytest
 
-from envs.rigs import KINDS, RIGS, Rig, case, effect_case, write_case
+from envs.rigs import KINDS, RIGS, Rig, case, effect_case, sized_case, write_case
 from envs.rigs.cases import drawn_effects
 from envs.rigs.equations import Lever
+from envs.rigs.off_numbers import number, with_number
 from envs.rigs.recording import Interference, record
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.mujoco.addresses import resolve
+from onlinebayes.simulators.mujoco.own_numbers import own_numbers
 
 # Shapes are checked in the short cases of every rig; in long integrations the checks would take most of the time.
 unchecked = pytest.mark.usefixtures("without_shape_checks")
+HIDING = ("effect", "tie", "outside", "surplus", "own")
 SMOOTH = ("swing", "cart_pole", "two_link_arm", "six_joint_arm")
 
 
@@ -281,7 +285,7 @@ def test_every_kind_makes_a_case_that_a_problem_file_carries(kind: str, tmp_path
     assert all(np.isfinite(column).all() for table in made.columns.values() for column in table.values())
     inside = all(low <= made.truth[name] <= high for name, (low, high) in made.parameters.items())
     assert inside == (kind != "bounds")
-    assert bool(made.hidden) == (kind in ("effect", "tie", "outside"))
+    assert bool(made.hidden) == (kind in HIDING)
     problem = load_problem(write_case(made, tmp_path))
     assert problem.holdout == made.holdout
     truth = json.loads((tmp_path / "truth.json").read_text())
@@ -307,7 +311,7 @@ def test_every_kind_on_every_rig(name: str, kind: str, tmp_path: Path) -> None:
     for seed in range(3):
         made = case(name, kind, seed)
         assert (made.rig, made.kind) == (name, kind)
-        assert bool(made.hidden) == (kind in ("effect", "tie", "outside"))
+        assert bool(made.hidden) == (kind in HIDING)
         assert bool(made.fault) == (kind in ("bounds", "wiring"))
         assert all((table["time"][-1] < 1.0) == (kind == "short") for table in made.columns.values())
         assert all(np.isfinite(column).all() for table in made.columns.values() for column in table.values())
@@ -357,3 +361,44 @@ def test_unknown_cases_are_refused(arguments: tuple[str, str, int], problem: str
 def test_unknown_effects_and_levels_are_refused(key: str, level: str) -> None:
     with pytest.raises(BadInput, match="use one of"):
         effect_case("thrown_ball", key, level, 0)
+
+
+# --- numbers of the model that are off -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_a_number_that_is_off_differs_in_the_model_alone_and_by_the_stated_size(name: str) -> None:
+    rig = RIGS[name]
+    plain = rig.xml
+    for off in (*rig.surplus, *rig.own):
+        before = number(plain, off.key)
+        assert before == 0 or off not in rig.surplus
+        changed = with_number(plain, off.key, before + off.size)
+        true, wrong = (mujoco.MjModel.from_xml_string(xml) for xml in (plain, changed))
+        address = resolve(wrong, off.key)
+        assert address.read(wrong) - address.read(true) == pytest.approx(off.size, rel=1e-6)
+        assert number(with_number(changed, off.key, before), off.key) == before
+        # The machine's value lies where criticism would look for it, in the largest cases, too.
+        worst = [with_number(plain, off.key, before + part * off.size) for part in (2.5, *([-2.5] * (off in rig.own)))]
+        for xml in worst:
+            bounds = own_numbers(mujoco.MjModel.from_xml_string(xml))[off.key]
+            assert bounds.low <= before <= bounds.high
+
+
+def test_numbers_that_are_off_are_not_free() -> None:
+    for rig in RIGS.values():
+        for off in (*rig.surplus, *rig.own):
+            assert off.key not in set(rig.free) - set(off.fixed)
+            assert set(off.fixed) <= set(rig.free)
+
+
+@pytest.mark.long
+@unchecked
+def test_the_machine_does_not_know_what_is_off_in_its_model() -> None:
+    rig = RIGS["swing"]
+    off, plain = sized_case(rig, rig.own[0], 1.0, 900), sized_case(rig, None, 1.0, 900)
+    for name, column in plain.columns["fit1"].items():
+        np.testing.assert_array_equal(column, off.columns["fit1"][name])
+    assert off.hidden == (rig.own[0].key,)
+    assert off.truth[rig.own[0].key] == number(rig.xml, rig.own[0].key)
+    assert off.xml != plain.xml

@@ -142,6 +142,45 @@ def test_each_kind_has_its_right_verdict(kind: str, fields: dict[str, object], r
     assert replace(asked, **fields).right is right  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize(
+    ("fields", "right"),
+    [
+        ({"verdict": "bounds_exclude_truth", "accepted": ("body.pole.inertia[1]",)}, True),
+        ({"verdict": "missing_effect", "accepted": ("armature@hinge",)}, True),
+        ({"verdict": "bounds_exclude_truth", "accepted": ("actuator.motor.gear[0]",)}, True),  # one ratio is left
+        ({"verdict": "tie", "accepted": ("dry_friction@hinge",), "equal": ("body.pole.inertia[1]",)}, True),
+        ({"verdict": "tie", "accepted": ("dry_friction@hinge",), "equal": ("dry_friction@slider",)}, False),
+        ({"verdict": "bounds_exclude_truth", "accepted": ("body.cart.mass",)}, False),
+        ({"verdict": "adequate"}, False),
+    ],
+)
+def test_a_number_that_is_off_may_be_named_by_itself_or_by_the_law_that_it_is(
+    fields: dict[str, object], right: bool
+) -> None:
+    asked = Judged("cart_pole", "own", 1, hidden=("body.pole.inertia[1]",), before=3.0, reference=1.0)
+    assert replace(asked, **fields).right is right  # type: ignore[arg-type]
+    assert replace(asked, **fields).missed is not right  # type: ignore[arg-type]
+    assert not replace(asked, before=1.1, verdict="adequate").missed
+
+
+def test_a_passive_term_is_taken_away_by_its_number_or_by_its_effect() -> None:
+    asked = Judged("swing", "surplus", 1, hidden=("joint.hinge.frictionloss",), verdict="bounds_exclude_truth")
+    assert replace(asked, accepted=("joint.hinge.frictionloss",)).right
+    assert replace(asked, accepted=("dry_friction@hinge",), verdict="missing_effect").right
+    assert not replace(asked, accepted=("joint.hinge.armature",)).right
+    both = replace(asked, accepted=("joint.hinge.frictionloss", "cogging@hinge"))
+    assert both.accused == ("cogging@hinge",)
+    rows = {row.name: row for row in tabulate([both], 1).rows}
+    assert (rows["surplus: verdict right"].value, rows["surplus: verdict right"].goal) == (1.0, ">= 0.9")
+
+
+def test_an_effect_named_by_the_models_number_that_is_the_same_law_is_right() -> None:
+    numbered = replace(NAMED, rig="swing", hidden=("com_offset@bob.x",), verdict="bounds_exclude_truth")
+    numbered = replace(numbered, accepted=("body.bob.ipos[0]",), first="body.bob.ipos[0]")
+    assert (numbered.right, numbered.first_right, numbered.missed) == (True, True, False)
+    assert not replace(numbered, accepted=("body.bob.inertia[1]",)).right
+
+
 def test_a_case_survives_its_file() -> None:
     judged = replace(NAMED, refused={"a@b": "weak"}, widened=("x",), gain=3.0)
     assert from_json(line(judged)) == judged
@@ -315,7 +354,9 @@ def test_all_that_a_blind_case_hides_is_tried_without_being_named() -> None:
 def test_the_effect_of_a_tie_is_measured_with_what_the_tie_fixes_fixed() -> None:
     rig = RIGS["slide_drive"]
     posed = {effect.key: asked for asked, effects in questions(rig, ()) for effect in effects}
-    assert len(posed) == len((*rig.effects, *rig.last, *rig.by_name, *rig.outside, *rig.ties))
+    numbers = (*rig.surplus, *rig.own)
+    assert len(posed) == len((*rig.effects, *rig.last, *rig.by_name, *rig.outside, *rig.ties, *numbers))
+    assert set(rig.free) - set(posed["body.carriage.mass"].free) == {"body.carriage.mass"}
     assert posed["dry_friction@carriage"].free == rig.free
     assert set(rig.free) - set(posed["back_emf@motor"].free) == {"joint.carriage.damping"}
     assert [effects for _, effects in questions(rig, ["payload@carriage"])] == [(rig.ties[1].hidden,)]

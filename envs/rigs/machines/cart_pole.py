@@ -6,6 +6,7 @@ import math
 
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import CartPole, Equations, Lever, Values, mass
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 _ENCODER = 2 * math.pi / 8192  # [rad]
@@ -78,4 +79,16 @@ CART_POLE = Rig(
         ("actuator_gain@motor", "armature@hinge", "com_offset@pole"),
         ("actuator_delay@motor", "actuator_lag@motor"),
     ),
+    surplus=(
+        OffNumber("joint.slider.frictionloss", "dry_friction@slider", 0.024),
+        OffNumber("joint.hinge.frictionloss", "dry_friction@hinge", 0.0015),
+        OffNumber("joint.hinge.stiffness", "joint_stiffness@hinge", 0.003),
+        OffNumber("joint.slider.stiffness", "joint_stiffness@slider", 0.3),
+    ),
+    own=(
+        OffNumber("body.pole.ipos[0]", "com_offset@pole.x", 0.00054),
+        OffNumber("body.pole.ipos[2]", "com_offset@pole.z", 0.0024),
+        OffNumber("actuator.motor.gear[0]", "actuator_gain@motor", 0.16),
+    ),
+    moments={"body.pole.inertia[1]": "armature@hinge"},
 )

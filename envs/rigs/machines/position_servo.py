@@ -6,6 +6,7 @@ import math
 
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import Equations, Lever, Values
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 _ENCODER = 2 * math.pi / 4096  # [rad]
@@ -69,4 +70,10 @@ POSITION_SERVO = Rig(
         # kp b against kp b + m g l b cos q: a hundredth of it.
         ("constant_load@horn", "sensor_bias@qpos.horn"),
     ),
+    surplus=(OffNumber("joint.horn.frictionloss", "dry_friction@horn", 0.017),),
+    own=(
+        OffNumber("body.load.ipos[0]", "com_offset@load.x", 0.0031),
+        OffNumber("joint.horn.armature", "armature@horn", 0.00072),
+    ),
+    moments={"body.load.inertia[1]": "armature@horn"},
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from envs.rigs.chain import SixJoint
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import Equations, Values
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 
@@ -68,4 +69,15 @@ SIX_JOINT_ARM = Rig(
     ),
     ties=(Tie(HiddenEffect("back_emf@m1", {"constant": 1.7}), "viscous_friction@j1", ("joint.j1.damping",)),),
     alike=(("actuator_delay@m1", "actuator_lag@m1"),),
+    surplus=(
+        OffNumber("joint.j2.frictionloss", "dry_friction@j2", 1.3),
+        OffNumber("joint.j4.frictionloss", "dry_friction@j4", 0.21),
+        OffNumber("joint.j6.frictionloss", "dry_friction@j6", 0.086),
+        OffNumber("joint.j3.stiffness", "joint_stiffness@j3", 1.0),
+    ),
+    own=(
+        OffNumber("body.link3.ipos[0]", "com_offset@link3.x", 0.015),
+        OffNumber("actuator.m2.gear[0]", "actuator_gain@m2", 0.036),
+        OffNumber("joint.j4.armature", "armature@j4", 0.0048),
+    ),
 )

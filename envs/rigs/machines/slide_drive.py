@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import Equations, Translation, Values
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 
@@ -73,4 +74,9 @@ SLIDE_DRIVE = Rig(
         # Where the mass is fixed, with the damping free: m a = g u - d v up to a common factor.
         ("payload@carriage", "armature@carriage", "actuator_gain@motor"),
     ),
+    surplus=(
+        OffNumber("joint.carriage.frictionloss", "dry_friction@carriage", 0.61),
+        OffNumber("joint.carriage.stiffness", "joint_stiffness@carriage", 6.6),
+    ),
+    own=(OffNumber("body.carriage.mass", "payload@carriage", 0.07, fixed=("body.carriage.mass",)),),
 )

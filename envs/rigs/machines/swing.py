@@ -6,6 +6,7 @@ import math
 
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import Equations, Lever, Values
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 _ENCODER = 2 * math.pi / 4096  # [rad]
@@ -67,4 +68,13 @@ SWING = Rig(
         # A lag of milliseconds is a delay: they part by (2 pi f T)^2 / 2, a thousandth at the highest frequency.
         ("actuator_delay@motor", "actuator_lag@motor", "sensor_delay@qpos.hinge"),
     ),
+    surplus=(
+        OffNumber("joint.hinge.frictionloss", "dry_friction@hinge", 0.011),
+        OffNumber("joint.hinge.armature", "armature@hinge", 0.00053),
+    ),
+    own=(
+        OffNumber("body.bob.ipos[0]", "com_offset@bob.x", 0.001),
+        OffNumber("body.bob.ipos[2]", "com_offset@bob.z", 0.0027),
+    ),
+    moments={"body.bob.inertia[1]": "armature@hinge"},
 )

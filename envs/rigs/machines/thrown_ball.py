@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import Equations, Translation, Values
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 
@@ -60,4 +61,10 @@ THROWN_BALL = Rig(
             *("armature@x", "armature@y"),
         ),
     ),
+    surplus=(
+        OffNumber("joint.x.damping", "viscous_friction@x", 0.026),
+        OffNumber("joint.y.frictionloss", "dry_friction@y", 0.025),
+        OffNumber("joint.z.stiffness", "joint_stiffness@z", 0.00025),
+    ),
+    own=(OffNumber("actuator.jet_y.gear[0]", "actuator_gain@jet_y", 0.13),),
 )

@@ -6,6 +6,7 @@ import math
 
 from envs.rigs.drive import Actuator
 from envs.rigs.equations import Equations, Lever, TwoLink, Values
+from envs.rigs.off_numbers import OffNumber
 from envs.rigs.rig import HiddenEffect, Protocol, Rig, Tie
 
 _ENCODER = 2 * math.pi / 8192  # [rad]
@@ -90,4 +91,18 @@ TWO_LINK_ARM = Rig(
         ("actuator_delay@shoulder_motor", "actuator_lag@shoulder_motor"),
         ("actuator_delay@elbow_motor", "actuator_lag@elbow_motor"),
     ),
+    surplus=(
+        OffNumber("joint.shoulder.frictionloss", "dry_friction@shoulder", 0.027),
+        OffNumber("joint.elbow.frictionloss", "dry_friction@elbow", 0.0057),
+        OffNumber("joint.shoulder.stiffness", "joint_stiffness@shoulder", 0.08),
+        OffNumber("joint.elbow.stiffness", "joint_stiffness@elbow", 0.004),
+    ),
+    own=(
+        OffNumber("joint.elbow.armature", "armature@elbow", 0.00027),
+        OffNumber("joint.shoulder.armature", "armature@shoulder", 0.0014),
+        OffNumber("body.fore.ipos[0]", "com_offset@fore.x", 0.001),
+        OffNumber("body.fore.ipos[2]", "com_offset@fore.z", 0.0016),
+        OffNumber("actuator.shoulder_motor.gear[0]", "actuator_gain@shoulder_motor", 0.018),
+    ),
+    moments={"body.upper.inertia[1]": "armature@shoulder"},
 )

@@ -40,7 +40,7 @@ class Study:
     Args:
         effects: cases that hide one or two effects.
         null: that hide nothing.
-        others: of each of the other five kinds.
+        others: of each of the other kinds.
         rigs: which.
         pairs: cases of two effects, and no others.
         first: seed of the first case; see :data:`REPORTED`.

@@ -6,6 +6,7 @@
 | all parts of a composition      | dry_friction@j and constant_load@j, which are the same law |
 | simpler ones that it contains   | dry_friction@j: right beside the others, too little alone |
 
+A number of the model is named by its address; what criticism names is taken as the law that it is.
 An effect with axes is spelt with the axis that the rig moved it along, as criticism tries it.
 """
 
@@ -15,6 +16,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from envs.rigs import RIGS
+from onlinebayes.criticism.hypotheses.ranking import same_as
 from onlinebayes.simulators.effects import EFFECTS
 
 COMPOSED: Mapping[str, tuple[str, ...]] = {"asymmetric_friction": ("dry_friction", "constant_load")}
@@ -25,23 +27,36 @@ class Answer:
     """What counts as finding one hidden effect.
 
     Args:
-        names: keys of which any is right alone.
-        parts: for each law that it is made of, keys of which any is right; all laws together are right too.
-        simpler: keys of effects that it contains.
+        names: laws of which any is right alone.
+        parts: for each law that it is made of, laws of which any is right; all together are right too.
+        simpler: laws that it contains.
+        rig: in which it hides; empty for a machine whose numbers are no other law than usual.
     """
 
     names: frozenset[str]
     parts: tuple[frozenset[str], ...]
     simpler: frozenset[str]
+    rig: str = ""
+
+    def named(self, key: str) -> bool:
+        """Whether a key is right alone."""
+        return law(self.rig, key) in self.names
 
     def found(self, accepted: Iterable[str]) -> bool:
         """Whether what was accepted holds the effect."""
-        present = set(accepted)
+        present = {law(self.rig, key) for key in accepted}
         return bool(self.names & present) or (bool(self.parts) and all(part & present for part in self.parts))
 
     def admits(self, key: str) -> bool:
         """Whether a key is no false alarm."""
-        return key in self.names | self.simpler or any(key in part for part in self.parts)
+        named = law(self.rig, key)
+        return named in self.names | self.simpler or any(named in part for part in self.parts)
+
+
+def law(rig: str, key: str) -> str:
+    """The effect that is the same law as a number of a rig's model; other keys as they are."""
+    usual = same_as(key)
+    return RIGS[rig].laws.get(key, usual) if rig else usual
 
 
 def spelt(key: str, truth: Mapping[str, float]) -> str:
@@ -59,16 +74,17 @@ def address_of(entry: str, hidden: str, key: str) -> str:
 
 
 def answer(rig: str, hidden: str) -> Answer:
-    """The right names of an effect hidden in a rig.
+    """The right names of an effect hidden in a rig, or of a number of its model that is off.
 
     Args:
         rig: its name; its list of effects that no input parts gives the partners.
-        hidden: the effect as the library spells it.
+        hidden: the effect as the library spells it, or the number's address.
     """
+    hidden = law(rig, hidden)
     name, _, target = hidden.partition("@")
     parts = tuple(equals(rig, f"{part}@{target}") for part in COMPOSED.get(name, ()))
     simpler = frozenset(f"{part}@{target}" for part in (EFFECTS[name].contains if name in EFFECTS else ()))
-    return Answer(equals(rig, hidden), parts, simpler)
+    return Answer(equals(rig, hidden), parts, simpler, rig)
 
 
 def equals(rig: str, key: str) -> frozenset[str]:

@@ -6,11 +6,13 @@
 The ratio that was measured, not the size that was drawn, decides under which size a case is counted. Below 1.3 an
 effect is faint: to find it is no merit, to overlook it no fault. One of two effects is faint beside the other by the
 same measure, e(true effects without it) / e(true effects); such cases count, and stand in a row of their own besides.
+
+What is off in the model may be named by its number, or by the effect that is the same law: either is the same answer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from envs.rigs import RIGS
@@ -26,7 +28,11 @@ RIGHT: Mapping[str, Verdict] = {
     "bounds": "bounds_exclude_truth",
     "wiring": "data_problem",
     "short": "insufficient_data",
+    "surplus": "bounds_exclude_truth",
+    "own": "bounds_exclude_truth",
 }
+SIZED = ("effect", "surplus", "own")
+"""Kinds whose cases may be too faint to count."""
 # Words of which the named fault must hold one; a command's unit is too large or too small.
 CURES: Mapping[str, tuple[str, ...]] = {
     "sign": ("sign",),
@@ -52,7 +58,7 @@ class Judged:
 
     Args:
         rig, kind, seed: which case.
-        hidden: effects as the library spells them.
+        hidden: effects as the library spells them, or the number of the model that is off.
         partners: those that explain the log as well, by the rig's own account.
         level: the size that was drawn.
         fault: of the log or of the bounds.
@@ -123,8 +129,8 @@ class Judged:
 
     @property
     def counts(self) -> bool:
-        """Whether the case can be right or wrong: all but faint effects."""
-        return self.kind != "effect" or self.size != "faint"
+        """Whether the case can be right or wrong: all but faint effects and faint errors of numbers."""
+        return self.kind not in SIZED or self.size != "faint"
 
     @property
     def shows(self) -> bool:
@@ -135,7 +141,13 @@ class Judged:
     def right(self) -> bool:
         """Whether the verdict is right: the kind's own, and about the right thing where it names one."""
         if self.kind == "effect":
-            return self.verdict == "missing_effect" or (self.verdict == "tie" and self._equals_are_partners())
+            named = self.verdict == "missing_effect" or (
+                self.verdict == RIGHT["own"] and self._named(self.accepted[:1])
+            )
+            return named or (self.verdict == "tie" and self._equals_are_partners())
+        if self.kind in ("surplus", "own"):
+            named = self.verdict in (RIGHT["own"], RIGHT["effect"]) and self._named(self.accepted[:1])
+            return named or (self.verdict == "tie" and self._named((*self.accepted[:1], *self.equal)))
         if self.verdict != RIGHT[self.kind]:
             return False
         if self.kind == "tie":
@@ -148,7 +160,7 @@ class Judged:
     def first_right(self) -> bool:
         """Whether the first-ranked candidate is hidden, or a part of what is and the rest was found too."""
         return any(
-            self.first in answer.names or (answer.admits(self.first) and answer.found(self.accepted))
+            answer.named(self.first) or (answer.admits(self.first) and answer.found(self.accepted))
             for answer in self.answers
         )
 
@@ -191,11 +203,16 @@ class Judged:
         if not self.counts:
             return bool(self.innocent)
         named = self.kind != "effect" or (self.all_found and (len(self.hidden) > 1 or self.first_right))
-        return not (self.right and named) or bool(self.innocent)
+        wrong = self.innocent if self.kind == "effect" else self.accused
+        return not (self.right and named) or bool(wrong)
+
+    def _named(self, keys: Iterable[str]) -> bool:
+        """Whether one of these keys is right alone."""
+        return any(answer.named(key) for answer in self.answers for key in keys)
 
     def _tied_with_hidden(self) -> bool:
         """Whether the first accepted effect is said to be indistinguishable from one that is hidden."""
-        return self.verdict == "tie" and any(key in answer.names for answer in self.answers for key in self.equal)
+        return self.verdict == "tie" and self._named(self.equal)
 
     def _members(self) -> tuple[frozenset[str], frozenset[str]]:
         """Both sides of a tie, each in every spelling."""
@@ -210,7 +227,7 @@ class Judged:
 
     def _equals_are_partners(self) -> bool:
         """Whether a tie on an effect set is the rig's own: its members are names of what is hidden."""
-        return bool(self.equal) and all(any(key in a.names for a in self.answers) for key in self.equal)
+        return bool(self.equal) and all(self._named([key]) for key in self.equal)
 
 
 def from_json(text: str) -> Judged:

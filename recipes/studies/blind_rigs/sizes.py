@@ -6,7 +6,8 @@ e is the held-out error of the base model, e0 the same on a case with nothing hi
 enough for both. Each further step takes another seed of the tuning ones, for commands and base parameters differ from
 case to case; the result is the geometric mean of the last two proposals, or the first one where the law need not reach
 far from what was measured. What is not as linear as that (limits, dead zones) is halved between a size that was too
-small and one that was too large. The effects of ties are measured with what the tie fixes fixed.
+small and one that was too large. The effects of ties are measured with what the tie fixes fixed; so are numbers of the
+model that are off, which are sized alike.
 
     python -m recipes.studies.blind_rigs.sizes --rigs swing thrown_ball          prints what to write into envs/rigs
 """
@@ -22,7 +23,7 @@ from functools import cache
 import torch
 import tyro
 
-from envs.rigs import RIGS, HiddenEffect, Rig, Tie, sized_case
+from envs.rigs import RIGS, HiddenEffect, OffNumber, Rig, Tie, sized_case
 from onlinebayes.runs import BadInput
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.truth import base_error
@@ -54,23 +55,26 @@ class Sized:
     """An effect with its new size.
 
     Args:
-        effect: as it stands.
+        effect: as it stands, or a number that is off.
         scale: by which its medium size must be multiplied.
         ratios: that the steps measured, the first one at the size as it stands.
     """
 
-    effect: HiddenEffect
+    effect: HiddenEffect | OffNumber
     scale: float
     ratios: tuple[float, ...]
 
     @property
     def text(self) -> str:
         """The sizes to write into the rig, two digits."""
-        sizes = {name: float(f"{value:.2g}") for name, value in self.effect.resized(self.scale).size.items()}
-        return f"{self.effect.key} {sizes}"
+        resized = self.effect.resized(self.scale)
+        if isinstance(resized, OffNumber):
+            return f"{resized.key} {resized.size:.2g}"
+        sizes = {name: float(f"{value:.2g}") for name, value in resized.size.items()}
+        return f"{resized.key} {sizes}"
 
 
-def calibrate(rig: Rig, effects: tuple[HiddenEffect, ...], steps: int) -> Iterator[Sized]:
+def calibrate(rig: Rig, effects: tuple[HiddenEffect | OffNumber, ...], steps: int) -> Iterator[Sized]:
     """The new sizes of a rig's effects, one after the other."""
     rig = replace(rig, protocol=replace(rig.protocol, fit=FIT, held=HELD))
     quiet = cache(lambda k: error_at(rig, None, 1.0, SEED + k))
@@ -87,7 +91,7 @@ def calibrate(rig: Rig, effects: tuple[HiddenEffect, ...], steps: int) -> Iterat
         yield Sized(effect, math.prod(last) ** (1 / len(last)), tuple(ratio for _, ratio in tried))
 
 
-def error_at(rig: Rig, effect: HiddenEffect | None, scale: float, seed: int) -> float:
+def error_at(rig: Rig, effect: HiddenEffect | OffNumber | None, scale: float, seed: int) -> float:
     """Held-out error of the base model, fitted to a case with that effect [floors]; infinite where it diverges."""
     try:
         return base_error(loaded(sized_case(rig, effect, scale, seed)))
@@ -106,16 +110,17 @@ def next_scale(tried: Sequence[tuple[float, float]]) -> float:
     return proposed if low <= proposed <= high else math.sqrt(low * high)
 
 
-def tied(rig: Rig, tie: Tie) -> Rig:
-    """The rig as the cases of a tie have it: what would look alike is not free."""
-    return replace(rig, free={name: bound for name, bound in rig.free.items() if name not in tie.fixed})
+def tied(rig: Rig, asked: Tie | OffNumber) -> Rig:
+    """The rig as the cases of a tie, or of a number that is off, have it: what would look alike is not free."""
+    return replace(rig, free={name: bound for name, bound in rig.free.items() if name not in asked.fixed})
 
 
-def questions(rig: Rig, keys: Sequence[str]) -> Iterator[tuple[Rig, tuple[HiddenEffect, ...]]]:
-    """The rig with all that may hide in it, or with these keys of it, ties each on its own."""
-    known = (
+def questions(rig: Rig, keys: Sequence[str]) -> Iterator[tuple[Rig, tuple[HiddenEffect | OffNumber, ...]]]:
+    """The rig with all that may hide in it, or with these keys of it, ties and numbers each on its own."""
+    known: tuple[tuple[Rig, tuple[HiddenEffect | OffNumber, ...]], ...] = (
         (rig, (*rig.effects, *rig.last, *rig.by_name, *rig.outside)),
         *((tied(rig, tie), (tie.hidden,)) for tie in rig.ties),
+        *((tied(rig, off), (off,)) for off in (*rig.surplus, *rig.own)),
     )
     for posed, effects in known:
         if wanted := tuple(effect for effect in effects if not keys or effect.key in keys):

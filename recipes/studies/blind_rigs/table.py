@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from onlinebayes.runs import ResultTable
 from onlinebayes.simulators.effects import EFFECTS
-from recipes.studies.blind_rigs.record import RIGHT, SIZES, Judged
+from recipes.studies.blind_rigs.record import RIGHT, SIZED, SIZES, Judged
 
 Z = 1.96
 
@@ -46,6 +46,8 @@ GOALS = {
     "bounds: verdict right": Goal(least=0.8),
     "wiring: verdict right": Goal(least=0.95),
     "short: verdict right": Goal(least=0.95),
+    "surplus: verdict right": Goal(least=0.9),
+    "own: verdict right": Goal(least=0.9),
     "share of the improvement that the true effects give": Goal(least=0.9),
     "90 % intervals that hold the truth": Goal(least=0.85, most=0.95),
 }
@@ -85,6 +87,8 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
     _share(table, "null: something accepted", null, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted", hiding, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted, not tied with what hides", hiding, lambda j: bool(j.accused))
+    off = [judged for judged in found if judged.kind in ("surplus", "own") and judged.counts]
+    _share(table, "surplus and own: something else accepted, not tied with what is off", off, lambda j: bool(j.accused))
     for kind in RIGHT:
         mine = [judged for judged in found if judged.kind == kind and judged.counts]
         _share(table, f"{kind}: verdict right", mine, lambda judged: judged.right)
@@ -172,7 +176,7 @@ def _without(judged: Judged, key: str) -> str:
 
 
 def _ratio(judged: Judged) -> str:
-    size = judged.size if judged.kind == "effect" else ""
+    size = judged.size if judged.kind in SIZED else ""
     errors = (judged.before, judged.after, judged.reference)
     told = "" if judged.before is None else " ".join("-" if e is None else f"{e:.2f}" for e in errors)
     return "".join(f", {part}" for part in (size, told) if part)

@@ -1,5 +1,7 @@
 """What the truth would give: the hidden effects added by hand, fitted from their true values, on the held-out runs.
 
+A number of the model that is off is freed, and fitted from the machine's.
+
 The library never sees this. The fit begins at the truth, so that a fit that fails elsewhere costs refine, not the
 reference. Thermal derating counts its heat in units of a reference force that is the library's own choice:
 
@@ -53,12 +55,16 @@ def true_error(
         without: a hidden effect, as the library spells it, that is left out of the model.
     """
     keys = [key for hidden in made.hidden if (key := spelt(hidden, made.truth)) != without]
-    if not keys or any(key.split("@")[0] not in EFFECTS for key in keys):
+    numbers = [key for key in keys if key in problem.simulator.own_numbers]
+    keys = [key for key in keys if key not in numbers]
+    if not keys + numbers or any(key.split("@")[0] not in EFFECTS for key in keys):
         return None
     fit_runs, _ = split(problem.measurement, problem.holdout)
     horizon = problem.selection.horizon_s
-    effects = propose(problem.simulator, make_windows(problem.simulator, fit_runs, horizon), keys)
+    effects = propose(problem.simulator, make_windows(problem.simulator, fit_runs, horizon), keys) if keys else ()
     try:
+        for name in numbers:
+            stepped = stepped.with_free(name, problem.simulator.own_numbers[name])
         model = grown(stepped, effects)
         windows = make_windows(model, fit_runs, horizon, MEMORY * horizon)
         fitted = fit(model, windows, true_theta(made, model).to(windows.start))
