@@ -1,6 +1,6 @@
 """Eight rigs that play reality, with equations and an integrator of their own, and the blind cases made with them."""
 
-from envs.rigs.cases import KINDS, LEVELS, BlindCase, case, effect_case, hidden_in, sized_case
+from envs.rigs.cases import KINDS, LEVELS, BlindCase, case, effect_case, hidden_in, kinds, sized_case
 from envs.rigs.catalogue import RIGS
 from envs.rigs.files import write_case
 from envs.rigs.off_numbers import OffNumber
@@ -19,6 +19,7 @@ __all__ = [
     "case",
     "effect_case",
     "hidden_in",
+    "kinds",
     "sized_case",
     "write_case",
 ]

@@ -96,12 +96,17 @@ class _Plan:
         return tuple(effect.key for effect in self.hidden) + ((self.off.key,) if self.off else ())
 
 
+def kinds(rig: str) -> tuple[str, ...]:
+    """The kinds of cases that a rig has: of some models no number can be off that a free parameter would not hide."""
+    return tuple(kind for kind in KINDS if kind != "own" or RIGS[rig].own)
+
+
 def case(rig: str, kind: str, seed: int, last: bool = True) -> BlindCase:
     """The case of that rig, kind and seed (a few seconds).
 
     Args:
         rig: a name in ``RIGS``.
-        kind: one of ``KINDS``.
+        kind: one of ``KINDS`` that the rig has.
         seed: which case of that kind.
         last: may what criticism tries last hide in it, too? Without it the cases are others.
 
@@ -110,8 +115,8 @@ def case(rig: str, kind: str, seed: int, last: bool = True) -> BlindCase:
     """
     if rig not in RIGS:
         raise BadInput(f"rig '{rig}' is unknown", f"use one of {', '.join(RIGS)}")
-    if kind not in KINDS:
-        raise BadInput(f"kind '{kind}' is unknown", f"use one of {', '.join(KINDS)}")
+    if kind not in kinds(rig):
+        raise BadInput(f"kind '{kind}' is unknown of {rig}", f"use one of {', '.join(kinds(rig))}")
     if seed < 0:
         raise BadInput(f"seed {seed} is negative", "seeds count from 0")
     draw = _drawing(rig, kind, seed)

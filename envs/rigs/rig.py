@@ -168,8 +168,8 @@ class Rig:
         return {**self.moments, **{off.key: off.law for off in (*self.surplus, *self.own)}}
 
     def partners(self, keys: tuple[str, ...]) -> tuple[str, ...]:
-        """Effects that look like one of these."""
-        groups = [group for group in self.alike if set(group) & set(keys)]
+        """Effects that look like one of these; an effect of a group may be meant along an axis of its own."""
+        groups = [g for g in self.alike if any(key == one or key.startswith(f"{one}.") for key in keys for one in g)]
         return tuple(key for group in groups for key in group if key not in keys)
 
     def plant(

@@ -77,6 +77,7 @@ CART_POLE = Rig(
     alike=(
         # Force, both inertias and their coupling, up to a common factor: three ratios, of which the masses set two.
         ("actuator_gain@motor", "armature@hinge", "com_offset@pole"),
+        ("com_offset@pole.x", "sensor_bias@qpos.hinge"),
         ("actuator_delay@motor", "actuator_lag@motor"),
     ),
     surplus=(

@@ -65,6 +65,8 @@ POSITION_SERVO = Rig(
     ties=(Tie(HiddenEffect("back_emf@servo", {"constant": 0.071}), "viscous_friction@horn", ("joint.horn.damping",)),),
     alike=(
         ("com_offset@load", "gravity_tilt@world"),
+        # With the mass free: inertia over weight, or over what the servo gives.
+        ("armature@horn", "com_offset@load.z", "actuator_gain@servo", "actuator.servo.kv"),
         # The velocities tell a late sensor of the angle from a late servo.
         ("actuator_delay@servo", "actuator_lag@servo"),
         # kp b against kp b + m g l b cos q: a hundredth of it.

@@ -54,13 +54,7 @@ PUSHED_BLOCK = Rig(
         # With the motor's gear free a scale s of the position is 1 + s times the gear and the friction.
         ("contact_friction@block", "dry_friction@along", "sensor_scale@qpos.along"),
         ("constant_load@along", "gravity_tilt@world"),
-        # Where the gear is fixed: mass and friction of the table grow together.
-        ("actuator_gain@pusher", "payload@block"),
         ("actuator_delay@pusher", "actuator_lag@pusher", "sensor_delay@qpos.along"),
     ),
-    surplus=(
-        OffNumber("joint.along.frictionloss", "dry_friction@along", 0.74),
-        OffNumber("joint.along.stiffness", "joint_stiffness@along", 2.5),
-    ),
-    own=(OffNumber("actuator.pusher.gear[0]", "actuator_gain@pusher", 0.0085, fixed=("actuator.pusher.gear[0]",)),),
+    surplus=(OffNumber("joint.along.stiffness", "joint_stiffness@along", 2.5),),
 )

@@ -72,11 +72,12 @@ SLIDE_DRIVE = Rig(
         ("constant_load@carriage", "gravity_tilt@world"),
         ("actuator_delay@motor", "actuator_lag@motor", "sensor_delay@qpos.carriage"),
         # Where the mass is fixed, with the damping free: m a = g u - d v up to a common factor.
-        ("payload@carriage", "armature@carriage", "actuator_gain@motor"),
+        ("payload@carriage", "armature@carriage", "actuator_gain@motor", "sensor_scale@qpos.carriage"),
     ),
     surplus=(
         OffNumber("joint.carriage.frictionloss", "dry_friction@carriage", 0.61),
-        OffNumber("joint.carriage.stiffness", "joint_stiffness@carriage", 6.6),
+        # With the mass free, a stronger motor on a heavier carriage makes little of a spring.
+        OffNumber("joint.carriage.stiffness", "joint_stiffness@carriage", 5.0, fixed=("body.carriage.mass",)),
     ),
     own=(OffNumber("body.carriage.mass", "payload@carriage", 0.07, fixed=("body.carriage.mass",)),),
 )

@@ -88,6 +88,8 @@ TWO_LINK_ARM = Rig(
     ),
     alike=(
         ("com_offset@fore", "sensor_bias@qpos.elbow"),
+        # With the link's mass free: inertia over weight.
+        ("armature@shoulder", "com_offset@upper.z"),
         ("actuator_delay@shoulder_motor", "actuator_lag@shoulder_motor"),
         ("actuator_delay@elbow_motor", "actuator_lag@elbow_motor"),
     ),

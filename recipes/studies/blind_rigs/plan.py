@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from itertools import count, islice
 
-from envs.rigs import KINDS, hidden_in
+from envs.rigs import KINDS, hidden_in, kinds
 from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.job import Job
 
@@ -29,7 +29,7 @@ def jobs(counts: Mapping[str, int], rigs: Iterable[str], first: int) -> list[Job
     order = [
         ((k + 0.5) / counts[kind], chosen.index(rig), KINDS.index(kind), Job(rig, kind, first + k))
         for rig in chosen
-        for kind in KINDS
+        for kind in kinds(rig)
         for k in range(counts.get(kind, 0))
     ]
     return [job for *_, job in sorted(order, key=lambda item: item[:3])]
