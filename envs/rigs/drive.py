@@ -1,6 +1,7 @@
 """From a command to the force at a joint: delay, lag, dead zone, gain, back-EMF, limit, heat.
 
-    u -> u(t - T) -> first-order lag -> dead zone -> (1 + g) u -> motor: u - k v, servo: kp (u - q) - kv v - k v
+    u -> u(t - T) -> first-order lag -> dead zone -> (1 + g + d sign u) u
+      -> motor: u - k v, servo: kp (u - q) - kv v - k v
       -> clipped to the limit -> / (1 + c h),   T_h dh/dt = (f / f_ref)^2 - h -> gear
 
 The velocity at a motor is that of its joint times the gear. Commands are piecewise constant; a step uses their mean
@@ -61,6 +62,7 @@ class Drive:
         self.gear = at("actuator.{}.gear[0]", 1.0)
         self.kp, self.kv = at("actuator.{}.kp"), at("actuator.{}.kv")
         self.gain, self.emf = at("actuator_gain@{}.gain"), at("back_emf@{}.constant")
+        self.direction = at("direction_gain@{}.gain")
         self.limit = np.minimum(at("actuator.{}.forcerange[1]", math.inf), at("actuator_saturation@{}.limit", math.inf))
         self.dead = at("actuator_dead_zone@{}.width")
         self.lag, self.delay = at("actuator_lag@{}.time_constant"), at("actuator_delay@{}.delay")
@@ -90,7 +92,7 @@ class Drive:
             self._lagged = u + (self._lagged - u) * decay
             u = mean
         u = np.sign(u) * np.maximum(np.abs(u) - self.dead, 0.0) if self.dead.any() else u
-        return (1 + self.gain) * u
+        return (1 + self.gain + self.direction * np.sign(u)) * u
 
     def force(
         self, q: Float[ndarray, "R n"], v: Float[ndarray, "R n"], u: Float[ndarray, "R m"]

@@ -44,7 +44,7 @@ def _problem(case: BlindCase) -> str:
         "schema = 1",
         'model = "model.xml"',
         'measurements = ["log.csv"]',
-        f"holdout = [{held}]",
+        *([f"holdout = [{held}]"] if held else []),
         "",
         "[parameters]",
     ]
@@ -65,4 +65,5 @@ def _truth(case: BlindCase) -> dict[str, object]:
         "partners": list(case.partners),
         "fault": case.fault,
         "truth": dict(case.truth),
+        "small": list(case.small),
     }

@@ -1,6 +1,6 @@
 """A rig driven and read: commands, true motion, what its sensors say.
 
-    reading = resolution round(((1 + s) q(t - T) + b + noise) / resolution)
+    reading = resolution round(((1 + s) q(t - T) + b + b_run + noise) / resolution)
     u_k = input_k, or under feedback u_k = kp (goal_k - reading_k) + kd d/dt (goal - reading), differences filtered
 
 Rows fall on steps of the integrator, so that a command changes exactly where the log says.
@@ -21,6 +21,7 @@ from envs.rigs.inputs import inputs
 from envs.rigs.rig import Protocol, Rig
 
 FILTER = 0.02  # time constant of the controller's differences [s]
+CHANGE = 0.5  # from one amplitude of a run to its next [s]
 
 
 @final
@@ -57,6 +58,26 @@ class Interference:
     compensation: bool = False
 
 
+@final
+@dataclass(frozen=True)
+class Habits:
+    """How runs differ from one another.
+
+    Args:
+        zeros: what the encoders say at zero, by run [m, rad].
+        reach: factors of the inputs' amplitude in the first two thirds of a run, and in its last.
+    """
+
+    zeros: Float[ndarray, "R n"]
+    reach: Float[ndarray, "R 2"]
+
+    def stretched(self, goal: Float[ndarray, "T R m"], times: Float[ndarray, " T"]) -> Float[ndarray, "T R m"]:
+        """The inputs with these amplitudes, half a second from one to the other."""
+        later = np.clip((times - 2 / 3 * times[-1]) / CHANGE, 0.0, 1.0)[:, None]
+        factor = (1 - later) * self.reach[:, 0] + later * self.reach[:, 1]
+        return factor[:, :, None] * goal
+
+
 def record(
     rig: Rig,
     values: Values,
@@ -65,6 +86,7 @@ def record(
     runs: int,
     seconds: float,
     interference: Interference | None = None,
+    habits: Habits | None = None,
 ) -> Recording:
     """Drive R runs of a rig at once.
 
@@ -75,12 +97,15 @@ def record(
         runs: R.
         seconds: length of a run [s].
         interference: what is done to the commands and not logged.
+        habits: how the runs differ; None where all are alike.
     """
     protocol, n = rig.protocol, len(rig.joints)
     at = _rows(protocol, seconds, draw)
     times, amplitude = at * protocol.step, np.array(protocol.amplitude)
     goal = amplitude * inputs(times, (runs, len(rig.actuators)), protocol.band, draw)
-    sensor = _Sensor(rig, values, draw.standard_normal((len(at), runs, 2 * n)))
+    goal = goal if habits is None else habits.stretched(goal, times)
+    zeros = np.zeros((runs, n)) if habits is None else habits.zeros
+    sensor = _Sensor(rig, values, draw.standard_normal((len(at), runs, 2 * n)), zeros)
     controller = _Controller(rig, goal, times)
     amplifier = _Amplifier(rig, values, interference or Interference(), float(times[-1]))
     plant = rig.plant(values, *_start(protocol, (runs, n), draw))
@@ -119,12 +144,14 @@ def _start(
 class _Sensor:
     """The encoders of n joints."""
 
-    def __init__(self, rig: Rig, values: Values, noise: Float[ndarray, "T R both"]) -> None:
+    def __init__(
+        self, rig: Rig, values: Values, noise: Float[ndarray, "T R both"], zeros: Float[ndarray, "R n"]
+    ) -> None:
         def at(effect: str, parameter: str) -> Float[ndarray, " n"]:
             return np.array([values.get(f"{effect}@qpos.{joint}.{parameter}", 0.0) for joint in rig.joints])
 
         self.protocol, self.noise = rig.protocol, noise
-        self.bias, self.scale = at("sensor_bias", "bias"), at("sensor_scale", "scale")
+        self.bias, self.scale = at("sensor_bias", "bias") + zeros, at("sensor_scale", "scale")
         self.late = at("sensor_delay", "delay") / rig.protocol.step
 
     def position(self, row: int, step: int, q: Float[ndarray, "S R n"]) -> Float[ndarray, "R n"]:
