@@ -160,7 +160,6 @@ def test_a_number_that_is_off_may_be_named_by_itself_or_by_the_law_that_it_is(
     asked = Judged("cart_pole", "own", 1, hidden=("body.pole.inertia[1]",), before=3.0, reference=1.0)
     assert replace(asked, **fields).right is right  # type: ignore[arg-type]
     assert replace(asked, **fields).missed is not right  # type: ignore[arg-type]
-    assert not replace(asked, before=1.1, verdict="adequate").missed
 
 
 def test_a_passive_term_is_taken_away_by_its_number_or_by_its_effect() -> None:

@@ -77,7 +77,7 @@ SLIDE_DRIVE = Rig(
     surplus=(
         OffNumber("joint.carriage.frictionloss", "dry_friction@carriage", 0.61),
         # With the mass free, a stronger motor on a heavier carriage makes little of a spring.
-        OffNumber("joint.carriage.stiffness", "joint_stiffness@carriage", 5.0, fixed=("body.carriage.mass",)),
+        OffNumber("joint.carriage.stiffness", "joint_stiffness@carriage", 2.4, fixed=("body.carriage.mass",)),
     ),
     own=(OffNumber("body.carriage.mass", "payload@carriage", 0.07, fixed=("body.carriage.mass",)),),
 )

@@ -31,8 +31,6 @@ RIGHT: Mapping[str, Verdict] = {
     "surplus": "bounds_exclude_truth",
     "own": "bounds_exclude_truth",
 }
-SIZED = ("effect", "surplus", "own")
-"""Kinds whose cases may be too faint to count."""
 # Words of which the named fault must hold one; a command's unit is too large or too small.
 CURES: Mapping[str, tuple[str, ...]] = {
     "sign": ("sign",),
@@ -129,8 +127,8 @@ class Judged:
 
     @property
     def counts(self) -> bool:
-        """Whether the case can be right or wrong: all but faint effects and faint errors of numbers."""
-        return self.kind not in SIZED or self.size != "faint"
+        """Whether the case can be right or wrong: all but faint effects."""
+        return self.kind != "effect" or self.size != "faint"
 
     @property
     def shows(self) -> bool:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 from onlinebayes.runs import ResultTable
 from onlinebayes.simulators.effects import EFFECTS
-from recipes.studies.blind_rigs.record import RIGHT, SIZED, SIZES, Judged
+from recipes.studies.blind_rigs.record import RIGHT, SIZES, Judged
 
 Z = 1.96
 
@@ -87,7 +87,7 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
     _share(table, "null: something accepted", null, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted", hiding, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted, not tied with what hides", hiding, lambda j: bool(j.accused))
-    off = [judged for judged in found if judged.kind in ("surplus", "own") and judged.counts]
+    off = [judged for judged in found if judged.kind in ("surplus", "own")]
     _share(table, "surplus and own: something else accepted, not tied with what is off", off, lambda j: bool(j.accused))
     for kind in RIGHT:
         mine = [judged for judged in found if judged.kind == kind and judged.counts]
@@ -176,7 +176,7 @@ def _without(judged: Judged, key: str) -> str:
 
 
 def _ratio(judged: Judged) -> str:
-    size = judged.size if judged.kind in SIZED else ""
+    size = judged.size if judged.kind == "effect" else ""
     errors = (judged.before, judged.after, judged.reference)
     told = "" if judged.before is None else " ".join("-" if e is None else f"{e:.2f}" for e in errors)
     return "".join(f", {part}" for part in (size, told) if part)
