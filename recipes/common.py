@@ -9,24 +9,27 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Generic, Literal, get_args
 
 import torch
 import tyro
 from jaxtyping import Float
 from scipy.stats import qmc
 from torch import Tensor
+from typing_extensions import TypeVar
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
 from onlinebayes.trainers import (
     OnlineState,
     OnlineTrainer,
+    Player,
     Point,
     Problem,
     Recording,
     Schedule,
     SimulatedPlayer,
+    Worlds,
     run_in_folder,
 )
 from onlinebayes.transforms import Distribution
@@ -35,7 +38,23 @@ Kind = Literal["online", "posterior-first", "prior", "oracle"]
 
 
 @dataclass(frozen=True)
-class Settings:
+class Options:
+    """What every recipe can be told."""
+
+    seed: int = 0
+    """of networks, worlds and draws"""
+    short: bool = False
+    """a small budget: shows that the pieces connect"""
+    out: str = "out"
+    """the run's folder goes here"""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise BadInput(f"seed {self.seed}", "needs seed >= 0")
+
+
+@dataclass(frozen=True)
+class Settings(Options):
     """One run of a recipe."""
 
     seed: int = 0
@@ -44,10 +63,6 @@ class Settings:
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     kind: Kind = "online"
     """online; posterior first, then the policy; a policy in worlds of the prior; an oracle's, in worlds of the truth"""
-    short: bool = False
-    """a small budget: shows that the pieces connect"""
-    out: str = "out"
-    """the run's folder goes here"""
 
     def __post_init__(self) -> None:
         if self.seed < 0 or not 0 <= self.noise < 1:
@@ -58,26 +73,34 @@ class Settings:
         order = {"online": "online", "posterior-first": "posterior-first"}.get(self.kind, "policy-only")
         return Schedule(steps, policy_batches, real_steps, order=order)  # type: ignore[arg-type]
 
-    def worlds(self, problem: Problem, truth: Float[Tensor, " P"]) -> Distribution | None:
+    def worlds(self, problem: Worlds, truth: Float[Tensor, " P"]) -> Distribution | None:
         """Where the policy's worlds come from: the belief where that is None."""
         if self.kind == "prior":
             return problem.prior
         return Point(truth) if self.kind == "oracle" else None
 
 
+P = TypeVar("P", bound=Worlds, default=Problem, covariant=True)
+S = TypeVar("S", bound=Settings)
+
+
 @dataclass(frozen=True)
-class Run:
+class Run(Generic[P]):
     """What a recipe has built.
 
     Attributes:
         problem: system, task, prior, sensors.
         trainer: all parts together.
         truth: hidden from the trainer; judges the run.
+        player: shows the hidden system; the problem's own without it.
+        to_beat: return that the policy has to beat, where the run is about the policy alone.
     """
 
-    problem: Problem
+    problem: P
     trainer: OnlineTrainer
     truth: Float[Tensor, " P"]
+    player: Player | None = None
+    to_beat: float | None = None
 
     def judge(self, state: OnlineState) -> dict[str, float]:
         """Log density of the truth, and the policy's return on the real system."""
@@ -85,6 +108,12 @@ class Run:
             "return": self.problem.score(self.trainer.objective.policy, self.truth),
             "log density of the truth": float(state.belief.log_prob(self.truth)),
         }
+
+    def seen_by(self) -> Player | None:
+        """What shows the hidden system."""
+        if self.player is None and isinstance(self.problem, Problem):
+            return SimulatedPlayer(self.problem, self.trainer.objective.policy, self.truth)
+        return self.player
 
 
 def hidden_truth(space: ParameterSpace, seed: int, default: dict[str, float]) -> Float[Tensor, " P"]:
@@ -101,9 +130,9 @@ def settle() -> None:
     logging.getLogger("torchrl").setLevel(logging.WARNING)
 
 
-def main(name: str, build: Callable[[Settings], Run], description: str | None) -> int:
+def main(name: str, build: Callable[[S], Run[Any]], description: str | None, settings: type[S] | None = None) -> int:
     """Read the settings, run in a folder of the run's own, say what was written; returns the exit status."""
-    return status(partial(run, name, build), Settings, description)
+    return status(partial(run, name, build), settings if settings is not None else Settings, description)
 
 
 def status(play: Callable[[Any], int], settings: type, description: str | None) -> int:
@@ -116,43 +145,57 @@ def status(play: Callable[[Any], int], settings: type, description: str | None) 
         return 2
 
 
-def run(name: str, build: Callable[[Settings], Run], settings: Settings) -> int:
-    """One run; 0 when the belief holds the truth better than the prior did, 130 when it was stopped."""
+def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
+    """One run; 0 when it does what it promises, 130 when it was stopped."""
     seed_everything(settings.seed)
-    place = Path(settings.out) / folder_of(name, settings)
+    place = place_of(name, settings)
     told = {key: value for key, value in asdict(settings).items() if key != "out"}
     with RunFolder(place, name, settings=told) as folder:
-        made = build(settings)
-        player = SimulatedPlayer(made.problem, made.trainer.objective.policy, made.truth)
-        kinds = baselines(Path(settings.out), name, settings)
-        with Recording(place, name, made.problem.prior, player, made.truth, kinds) as recording:
+        made, kinds = build(settings), baselines(name, settings)
+        with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds) as recording:
             state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
             return 130
         write_atomic(folder.path("finished"), "")
-    print(f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser")
-    return outcome(made, state)
+    good = outcome(made, state)
+    print(written(place))
+    return good
 
 
-def baselines(out: Path, name: str, settings: Settings) -> dict[str, float]:
+def written(place: Path) -> str:
+    """What every recipe says at its end."""
+    return f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser"
+
+
+def baselines(name: str, settings: Settings) -> dict[str, float]:
     """Last returns of the other kinds of run with the same seed, as far as they lie in the same folder."""
     found = {}
     for kind in get_args(Kind):
-        log = out / folder_of(name, replace(settings, kind=kind)) / "log.csv"
+        log = place_of(name, replace(settings, kind=kind)) / "log.csv"
         if kind != settings.kind and log.exists():
             with log.open(encoding="utf-8") as file:
                 found[kind] = float(list(csv.DictReader(file))[-1]["figure/return"])
     return found
 
 
-def folder_of(name: str, settings: Settings) -> str:
+def place_of(name: str, settings: Options) -> Path:
+    """A run's folder."""
+    return Path(settings.out) / folder_of(name, settings)
+
+
+def folder_of(name: str, settings: Options) -> str:
     """Name of a run's folder."""
-    return "-".join([name, settings.kind, str(settings.seed), *["short"] * settings.short])
+    kind = [settings.kind] if isinstance(settings, Settings) else []
+    return "-".join([name, *kind, str(settings.seed), *["short"] * settings.short])
 
 
-def outcome(made: Run, state: OnlineState) -> int:
-    """0 when the run did what it promises: a belief better than the prior, where there is one."""
+def outcome(made: Run[Any], state: OnlineState) -> int:
+    """0 when the run does what it promises: a belief better than the prior where there is one, or a better policy."""
+    if made.to_beat is not None:
+        after = state.records[-1].figures["return"]
+        print(f"return: {made.to_beat:.1f} before, {after:.1f} after")
+        return 0 if after > made.to_beat else 1
     if made.trainer.worlds is not None:
         return 0
     gain = float(state.belief.log_prob(made.truth) - made.problem.prior.log_prob(made.truth))

@@ -1,33 +1,30 @@
 """A task of dm_control's suite whose physics differ from world to world: SAC swings up poles that nobody has weighed.
 
-    python -m recipes.dm_control [--task cartpole-swingup] [--short]      some minutes; needs the extra dm-control
+    python -m recipes.dm_control [--task cartpole-swingup] [--short]      some minutes; Ctrl-C and again goes on
 
 Mass of the pole and strength of the motor are drawn anew at every reset. The policy that learns in such worlds is
-judged in the model as it ships.
+judged in the model as it ships. Needs the extra dm-control.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
+from typing import Any, Literal
 
-import numpy as np
 import torch
-from torchrl.envs import SerialEnv, TransformedEnv
-from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.dm_control import suite
 from onlinebayes.inference import BoxUniform
-from onlinebayes.loggers import RunRecorder
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, Checkpoints, Progress, seed_everything
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape
 from onlinebayes.simulators.mujoco import drawing
-from onlinebayes.trainers import Point, Policy, collector_of, returns
-from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.common import settle, status
+from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
+from recipes import common
+from recipes.common import Run
 
 SPACES = {
     "cartpole-swingup": ParameterSpace(
@@ -35,77 +32,54 @@ SPACES = {
     ),
     "walker-walk": ParameterSpace({"body.torso.mass": Parameter(5.0, 20.0, "kg", "log")}),
 }
-WORLDS, STEPS, EPISODE = 8, 32, 1000
 
 
 @dataclass(frozen=True)
-class Settings:
+class Settings(common.Settings):
     """One run."""
 
     task: str = "cartpole-swingup"
     """domain and task of the suite"""
-    seed: int = 0
-    """of networks, worlds and draws"""
-    batches: int = 400
-    """of 8 worlds x 32 steps"""
-    short: bool = False
-    """a small budget: shows that the pieces connect"""
-    out: str = "out/dm_control"
-    """the policy goes here"""
+    noise: float = 0.0
+    """standard deviation of the sensor noise"""
+    kind: Literal["prior", "oracle"] = "prior"
+    """a policy in worlds of the prior, or an oracle's in the model as it ships"""
 
 
-def worlds(task: str, number: int, distribution: Distribution, seed: int) -> TransformedEnv:
-    """Several worlds, one after the other, with parameters from a distribution."""
-    env = TransformedEnv(SerialEnv(number, lambda: suite(task, SPACES[task])), ParameterRandomization(distribution))
-    env.set_seed(seed)
-    return env
+def look(env: Any) -> tuple[tuple[Shape, ...], torch.Tensor]:
+    """The model as it stands."""
+    model = env.physics.model.ptr
+    return drawing.shapes(model), drawing.poses(model, env.physics.data.qpos[None])[0]
 
 
-def filmed(task: str, policy: Policy, steps: int) -> tuple[tuple[Shape, ...], torch.Tensor, float]:
-    """Shapes, poses and time step of one episode in the model as it ships."""
-    env, qpos = suite(task, SPACES[task]), []
-    physics = env.inner.physics
-    with torch.no_grad(), set_exploration_type(ExplorationType.DETERMINISTIC):
-        env.rollout(steps, policy, callback=lambda _env, _data: qpos.append(physics.data.qpos.copy()))
-    model = physics.model.ptr
-    return drawing.shapes(model), drawing.poses(model, np.stack(qpos)), env.inner.control_timestep()
-
-
-def main(settings: Settings) -> int:
-    """Train, judge in the model as it ships, save; 0 when the policy is better than it was."""
-    settle()
-    seed_everything(settings.seed)
+def build(settings: Settings) -> Run[EnvProblem]:
+    """The whole composition: environment, prior, objective, trainer."""
     if settings.task not in SPACES:
         raise BadInput(f"task '{settings.task}' has no parameters here", f"add some to SPACES; known: {list(SPACES)}")
     space = SPACES[settings.task]
-    env = worlds(settings.task, WORLDS, BoxUniform(space), settings.seed)
-    specs = env.observation_spec["observation"][0], env.action_spec[0]
-    objective = sac(*specs, normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
-    shipped = suite(settings.task, space).reset()["theta"]
-    judged = worlds(settings.task, 2, Point(shipped), 99)
-    episode = 200 if settings.short else EPISODE
-    before = float(returns(judged, objective.policy, episode).mean())
-    batches = 4 if settings.short else settings.batches
-    collector = collector_of(env, objective.policy, STEPS)
-    recorder = RunRecorder(settings.out, "dm_control", space, seconds=10.0, truth=shipped)
-    with Progress("dm_control", batches) as progress:
-        for batch in range(1, batches + 1):
-            data = collector.next()
-            assert data is not None
-            losses = objective.update(data)
-            recorder.step(batch, {f"losses/{name}": value for name, value in losses.items()})
-            progress.update(batch, f"reward a step {float(data['next', 'reward'].mean()):.3f}")
-    after = float(returns(judged, objective.policy, episode).mean())
-    recorder.episode(batches, "real", *filmed(settings.task, objective.policy, episode))
-    recorder.close()
-    saved = Checkpoints(Path(settings.out), f"dm_control-{settings.task}").save(
-        {"policy": objective.policy.state_dict()}
+    make = partial(suite, settings.task, space)
+    shipped, dt = make().reset()["theta"], make().inner.control_timestep()
+    horizon = 200 if settings.short else 1000
+    problem = EnvProblem(make, BoxUniform(space), horizon, settings.noise * torch.ones(1), episodes=2)
+    objective = sac(*problem.specs, normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
+    steps, batches = (2, 4) if settings.short else (8, 50)
+    trainer = online_trainer(
+        problem,
+        objective,
+        schedule=settings.schedule(steps, batches, real_steps=50),
+        sizes=Sizes(worlds=8, batch_steps=32),
+        worlds=settings.worlds(problem, shipped),
+        seed=settings.seed,
     )
-    told = ", ".join(f"{name} {value:.3g}" for name, value in zip(space.names, shipped.tolist(), strict=True))
-    print(f"return in the model as it ships ({told}): {before:.1f} before, {after:.1f} after")
-    print(f"written: {saved} and {recorder.path}   open it with: rerun {recorder.path}")
-    return 0 if settings.short or after > before else 1
+    player = EnvPlayer(problem, objective.policy, shipped, look, dt)
+    before = None if settings.short else problem.score(objective.policy, shipped)
+    return Run(problem, trainer, shipped, player, to_beat=before)
+
+
+def run(settings: Settings) -> int:
+    """One run in a folder of its own; 0 when the policy is better than it was."""
+    return common.run(f"dm_control-{settings.task}", build, settings)
 
 
 if __name__ == "__main__":
-    sys.exit(status(main, Settings, __doc__))
+    sys.exit(common.status(run, Settings, __doc__))

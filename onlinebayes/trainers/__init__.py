@@ -1,10 +1,12 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
 from onlinebayes.trainers.checkpoint import Saver
+from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
 from onlinebayes.trainers.improve import improve
+from onlinebayes.trainers.journal import Journal
 from onlinebayes.trainers.online import OnlineTrainer
-from onlinebayes.trainers.playing import Episode, SimulatedPlayer
-from onlinebayes.trainers.problem import Problem, Sizes, collector_of, online_trainer
+from onlinebayes.trainers.playing import Episode, Player, SimulatedPlayer
+from onlinebayes.trainers.problem import Problem, Sizes, Worlds, collector_of, online_trainer
 from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
 from onlinebayes.trainers.recording import Recording
 from onlinebayes.trainers.schedule import Schedule, Turn
@@ -15,11 +17,15 @@ from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, returns,
 
 __all__ = [
     "Background",
+    "EnvPlayer",
+    "EnvProblem",
     "Episode",
     "GrowingFolder",
+    "Journal",
     "Listed",
     "OnlineState",
     "OnlineTrainer",
+    "Player",
     "Point",
     "Policy",
     "Problem",
@@ -34,6 +40,7 @@ __all__ = [
     "Sizes",
     "TrajectoryFormat",
     "Turn",
+    "Worlds",
     "collector_of",
     "improve",
     "online_trainer",

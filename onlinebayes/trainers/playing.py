@@ -20,7 +20,7 @@ from onlinebayes.simulators import Drawable, Shape
 from onlinebayes.simulators.drawing import scene
 from onlinebayes.trainers.problem import Problem
 from onlinebayes.trainers.simulations import Point
-from onlinebayes.trainers.state import OnlineState
+from onlinebayes.trainers.state import OnlineState, mean_of
 from onlinebayes.trainers.trajectories import Policy
 from onlinebayes.transforms import ParameterRandomization
 
@@ -51,29 +51,31 @@ class SimulatedPlayer:
     """Plays a problem's task.
 
     Args:
-        problem: system and task.
+        problem: system and task; if it can be drawn, there is something to show.
         policy: that is trained.
         truth: parameters of the hidden system (P,), where they are known.
+        system: the hidden system with the same task, where it is another one than the problem's at other parameters.
     """
 
     problem: Problem
     policy: Policy
     truth: Float[Tensor, " P"] | None = None
+    system: Problem | None = None
 
     def __call__(self, state: OnlineState) -> dict[str, Episode]:
         """The episodes after a step."""
-        simulator, systems = self.problem.simulator, (self.problem.simulator, self.problem.task)
+        simulator, drawn = self.problem.simulator, (self.problem.simulator, self.problem.task)
         if not isinstance(simulator, Drawable):
             return {}
-        mean = torch.tensor([m for m, _ in state.records[-1].belief.values()], dtype=simulator.dtype)
-        mean = simulator.parameters.clamp(mean)
+        mean = mean_of(state.records[-1], simulator.parameters).to(simulator.dtype)
         truth = mean if self.truth is None else self.truth
-        states, commands = play(self.problem, self.policy, truth)
-        episodes = {"real": Episode(*scene(systems, truth, states), simulator.dt)}
+        states, commands = play(self.system or self.problem, self.policy, truth)
+        # The hidden system may have more parameters, and looks as the simulator does.
+        looks = truth if self.system is None else mean
+        episodes = {"real": Episode(*scene(drawn, looks, states), simulator.dt)}
         if self.truth is not None:
-            episodes["simulated"] = Episode(
-                *scene(systems, mean, replayed(self.problem, mean, states, commands)), simulator.dt
-            )
+            path = replayed(self.problem, mean, states, commands)
+            episodes["simulated"] = Episode(*scene(drawn, mean, path), simulator.dt)
         return episodes
 
 

@@ -12,8 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from typing import Protocol
 
 from jaxtyping import Float
+from tensordict import TensorDict
 from torch import Tensor
 from torchrl.collectors import Collector
 from torchrl.data import Composite, TensorSpec
@@ -22,7 +24,7 @@ from torchrl.envs import EnvBase, Transform, TransformedEnv
 from onlinebayes.inference import Belief, Gate, PosteriorEstimator
 from onlinebayes.objectives import Objective
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import generator
+from onlinebayes.runs import BadInput, generator
 from onlinebayes.simulators import Simulator, SimulatorEnv, Task
 from onlinebayes.trainers.improve import Batches
 from onlinebayes.trainers.online import OnlineTrainer
@@ -31,6 +33,25 @@ from onlinebayes.trainers.schedule import Schedule
 from onlinebayes.trainers.simulations import Point, Simulations
 from onlinebayes.trainers.trajectories import Policy, returns
 from onlinebayes.transforms import Distribution, ParameterRandomization, SensorNoise
+
+ALONE = "give estimator and real system, or the order policy-only"
+
+
+class Worlds(Protocol):
+    """What a trainer is built over: :class:`Problem` of a simulator, :class:`EnvProblem` of any environment."""
+
+    @property
+    def prior(self) -> Belief:
+        """Over the parameters."""
+
+    def worlds(self, number: int, drawn: ParameterRandomization, seed: int) -> TransformedEnv:
+        """``number`` worlds, their theta drawn by a transform, seen through the sensors."""
+
+    def simulations(self, number: int, steps: int, seed: int) -> Simulations:
+        """What gives ``number`` trajectories of ``steps`` steps."""
+
+    def score(self, policy: Policy, truth: Float[Tensor, " P"]) -> float:
+        """Mean return of a policy's deterministic action in worlds with these parameters."""
 
 
 @dataclass(frozen=True)
@@ -69,11 +90,7 @@ class Problem:
         """``number`` worlds, their theta drawn by a transform, seen through the sensors; their states too if wanted."""
         simulator = self.simulator.with_worlds(number)
         env = TransformedEnv(SimulatorEnv(simulator, self.task, seed=seed, with_state=with_state), drawn)
-        if self.sensor_sd is not None and bool((self.sensor_sd > 0).any()):
-            env.append_transform(SensorNoise(self.sensor_sd, seed=seed))
-        for transform in self.transforms():
-            env.append_transform(transform)
-        return env
+        return behind_sensors(env, self.sensor_sd, self.transforms, seed)
 
     def simulations(self, number: int, steps: int, seed: int) -> Simulations:
         """``number`` worlds that are asked for trajectories of ``steps`` steps."""
@@ -88,6 +105,20 @@ class Problem:
         """Mean return of a policy's deterministic action in worlds with these parameters, behind the sensors."""
         env = self.worlds(episodes, ParameterRandomization(Point(truth)), seed)
         return float(returns(env, policy, self.task.horizon).mean())
+
+
+def behind_sensors(
+    env: TransformedEnv,
+    sd: Float[Tensor, " O"] | None,
+    transforms: Callable[[], Iterable[Transform]],
+    seed: int,
+) -> TransformedEnv:
+    """The environment with its sensors' noise, where there is any, and further transforms."""
+    if sd is not None and bool((sd > 0).any()):
+        env.append_transform(SensorNoise(sd, seed=seed))
+    for transform in transforms():
+        env.append_transform(transform)
+    return env
 
 
 @dataclass(frozen=True)
@@ -121,11 +152,11 @@ def collector_of(env: EnvBase, policy: Policy, steps: int) -> Batches:
 
 
 def online_trainer(
-    problem: Problem,
+    problem: Worlds,
     objective: Objective,
     *,
-    estimator: Callable[[Belief], PosteriorEstimator],
-    real: RealSystem,
+    estimator: Callable[[Belief], PosteriorEstimator] | None = None,
+    real: RealSystem | None = None,
     schedule: Schedule,
     sizes: Sizes,
     gate: Gate | None = None,
@@ -137,14 +168,20 @@ def online_trainer(
     Args:
         problem: system, task, prior and sensors.
         objective: policy and learning, built from :attr:`Problem.specs`.
-        estimator: proposal -> a fresh estimator in its box.
-        real: the system in question.
+        estimator: proposal -> a fresh estimator in its box; not needed where the policy learns alone.
+        real: the system in question; not needed where the policy learns alone.
         schedule: how much of each step, and in which order.
         sizes: how many worlds of each kind.
         gate: decides on the next proposal.
         worlds: where the policy's worlds come from; the belief without it.
         seed: of worlds, sensors, fits and proposals.
+
+    Raises:
+        BadInput: a schedule that infers, without an estimator or a real system.
     """
+    if (estimator is None or real is None) and any(turn.infers for turn in schedule.turns):
+        missing = "estimator" if estimator is None else "real system"
+        raise BadInput(f"order '{schedule.order}' without a{'n' * (estimator is None)} {missing}", ALONE)
     drawn = ParameterRandomization(problem.prior)
     env = problem.worlds(sizes.worlds, drawn, seed)
     return OnlineTrainer(
@@ -153,10 +190,22 @@ def online_trainer(
         randomization=drawn,
         simulations=problem.simulations(sizes.simulations, schedule.real_steps, seed + 1000),
         held_out=problem.simulations(sizes.groups, schedule.real_steps, seed + 3000),
-        estimator=estimator,
+        estimator=estimator if estimator is not None else _no_estimator,
         gate=gate if gate is not None else Gate(),
-        real=real,
+        real=real if real is not None else _NoSystem(),
         schedule=schedule,
         generator=generator(seed, "online"),
         worlds=worlds,
     )
+
+
+class _NoSystem:
+    """In the place of a real system where the policy learns alone."""
+
+    def run(self, policy: Policy, steps: int) -> TensorDict | None:
+        """Nothing is ever measured."""
+        return None
+
+
+def _no_estimator(proposal: Belief) -> PosteriorEstimator:
+    raise BadInput("there is no estimator", ALONE)

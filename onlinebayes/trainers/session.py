@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -60,12 +60,17 @@ def run_in_folder(
     def on_step(state: OnlineState) -> None:
         if judge is not None:
             state.records[-1] = replace(state.records[-1], figures=dict(judge(state)))
-        write_atomic(folder.path("log.csv"), as_csv(state))
-        print(line(state), flush=True)
-        for watcher in watchers:
-            watcher(state)
+        tell(state, folder, watchers)
 
     return trainer.run(state, on_step=on_step, checkpoint=saver)
+
+
+def tell(state: OnlineState, folder: RunFolder, watchers: Sequence[Watcher]) -> None:
+    """Write a complete step into the folder's log, onto the terminal, and hand it to the watchers."""
+    write_atomic(folder.path("log.csv"), as_csv(state))
+    print(line(state), flush=True)
+    for watcher in watchers:
+        watcher(state)
 
 
 def line(state: OnlineState) -> str:

@@ -8,10 +8,13 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import torch
+from jaxtyping import Float
 from tensordict import TensorDict
+from torch import Tensor
 
 from onlinebayes.inference import Belief, FitReport
 from onlinebayes.inference.saving import from_state, to_state
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers.trajectories import Policy
 
 
@@ -168,6 +171,11 @@ def moments(belief: Belief) -> dict[str, tuple[float, float]]:
     draws = belief.sample((4000,), torch.Generator().manual_seed(0))
     each = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
     return dict(zip(belief.space.names, each, strict=True))
+
+
+def mean_of(record: Record, space: ParameterSpace) -> Float[Tensor, " P"]:
+    """The belief's mean after a step, within the bounds."""
+    return space.clamp(torch.tensor([mean for mean, _ in record.belief.values()], dtype=torch.float64))
 
 
 def _record(values: Mapping[str, Any]) -> Record:
