@@ -8,10 +8,8 @@ log begin at ``refine``: everything from there on needs the problem file only.
 
 from __future__ import annotations
 
-import json
 import sys
-from dataclasses import dataclass
-from pathlib import Path
+from time import monotonic as clock
 
 import torch
 
@@ -22,73 +20,63 @@ from onlinebayes.cli.work import criticise
 from onlinebayes.criticism.report import write_report
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
-from onlinebayes.loggers import RunRecorder
-from onlinebayes.runs import Checkpoints, seed_everything, write_atomic
+from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators import Simulator
-from recipes.common import settle, status
-from recipes.demo.measure import hidden_truth, measure, write_problem
-from recipes.demo.policy import Training, episodes, returns, train
+from onlinebayes.trainers import Journal, Policy
+from recipes.common import Options, place_of, settle, status, written
+from recipes.demo.measure import hidden_truth, known, measure, write_problem
+from recipes.demo.policy import Training, learner, player, score, train
 from recipes.demo.posterior import Rounds, infer
 
 
-@dataclass(frozen=True)
-class Settings:
-    """One run."""
-
-    seed: int = 0
-    """another machine, other noise"""
-    short: bool = False
-    """a small budget: shows that the pieces connect"""
-    out: str = "out/from_logs"
-    """folder for all files"""
-
-
-def main(settings: Settings) -> int:
+def main(settings: Options) -> int:
     """The whole arrow; returns the exit status."""
     settle()
     seed_everything(settings.seed)
-    out, small = Path(settings.out), settings.short
+    place, small, seed = place_of("from_logs", settings), settings.short, settings.seed
     protocol = Protocol(fit=7, held=2, seconds=2.0) if small else Protocol(fit=8, held=2, seconds=4.0)
     rounds = Rounds(rounds=1, simulations=150, epochs=8, seconds=1.0) if small else Rounds()
     training = Training(worlds=64, batches=10) if small else Training()
 
-    # A log, and the problem file that names it: the only part that knows the hidden machine.
-    log = write_problem(measure(settings.seed, protocol), out)
+    # A log, and the problem file that names it: the only part that knows the hidden machine, but for the judge.
+    log, truth = write_problem(measure(seed, protocol), place), hidden_truth(seed)
+
+    def judge(policy: Policy) -> dict[str, float]:
+        return {"return": score(policy, truth, 20, seed)}
 
     # Which effect is missing? refined.toml is the model with it, report.json has the fitted values.
     found = criticise("refine", load_problem(log))
-    write_report(found, out / "refine", title="a pendulum's log", problem=log)
-    refined = load_refined(out / "refine")
+    write_report(found, place / "refine", title="a pendulum's log", problem=log)
+    refined = load_refined(place / "refine")
     simulator = refined.problem.simulator
     print(f"missing: {', '.join(found.accepted) or 'nothing'}; fitted: {told(refined.theta, refined.sd, simulator)}")
 
+    # A policy for all machines that the model as it was allows: the one to beat.
+    model, space = load_problem(log).simulator, simulator.parameters
+    wrong, alone = learner(model, BoxUniform(model.parameters), training, seed)
+    train(wrong, alone, training, seed, lambda frames, losses: None)
+    beside = {"the model as it was": judge(alone.policy)["return"]}
+
     # What does the log leave open? The posterior of all parameters, the effect's included.
-    fit_runs = [run for run in refined.problem.measurement.runs if run not in (refined.problem.holdout or ())]
-    posterior = infer(simulator, refined.problem.measurement.select(fit_runs), rounds, settings.seed, print)
-    draws = posterior.sample((2000,))
-    print(f"posterior: {told(draws.mean(0), draws.std(0), simulator)}")
+    fit_runs, start = [r for r in refined.problem.measurement.runs if r not in (refined.problem.holdout or ())], clock()
+    posterior = infer(simulator, refined.problem.measurement.select(fit_runs), rounds, seed, print)
+    seconds = clock() - start
 
-    # A policy for all machines that the log allows, and beside it one for all that the model as it was allows.
-    mended = train(simulator, posterior, training, settings.seed, print)
-    model = load_problem(log).simulator
-    wrong = train(model, BoxUniform(model.parameters), training, settings.seed, print)
+    # A policy for all machines that the log allows.
+    mended, objective = learner(simulator, posterior, training, seed)
+    shown, policy = player(mended, objective.policy, truth), objective.policy
+    with Journal(place, "from_logs", BoxUniform(space), shown, known(space, truth), beside) as journal:
+        journal.step("belief", seconds=seconds, belief=posterior, figures=judge(policy))
 
-    truth = hidden_truth(settings.seed)
-    scores = {
-        name: float(returns(episodes(objective.policy, truth, 20, settings.seed)).mean())
-        for name, objective in (("the model as it was", wrong), ("the mended model", mended))
-    }
-    recorder = RunRecorder(out, "from_logs", simulator.parameters, seconds=2.0, truth=None)
-    recorder.belief(1, posterior)
-    recorder.returns(1, scores)
-    recorder.close()
-    saved = Checkpoints(out, "from_logs").save({"policy": mended.policy.state_dict(), "posterior": to_state(posterior)})
-    write_atomic(out / "scores.json", json.dumps(scores, indent=1) + "\n")
-    for name, score in scores.items():
-        print(f"return on the machine, policy trained on {name}: {score:.1f} of 100")
-    print(
-        f"written: {saved} (policy and posterior), {out / 'refine' / 'report.html'}; onlinebayes show {out / 'refine'}"
-    )
+        def after(frames: int, losses: dict[str, float]) -> None:
+            journal.step("policy", frames=frames, losses=losses, figures=judge(policy))
+
+        train(mended, objective, training, seed, after)
+    Checkpoints(place, "from_logs").save({"policy": policy.state_dict(), "posterior": to_state(posterior)})
+    scores = {**beside, "the mended model": judge(policy)["return"]}
+    for name, value in scores.items():
+        print(f"return on the machine, policy trained on {name}: {value:.1f} of 100")
+    print(written(place))
     better = scores["the mended model"] > scores["the model as it was"]
     return 0 if found.accepted and (better or small) else 1
 
@@ -103,4 +91,4 @@ def told(values: torch.Tensor, sds: torch.Tensor, simulator: Simulator) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(status(main, Settings, __doc__))
+    sys.exit(status(main, Options, __doc__))

@@ -26,7 +26,7 @@ from onlinebayes.inference import Belief
 from onlinebayes.runs import RunFolder
 from onlinebayes.trainers.playing import Player
 from onlinebayes.trainers.recording import Recording
-from onlinebayes.trainers.session import tell
+from onlinebayes.trainers.session import Say, say_aloud, tell
 from onlinebayes.trainers.state import OnlineState
 
 
@@ -40,6 +40,7 @@ class Journal:
         player: plays episodes; without it there are none.
         truth: parameters of the hidden system (P,), where they are known.
         baselines: returns of others by their name, drawn beside this one's.
+        say: is told each step in words.
 
     Raises:
         BadInput: at entry, a folder that cannot be written, or is that of another recipe.
@@ -53,11 +54,12 @@ class Journal:
         player: Player | None = None,
         truth: Float[Tensor, " P"] | None = None,
         baselines: Mapping[str, float] | None = None,
+        say: Say = say_aloud,
     ) -> None:
         self.state = OnlineState.begin(prior)
         self._folder = RunFolder(folder, name)
         self._recording = Recording(self._folder.folder, name, prior, player, truth, baselines or {})
-        self._last = time.monotonic()
+        self._last, self._say = time.monotonic(), say
 
     def __enter__(self) -> Journal:
         self._folder.__enter__()
@@ -79,6 +81,7 @@ class Journal:
         self,
         part: str,
         *,
+        seconds: float | None = None,
         frames: int = 0,
         simulated: int = 0,
         losses: Mapping[str, float] | None = None,
@@ -89,7 +92,8 @@ class Journal:
         """Tell of one step.
 
         Args:
-            part: of the work, which took the time since the step before.
+            part: of the work.
+            seconds: that it took [s]; those since the step before without it.
             frames: simulated, that the policy learnt from in it.
             simulated: frames that the belief learnt from in it.
             losses: of the policy, by name.
@@ -97,11 +101,11 @@ class Journal:
             belief: from now on; as before without it.
             notes: what was decided, or went wrong.
         """
-        state, now = self.state, time.monotonic()
+        state, took = self.state, time.monotonic() - self._last if seconds is None else seconds
         state.frames, state.simulated = state.frames + frames, state.simulated + simulated
         state.belief = belief if belief is not None else state.belief
         state.losses, state.batches, state.notes = dict(losses or {}), 1, list(notes)
-        state.complete({part: now - self._last}, None)
+        state.complete({part: took}, None)
         state.records[-1] = replace(state.records[-1], figures=dict(figures or {}))
-        tell(state, self._folder, (self._recording,))
+        tell(state, self._folder, (self._recording,), self._say)
         self._last = time.monotonic()

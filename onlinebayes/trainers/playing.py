@@ -70,9 +70,9 @@ class SimulatedPlayer:
         mean = mean_of(state.records[-1], simulator.parameters).to(simulator.dtype)
         truth = mean if self.truth is None else self.truth
         states, commands = play(self.system or self.problem, self.policy, truth)
-        # The hidden system may have more parameters, and looks as the simulator does.
-        looks = truth if self.system is None else mean
-        episodes = {"real": Episode(*scene(drawn, looks, states), simulator.dt)}
+        if self.system is not None:  # what else it remembers is its own, and it is drawn as the simulator is
+            states, truth = states.exclude("effects"), mean
+        episodes = {"real": Episode(*scene(drawn, truth, states), simulator.dt)}
         if self.truth is not None:
             path = replayed(self.problem, mean, states, commands)
             episodes["simulated"] = Episode(*scene(drawn, mean, path), simulator.dt)
@@ -97,5 +97,6 @@ def replayed(
     times = simulator.dt * torch.arange(1, len(commands) + 1, dtype=torch.float64)
     inputs = TensorDict({"command": commands[None]}, batch_size=(1, len(commands)))
     path = simulator.rollout(theta[None], states[:1], inputs, times)[0].exclude("valid")
-    path = cast(TensorDict, torch.cat([states[:1].select(*path.keys(True, True)), path]))
+    shared = [key for key in path.keys(True, True) if key in states.keys(True, True)]
+    path = cast(TensorDict, torch.cat([states[:1].select(*shared), path.select(*shared)]))
     return path.set("task", states.get("task")) if "task" in states else path

@@ -24,6 +24,9 @@ from onlinebayes.trainers.state import OnlineState, Record
 Judge = Callable[[OnlineState], Mapping[str, float]]
 """What only somebody who knows the truth, or has the real system at hand, can say after a step: figures by name."""
 
+Say = Callable[[str], None]
+"""Is told in words."""
+
 
 class Watcher(Protocol):
     """Is told of every step: a recorder, a plot, a terminal display."""
@@ -65,10 +68,15 @@ def run_in_folder(
     return trainer.run(state, on_step=on_step, checkpoint=saver)
 
 
-def tell(state: OnlineState, folder: RunFolder, watchers: Sequence[Watcher]) -> None:
-    """Write a complete step into the folder's log, onto the terminal, and hand it to the watchers."""
+def say_aloud(text: str) -> None:
+    """On the terminal."""
+    print(text, flush=True)
+
+
+def tell(state: OnlineState, folder: RunFolder, watchers: Sequence[Watcher], say: Say = say_aloud) -> None:
+    """Write a complete step into the folder's log, say it, and hand it to the watchers."""
     write_atomic(folder.path("log.csv"), as_csv(state))
-    print(line(state), flush=True)
+    say(line(state))
     for watcher in watchers:
         watcher(state)
 

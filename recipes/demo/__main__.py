@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from onlinebayes.runs import atomic_path
+from recipes.common import written
 from recipes.demo.picture import picture
 from recipes.demo.run import QUICK, SIGNAL, Branch, Budget, Outcome, run
 
@@ -49,14 +50,13 @@ def table(outcome: Outcome) -> str:
 
 
 def directions(out: Path) -> str:
-    """Where the report and the recording are and how to open them."""
+    """What was written and how to open it."""
     refine = out / "refine"
     return "\n".join(
         [
-            f"report:    {refine / 'report.html'}   (open it in a browser)",
-            f"recording: {refine / 'run.rrd'}   (open it with: .venv/bin/rerun {refine / 'run.rrd'})",
-            f"both:      .venv/bin/onlinebayes show {refine}",
+            f"criticism: {refine / 'report.html'} and {refine / 'run.rrd'}   open both with: onlinebayes show {refine}",
             f"picture:   {out / 'demo.png'}",
+            written(out),
         ]
     )
 

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from envs.driven_pendulum import MODEL, MeasuredSet, Protocol, record
 from envs.driven_pendulum.rig import DAMPING, DELAY, MASS, NOMINAL
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import generator, write_atomic
 
 PROBLEM = """\
@@ -39,6 +43,11 @@ def hidden_truth(seed: int) -> dict[str, float]:
         DAMPING: 0.008 + 0.012 * damping,
         DELAY: 0.06 + 0.02 * delay,
     }
+
+
+def known(space: ParameterSpace, truth: Mapping[str, float]) -> Float[Tensor, " P"] | None:
+    """The rig's values of a model's parameters; None where the model has others."""
+    return space.vector({name: truth[name] for name in space}) if set(space) <= set(truth) else None
 
 
 def measure(seed: int, protocol: Protocol) -> MeasuredSet:

@@ -13,12 +13,15 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.driven_pendulum import MODEL, BalanceTask, DrivenPendulumRig
-from onlinebayes.inference import Belief
+from onlinebayes.inference import Belief, BoxUniform
 from onlinebayes.objectives import PPO, ppo
 from onlinebayes.simulators import Identifiable, SimulatorEnv
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from onlinebayes.trainers import Problem, collector_of, improve
+from onlinebayes.trainers import Policy, Problem, SimulatedPlayer, collector_of, improve
 from onlinebayes.transforms import ParameterRandomization
+
+Told = Callable[[int, dict[str, float]], None]
+"""(frames since the last call, losses of the last batch)"""
 
 
 @dataclass(frozen=True)
@@ -46,8 +49,8 @@ def training_worlds(simulator: Identifiable, how: Training, period: float) -> Mu
     return MujocoSimulator(spec, own, 1, period, threads=1, effects=simulator.effects)
 
 
-def train(simulator: Identifiable, worlds_from: Belief, how: Training, seed: int, say: Callable[[str], None]) -> PPO:
-    """Train in worlds of ``simulator`` whose parameters come from ``worlds_from``."""
+def learner(simulator: Identifiable, worlds_from: Belief, how: Training, seed: int) -> tuple[Problem, PPO]:
+    """The balance task in worlds of ``simulator`` with parameters from ``worlds_from``, and who is to learn it."""
     torch.manual_seed(seed)
     task, frames = BalanceTask(), how.worlds * how.steps
     problem = Problem(training_worlds(simulator, how, task.period), task, worlds_from)
@@ -60,19 +63,37 @@ def train(simulator: Identifiable, worlds_from: Belief, how: Training, seed: int
         lmbda=0.9,
         entropy=0.002,
     )
-    env = problem.worlds(how.worlds, ParameterRandomization(worlds_from), seed)
+    return problem, objective
 
-    def told(batch: int, frames: int, losses: dict[str, float]) -> bool:
-        if batch % max(1, how.batches // 4) == 0:
-            say(f"{batch * frames} frames, critic's loss {losses['loss_critic']:.3g}")
+
+def train(problem: Problem, objective: PPO, how: Training, seed: int, told: Told) -> None:
+    """Train the policy, and tell four times how far it is."""
+    env = problem.worlds(how.worlds, ParameterRandomization(problem.prior), seed)
+    every = max(1, how.batches // 4)
+
+    def after(batch: int, frames: int, losses: dict[str, float]) -> bool:
+        if batch % every == 0:
+            with torch.random.fork_rng():  # whoever is told may draw
+                told(every * frames, losses)
         return True
 
-    improve(objective, collector_of(env, objective.policy, how.steps), how.batches, told)
-    return objective
+    improve(objective, collector_of(env, objective.policy, how.steps), how.batches, after)
+
+
+def player(problem: Problem, policy: Policy, truth: Mapping[str, float]) -> SimulatedPlayer:
+    """Plays the policy on the rig of the given truth, and its commands in the model."""
+    rig = DrivenPendulumRig(1, dt=problem.simulator.dt)
+    system = Problem(rig, problem.task, BoxUniform(rig.parameters))
+    return SimulatedPlayer(problem, policy, rig.parameters.vector(truth), system)
+
+
+def score(policy: Policy, truth: Mapping[str, float], number: int, seed: int) -> float:
+    """Mean return of :func:`episodes`."""
+    return float(returns(episodes(policy, truth, number, seed)).mean())
 
 
 @torch.no_grad()
-def episodes(policy: torch.nn.Module, truth: Mapping[str, float], number: int, seed: int) -> TensorDict:
+def episodes(policy: Policy, truth: Mapping[str, float], number: int, seed: int) -> TensorDict:
     """Episodes of the policy's mean action on rigs of the given truth, batch size (number, horizon)."""
     task = BalanceTask()
     rig = DrivenPendulumRig(number, dt=task.period)

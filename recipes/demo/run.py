@@ -22,13 +22,16 @@ from onlinebayes.cli.summary import summary
 from onlinebayes.cli.work import criticise
 from onlinebayes.criticism import Criticism
 from onlinebayes.criticism.report import write_report
+from onlinebayes.inference import BoxUniform
 from onlinebayes.runs import write_atomic
-from recipes.demo.measure import measure, write_problem
-from recipes.demo.policy import Training, episodes, returns, train
+from onlinebayes.trainers import Journal
+from recipes.demo.measure import known, measure, write_problem
+from recipes.demo.policy import Training, episodes, learner, player, returns, score, train
 from recipes.demo.posterior import Rounds, infer
 
 SIGNAL = "qpos.hinge"
 WRONG, MENDED = "the model as it was", "the mended model"
+FOLDERS = {WRONG: "as_it_was", MENDED: "."}
 
 
 @dataclass(frozen=True)
@@ -117,7 +120,7 @@ def run(seed: int, out: Path, budget: Budget) -> Outcome:
     criticism = command("refine", problem, out / "refine")
     _title("5. Posteriors of both models from the same runs, policies in worlds drawn from each, equal budgets")
     refined = out / "refine" / "refined.toml"
-    wrong, mended = branches((problem, refined), made.truth, seed, budget)
+    wrong, mended = branches((problem, refined), made.truth, seed, budget, out)
     outcome = Outcome(seed, made.truth, criticism, wrong, mended, time.monotonic() - start)
     write_atomic(out / "demo.json", json.dumps(as_json(outcome), indent=1) + "\n")
     return outcome
@@ -134,10 +137,13 @@ def command(name: str, problem_file: Path, out: Path) -> Criticism:
 
 
 def branches(
-    problems: tuple[Path, Path], truth: Mapping[str, float], seed: int, budget: Budget
+    problems: tuple[Path, Path], truth: Mapping[str, float], seed: int, budget: Budget, out: Path
 ) -> tuple[Branch, Branch]:
-    """:func:`branch` for the two problem files."""
-    jobs = [(problem, dict(truth), seed, budget, name) for problem, name in zip(problems, (WRONG, MENDED), strict=True)]
+    """:func:`branch` for the two problem files; the mended model's run is the demonstration's."""
+    jobs = [
+        (problem, dict(truth), seed, budget, name, out / FOLDERS[name])
+        for problem, name in zip(problems, (WRONG, MENDED), strict=True)
+    ]
     if budget.processes == 1:
         wrong, mended = (branch(*job) for job in jobs)
         return wrong, mended
@@ -147,21 +153,32 @@ def branches(
         return first.result(), second.result()
 
 
-def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Budget, name: str) -> Branch:
-    """Posterior, policy and episodes on the rig for the model of one problem file."""
+def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Budget, name: str, out: Path) -> Branch:
+    """Posterior, policy and episodes on the rig for the model of one problem file; its run is recorded in ``out``."""
     torch.set_num_threads(1)
     logging.getLogger("torchrl").setLevel(logging.WARNING)
-    say = _teller(name)
+    say, start = _teller(name), time.monotonic()
     problem = load_problem(problem_file)
     held = problem.holdout or ()
     fit_runs = [run for run in problem.measurement.runs if run not in held]
     posterior = infer(problem.simulator, problem.measurement.select(fit_runs), budget.rounds, seed, say)
-    objective = train(problem.simulator, posterior, budget.training, seed, say)
+    space, seconds = posterior.space, time.monotonic() - start
+    balancing, objective = learner(problem.simulator, posterior, budget.training, seed)
+    shown = player(balancing, objective.policy, truth)
+    with Journal(out, "demo", BoxUniform(space), shown, known(space, truth), say=say) as journal:
+
+        def judge() -> dict[str, float]:
+            return {"return": score(objective.policy, truth, budget.episodes, seed)}
+
+        def told(frames: int, losses: dict[str, float]) -> None:
+            journal.step("policy", frames=frames, losses=losses, figures=judge())
+
+        journal.step("belief", seconds=seconds, belief=posterior, figures=judge())
+        train(balancing, objective, budget.training, seed, told)
     played = episodes(objective.policy, truth, budget.episodes, seed)
-    names = posterior.space.names
     angle = torch.atan2(played["observation"][..., 1], played["observation"][..., 0])
     samples = posterior.sample((4000,), torch.Generator().manual_seed(0))
-    return Branch(names, samples, angle, returns(played))
+    return Branch(space.names, samples, angle, returns(played))
 
 
 def as_json(outcome: Outcome) -> dict[str, object]:
