@@ -152,7 +152,8 @@ def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     told = {key: value for key, value in asdict(settings).items() if key != "out"}
     with RunFolder(place, name, settings=told) as folder:
         made, kinds = build(settings), baselines(name, settings)
-        with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds) as recording:
+        infers = made.trainer.schedule.order != "policy-only"
+        with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:
             state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")

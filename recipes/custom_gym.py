@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -34,10 +35,19 @@ from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Parameterized, Shape
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
+from recipes import common
+from recipes.common import Run, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.5, 1.5, "m"), "mass": Parameter(0.5, 1.5, "kg")})
 RANGE = torch.tensor((2.0, 2.0, 2 * MAX_SPEED))  # of cos, sin and rate, to which sensor noise is relative
+
+
+@dataclass(frozen=True)
+class Settings(common.Settings):
+    """One run."""
+
+    noise: float = 0.0
+    """standard deviation of the sensor noise, as a share of each observed value's range"""
 
 
 def set_parameters(env: Any, values: Mapping[str, float]) -> None:
@@ -84,4 +94,4 @@ def build(settings: Settings) -> Run[EnvProblem]:
 
 
 if __name__ == "__main__":
-    sys.exit(main("custom_gym", build, __doc__))
+    sys.exit(main("custom_gym", build, __doc__, Settings))

@@ -45,10 +45,11 @@ def main(settings: Options) -> int:
         return {"return": score(policy, truth, 20, seed)}
 
     # Which effect is missing? refined.toml is the model with it, report.json has the fitted values.
+    began = clock()
     found = criticise("refine", load_problem(log))
     write_report(found, place / "refine", title="a pendulum's log", problem=log)
     refined = load_refined(place / "refine")
-    simulator = refined.problem.simulator
+    simulator, refining = refined.problem.simulator, clock() - began
     print(f"missing: {', '.join(found.accepted) or 'nothing'}; fitted: {told(refined.theta, refined.sd, simulator)}")
 
     # A policy for all machines that the model as it was allows: the one to beat.
@@ -58,15 +59,17 @@ def main(settings: Options) -> int:
     beside = {"the model as it was": judge(alone.policy)["return"]}
 
     # What does the log leave open? The posterior of all parameters, the effect's included.
-    fit_runs, start = [r for r in refined.problem.measurement.runs if r not in (refined.problem.holdout or ())], clock()
+    began = clock()
+    fit_runs = [run for run in refined.problem.measurement.runs if run not in (refined.problem.holdout or ())]
     posterior = infer(simulator, refined.problem.measurement.select(fit_runs), rounds, seed, print)
-    seconds = clock() - start
+    inferring = clock() - began
 
     # A policy for all machines that the log allows.
     mended, objective = learner(simulator, posterior, training, seed)
     shown, policy = player(mended, objective.policy, truth), objective.policy
     with Journal(place, "from_logs", BoxUniform(space), shown, known(space, truth), beside) as journal:
-        journal.step("belief", seconds=seconds, belief=posterior, figures=judge(policy))
+        journal.step("refine", seconds=refining, figures=judge(policy))
+        journal.step("belief", seconds=inferring, belief=posterior, figures=judge(policy))
 
         def after(frames: int, losses: dict[str, float]) -> None:
             journal.step("policy", frames=frames, losses=losses, figures=judge(policy))

@@ -1,7 +1,8 @@
 """How the viewer shows a run: which views there are, where they stand, and the colour of each curve.
 
 The episode and the belief above; below, each parameter's interval over time, and in tabs the returns beside baselines,
-losses, fits and seconds. A group of curves has a view for each entity, as their scales differ; returns share one.
+losses, fits and seconds. A policy that learns alone has no views of a belief. A group of curves has a view for each
+entity, as their scales differ; returns share one.
 """
 
 from __future__ import annotations
@@ -89,19 +90,16 @@ def blueprint(
     time = rrb.TimePanel(
         state="collapsed", timeline="time", play_state="playing", loop_mode="all", playback_speed=speed
     )
+    summary, curves = rrb.TextDocumentView(name="summary", contents="summary"), rrb.Tabs(*_curves(scalars))
+    above: list[Any]
+    below: list[Any]
+    if any(name.startswith("belief/") for name in scalars):
+        above = [episode, rrb.Tabs(*seen, rrb.Grid(*marginals, name="marginals"), summary)]
+        below = [_grid("belief", intervals), curves]
+    else:
+        above, below = [episode, rrb.Tabs(*seen, summary)], [curves]
     return rrb.Blueprint(
-        rrb.Vertical(
-            rrb.Horizontal(
-                episode,
-                rrb.Tabs(
-                    *seen,
-                    rrb.Grid(*marginals, name="marginals"),
-                    rrb.TextDocumentView(name="summary", contents="summary"),
-                ),
-            ),
-            rrb.Horizontal(_grid("belief", intervals), rrb.Tabs(*_curves(scalars))),
-            row_shares=[3, 2],
-        ),
+        rrb.Vertical(rrb.Horizontal(*above), rrb.Horizontal(*below), row_shares=[3, 2]),
         rrb.BlueprintPanel(state="collapsed"),
         rrb.SelectionPanel(state="collapsed"),
         time,

@@ -16,11 +16,10 @@ from typing import Any
 import torch
 from jaxtyping import Float
 from tensordict import TensorDictBase
-from tensordict.nn import TensorDictModule
 from torch import Tensor
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import SerialEnv, Transform, TransformedEnv
-from torchrl.envs.utils import ExplorationType, set_exploration_type
+from torchrl.envs.utils import ExplorationType, set_exploration_type, step_mdp
 
 from onlinebayes.inference import Belief
 from onlinebayes.parameters import ParameterSpace
@@ -114,19 +113,29 @@ class EnvPlayer:
     def __call__(self, state: OnlineState) -> dict[str, Episode]:
         """The episodes after a step."""
         steps = min(self.problem.horizon, MOST_STEPS)
-        real, data = self._played(self.truth, self.policy, steps)
-        mean = mean_of(state.records[-1], self.problem.space)
-        actions = iter(data["action"])
-        again = TensorDictModule(lambda: next(actions), in_keys=[], out_keys=["action"])
-        simulated, _ = self._played(mean, again, len(data))
+        real, actions = self._played(self.truth, self.policy, steps)
+        mean, again = mean_of(state.records[-1], self.problem.space), iter(actions)
+        simulated, _ = self._played(mean, lambda data: data.set("action", next(again)), len(actions))
         return {"real": real, "simulated": simulated}
 
     @torch.no_grad()
-    def _played(self, theta: Tensor, policy: Policy, steps: int) -> tuple[Episode, TensorDictBase]:
-        world, seen = self.problem.make(), []
+    def _played(
+        self, theta: Tensor, policy: Callable[[TensorDictBase], TensorDictBase], steps: int
+    ) -> tuple[Episode, list[Tensor]]:
+        """An episode to its end, and its actions."""
+        world = self.problem.make()
         env = TransformedEnv(world, ParameterRandomization(Point(theta)))
         env.set_seed(7)
         env = behind_sensors(env, self.problem.sensor_sd, self.problem.transforms, 7)
+        data, actions = env.reset(), list[Tensor]()
+        seen = [self.look(world.inner)]
         with set_exploration_type(ExplorationType.DETERMINISTIC):
-            data = env.rollout(steps, policy, callback=lambda _env, _data: seen.append(self.look(world.inner)))
-        return Episode(seen[0][0], torch.stack([poses for _, poses in seen]), self.dt), data
+            while len(actions) < steps:
+                data = env.step(policy(data))
+                actions.append(data["action"])
+                seen.append(self.look(world.inner))
+                if bool(data["next", "done"].any()):
+                    break
+                data = step_mdp(data)
+        longest = min(self.problem.horizon, MOST_STEPS)
+        return Episode(seen[0][0], torch.stack([poses for _, poses in seen]), self.dt, longest), actions

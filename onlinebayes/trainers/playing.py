@@ -35,11 +35,13 @@ class Episode:
         shapes: of the system.
         poses: (T, S, 7).
         dt: between two poses [s].
+        longest: that an episode of this task may be [steps].
     """
 
     shapes: tuple[Shape, ...]
     poses: Float[Tensor, "T S 7"]
     dt: float
+    longest: int = MOST_STEPS
 
 
 Player = Callable[[OnlineState], Mapping[str, Episode]]
@@ -72,10 +74,11 @@ class SimulatedPlayer:
         states, commands = play(self.system or self.problem, self.policy, truth)
         if self.system is not None:  # what else it remembers is its own, and it is drawn as the simulator is
             states, truth = states.exclude("effects"), mean
-        episodes = {"real": Episode(*scene(drawn, truth, states), simulator.dt)}
+        longest = steps_of(self.problem)
+        episodes = {"real": Episode(*scene(drawn, truth, states), simulator.dt, longest)}
         if self.truth is not None:
             path = replayed(self.problem, mean, states, commands)
-            episodes["simulated"] = Episode(*scene(drawn, mean, path), simulator.dt)
+            episodes["simulated"] = Episode(*scene(drawn, mean, path), simulator.dt, longest)
         return episodes
 
 
@@ -84,9 +87,14 @@ def play(problem: Problem, policy: Policy, theta: Float[Tensor, " P"]) -> tuple[
     """States (T + 1,) and commands (T, U) of one episode under the policy's deterministic action, to its end."""
     env = problem.worlds(1, ParameterRandomization(Point(theta)), seed=0, with_state=True)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
-        data = env.rollout(min(problem.task.horizon, MOST_STEPS), policy)[0]
+        data = env.rollout(steps_of(problem), policy)[0]
     states = cast(TensorDict, torch.cat([data["state"], data["next", "state"][-1:]]))
     return states.exclude("theta", "steps"), problem.task.command(data["action"]).to(problem.simulator.dtype)
+
+
+def steps_of(problem: Problem) -> int:
+    """Longest episode that is shown."""
+    return min(problem.task.horizon, MOST_STEPS)
 
 
 def replayed(

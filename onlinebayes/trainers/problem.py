@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from tensordict import TensorDict
@@ -37,6 +37,7 @@ from onlinebayes.transforms import Distribution, ParameterRandomization, SensorN
 ALONE = "give estimator and real system, or the order policy-only"
 
 
+@runtime_checkable
 class Worlds(Protocol):
     """What a trainer is built over: :class:`Problem` of a simulator, :class:`EnvProblem` of any environment."""
 

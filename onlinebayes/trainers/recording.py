@@ -17,7 +17,7 @@ from torch import Tensor
 from onlinebayes.inference import Belief, BoxUniform, plots
 from onlinebayes.inference.calibration import LEVELS
 from onlinebayes.loggers import RunRecorder, tensorboard, write_page
-from onlinebayes.trainers.playing import MOST_STEPS, Episode, Player
+from onlinebayes.trainers.playing import Episode, Player
 from onlinebayes.trainers.run_page import page
 from onlinebayes.trainers.state import OnlineState, Record
 
@@ -35,6 +35,7 @@ class Recording:
         player: plays episodes; without it there are none.
         truth: parameters of the hidden system (P,), where they are known.
         baselines: returns of other runs by their kind, drawn beside this one's.
+        infers: whether there is a belief to show, and not a policy that learns alone.
     """
 
     folder: Path
@@ -43,8 +44,9 @@ class Recording:
     player: Player | None = None
     truth: Float[Tensor, " P"] | None = None
     baselines: Mapping[str, float] = field(default_factory=dict)
+    infers: bool = True
     _recorder: RunRecorder | None = field(default=None, init=False)
-    _last: tuple[OnlineState, np.ndarray, Mapping[str, Episode]] | None = field(default=None, init=False)
+    _last: tuple[OnlineState, np.ndarray | None, Mapping[str, Episode]] | None = field(default=None, init=False)
 
     def __enter__(self) -> Recording:
         return self
@@ -54,7 +56,14 @@ class Recording:
     ) -> None:
         if self._last is not None:
             state, corner, played = self._last
-            content = page(self.name, state, truth=self.truth, corner=corner, played=played, baselines=self.baselines)
+            content = page(
+                self.name,
+                state,
+                truth=self.truth,
+                corner=corner,
+                played=played,
+                baselines=self.baselines,
+            )
             write_page(content, self.folder / "run.html")
         if self._recorder is not None:
             self._recorder.close()
@@ -62,7 +71,8 @@ class Recording:
     def __call__(self, state: OnlineState) -> None:
         """Record a complete step."""
         played = {} if self.player is None else self.player(state)
-        recorder, record, corner = self._opened(played), state.records[-1], self._corner(state.belief)
+        recorder, record = self._opened(played), state.records[-1]
+        corner = self._corner(state.belief) if self.infers else None
         recorder.step(record.step, _scalars(record))
         before = state.records[-2].frames if len(state.records) > 1 else 0
         recorder.seconds(record.step, record.seconds, record.frames - before)
@@ -70,9 +80,10 @@ class Recording:
             recorder.returns(record.step, {"this run": record.figures["return"], **self.baselines})
         if record.calibration:
             recorder.calibration(record.step, LEVELS, record.calibration)
-        recorder.belief(record.step, state.belief, state.proposal)
-        recorder.summary(record.step, _summary(self.name, record))
-        recorder.picture(record.step, "corner", corner)
+        if corner is not None:
+            recorder.belief(record.step, state.belief, state.proposal)
+            recorder.picture(record.step, "corner", corner)
+        recorder.summary(record.step, _summary(self.name, record, self.infers))
         for name, episode in played.items():
             recorder.episode(record.step, name, episode.shapes, episode.poses, episode.dt, ghost=name == "simulated")
         recorder.flush()
@@ -80,7 +91,7 @@ class Recording:
 
     def _opened(self, played: Mapping[str, Episode]) -> RunRecorder:
         if self._recorder is None:
-            seconds = max((MOST_STEPS * each.dt for each in played.values()), default=SECONDS)
+            seconds = max((each.longest * each.dt for each in played.values()), default=SECONDS)
             self._recorder = RunRecorder(
                 self.folder,
                 self.name,
@@ -109,8 +120,8 @@ def _scalars(record: Record) -> dict[str, float]:
     return values
 
 
-def _summary(name: str, record: Record) -> str:
+def _summary(name: str, record: Record, infers: bool) -> str:
     figures = "".join(f"\n| {key} | {value:.4g} |" for key, value in record.figures.items())
-    belief = "".join(f"\n| {key} | {mean:.4g} ± {sd:.2g} |" for key, (mean, sd) in record.belief.items())
+    belief = "".join(f"\n| {key} | {mean:.4g} ± {sd:.2g} |" for key, (mean, sd) in record.belief.items() if infers)
     notes = "".join(f"\n- {note}" for note in record.notes)
     return f"# {name}, step {record.step}\n\n| | |\n|---|---|\n| frames | {record.frames} |{figures}{belief}\n{notes}\n"

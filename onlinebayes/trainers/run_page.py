@@ -24,7 +24,7 @@ def page(
     state: OnlineState,
     *,
     truth: Float[Tensor, " P"] | None,
-    corner: np.ndarray,
+    corner: np.ndarray | None,
     played: Mapping[str, Episode],
     baselines: Mapping[str, float],
 ) -> Page:
@@ -34,12 +34,12 @@ def page(
         name: of the recipe.
         state: where the run stands.
         truth: of the hidden system, where it is known.
-        corner: picture of the belief.
+        corner: picture of the belief; None where the policy learnt alone.
         played: the last episode.
         baselines: returns of other runs by their kind.
     """
-    last = state.records[-1]
-    pictures, films = {"The belief": corner}, {}
+    last, inferred = state.records[-1], corner is not None
+    pictures, films = {} if corner is None else {"The belief": corner}, {}
     if played:
         films[EPISODE] = _film(played)
         pictures["The same episode at eight moments"] = _strip(played)
@@ -49,10 +49,10 @@ def page(
             seconds[part] = seconds.get(part, 0.0) + value
     return Page(
         title=name,
-        lead=f"{last.step} steps, {last.frames} simulated frames for the policy, {last.simulated} for the belief",
-        head=["parameter", "unit", "mean", "sd", *([] if truth is None else ["truth"])],
+        lead=_lead(last, inferred),
+        head=["parameter", "unit", *_head(inferred), *([] if truth is None else ["truth"])],
         rows=_rows(state, truth),
-        charts=_charts(state, truth, baselines),
+        charts=[*(_beliefs(state, truth) if inferred else []), *_charts(state, baselines)],
         pictures=pictures,
         seconds=seconds,
         notes=[f"step {record.step}: {note}" for record in state.records for note in record.notes],
@@ -68,18 +68,33 @@ def _rows(state: OnlineState, truth: Tensor | None) -> list[list[str]]:
     return rows
 
 
-def _charts(state: OnlineState, truth: Tensor | None, baselines: Mapping[str, float]) -> list[Curves]:
-    records, last = state.records, state.records[-1]
-    steps, frames = ("step", [r.step for r in records]), ("simulated frames", [r.frames for r in records])
-    charts = []
-    for i, parameter in enumerate(last.belief):
+def _lead(last: Record, inferred: bool) -> str:
+    simulated = f", {last.simulated} for the belief" if last.simulated else ""
+    alone = "" if inferred else "; the policy learnt alone, nothing was inferred"
+    return f"{last.step} steps, {last.frames} simulated frames for the policy{simulated}{alone}"
+
+
+def _head(inferred: bool) -> list[str]:
+    return ["mean", "sd"] if inferred else ["mean of the prior", "its sd"]
+
+
+def _beliefs(state: OnlineState, truth: Tensor | None) -> list[Curves]:
+    records, charts = state.records, []
+    steps = ("step", [record.step for record in records])
+    for i, parameter in enumerate(records[-1].belief):
         means, sds = (np.array([record.belief[parameter][k] for record in records]) for k in (0, 1))
         band = {"mean and sd": ((means - sds).tolist(), (means + sds).tolist())}
         level = {} if truth is None else {"truth": float(truth[i])}
         unit = state.belief.space[parameter].unit
         title = f"{parameter} [{unit}]" if unit else parameter
         charts.append(Curves(title, steps, {"mean and sd": means.tolist()}, band, level))
-    for figure in last.figures:
+    return charts
+
+
+def _charts(state: OnlineState, baselines: Mapping[str, float]) -> list[Curves]:
+    records, charts = state.records, list[Curves]()
+    frames = ("simulated frames", [record.frames for record in records])
+    for figure in dict.fromkeys(figure for record in records for figure in record.figures):
         values = [record.figures.get(figure, float("nan")) for record in records]
         charts.append(Curves(figure, frames, {figure: values}, levels=baselines if figure == "return" else {}))
     if (found := newest_calibration(records)) is not None:

@@ -13,7 +13,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from onlinebayes.inference import Belief
 from onlinebayes.runs import RunFolder, write_atomic
@@ -28,6 +28,7 @@ Say = Callable[[str], None]
 """Is told in words."""
 
 
+@runtime_checkable
 class Watcher(Protocol):
     """Is told of every step: a recorder, a plot, a terminal display."""
 

@@ -173,6 +173,7 @@ def branch(problem_file: Path, truth: Mapping[str, float], seed: int, budget: Bu
         def told(frames: int, losses: dict[str, float]) -> None:
             journal.step("policy", frames=frames, losses=losses, figures=judge())
 
+        journal.step("begin", figures=judge())
         journal.step("belief", seconds=seconds, belief=posterior, figures=judge())
         train(balancing, objective, budget.training, seed, told)
     played = episodes(objective.policy, truth, budget.episodes, seed)

@@ -13,6 +13,7 @@ from envs.driven_pendulum import Protocol
 from envs.driven_pendulum.rig import DAMPING, DELAY, MASS
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.runs import atomic_path
+from recipes.common import written
 from recipes.demo.__main__ import directions, table
 from recipes.demo.measure import hidden_truth, measure, write_problem
 from recipes.demo.picture import picture
@@ -45,9 +46,11 @@ def test_the_hidden_effect_is_named_and_the_held_out_error_falls(quick: tuple[Ou
 
 @pytest.mark.slow
 def test_both_models_get_posteriors_and_policies_of_equal_budget(quick: tuple[Outcome, Path]) -> None:
-    outcome, _ = quick
+    outcome, out = quick
     assert outcome.wrong.names == (MASS, DAMPING)
     assert outcome.mended.names == (MASS, DAMPING, DELAY)
+    for folder in (out, out / "as_it_was"):
+        assert {"run.rrd", "run.html", "log.csv"} <= {path.name for path in folder.iterdir()}
     for branch in (outcome.wrong, outcome.mended):
         assert branch.samples.shape == (4000, len(branch.names))
         assert bool(branch.samples.isfinite().all())
@@ -65,13 +68,14 @@ def test_the_table_the_picture_and_the_files_tell_the_same(quick: tuple[Outcome,
     assert f"{1e3 * outcome.criticism.heldout_error.before[SIGNAL]:.1f} mrad" in text
     assert str(out / "refine" / "report.html") in directions(out)
     assert str(out / "refine" / "run.rrd") in directions(out)
+    assert written(out) in directions(out)
     with atomic_path(out / "demo.png") as path:
         picture(outcome).savefig(path, dpi=40)
     assert (out / "demo.png").stat().st_size > 5000
-    written = json.loads((out / "demo.json").read_text())
-    assert written["accepted"] == [HIDDEN]
-    assert written["returns"]["mended"] == outcome.mended.returns.tolist()
-    assert written["advantage"]["mean"] == outcome.advantage[0]
+    told = json.loads((out / "demo.json").read_text())
+    assert told["accepted"] == [HIDDEN]
+    assert told["returns"]["mended"] == outcome.mended.returns.tolist()
+    assert told["advantage"]["mean"] == outcome.advantage[0]
 
 
 @pytest.mark.slow

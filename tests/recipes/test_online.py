@@ -10,7 +10,7 @@ import pytest
 
 from onlinebayes.runs import BadInput
 from recipes import acrobot, cartpole, custom_gym, custom_loop, dm_control, from_logs, mountain_car, pendulum, reach
-from recipes.common import Settings, run
+from recipes.common import Options, Settings, run, written
 from recipes.studies import survival
 from recipes.studies.online import Study, _frames_to, tabulate
 
@@ -21,49 +21,68 @@ BUILDS = {
     "pendulum": pendulum.build,
     "reach": reach.build,
 }
+Capture = pytest.CaptureFixture[str]
 checked_elsewhere = pytest.mark.usefixtures("without_shape_checks")
 
 
 @pytest.mark.slow
 @checked_elsewhere
 @pytest.mark.parametrize("name", sorted(BUILDS))
-def test_a_short_run_writes_its_folder_and_holds_the_truth_better_than_the_prior(name: str, tmp_path: Path) -> None:
+def test_a_short_run_writes_its_folder_and_holds_the_truth_better_than_the_prior(
+    name: str, tmp_path: Path, capsys: Capture
+) -> None:
     """Seeds are fixed: no false failures on one machine."""
     assert run(name, BUILDS[name], Settings(short=True, out=str(tmp_path))) == 0
-    folder = tmp_path / f"{name}-online-0-short"
-    assert (folder / "run.rrd").stat().st_size < 50e6
-    assert "<svg" in (folder / "run.html").read_text("utf-8")
-    with (folder / "log.csv").open() as file:
-        rows = list(csv.DictReader(file))
+    rows = left(tmp_path / f"{name}-online-0-short", capsys.readouterr().out)
     assert [row["step"] for row in rows] == ["1", "2"]
     assert all("narrowed" in row["notes"] or "widened" in row["notes"] for row in rows)
 
 
-@pytest.mark.slow
-@checked_elsewhere
-def test_a_gymnasium_environment_stands_in_for_a_simulator(tmp_path: Path) -> None:
-    assert custom_gym.main(custom_gym.Settings(short=True, out=str(tmp_path))) == 0
+def left(folder: Path, said: str) -> list[dict[str, str]]:
+    """The log's rows of a run that wrote its whole folder, and said so."""
+    assert {"run.json", "run.rrd", "run.html", "log.csv"} <= {path.name for path in folder.iterdir()}
+    assert written(folder) in said
+    assert (folder / "run.rrd").stat().st_size < 50e6
+    page = (folder / "run.html").read_text("utf-8")
+    assert all(words in page for words in ("<svg", "An episode", "return"))
+    with (folder / "log.csv").open() as file:
+        return list(csv.DictReader(file))
 
 
 @pytest.mark.slow
 @checked_elsewhere
-def test_our_pieces_work_in_a_loop_of_ones_own() -> None:
-    assert custom_loop.main(custom_loop.Settings(batches=20)) == 0
+def test_a_gymnasium_environment_stands_in_for_a_simulator(tmp_path: Path, capsys: Capture) -> None:
+    assert run("custom_gym", custom_gym.build, custom_gym.Settings(short=True, out=str(tmp_path))) == 0
+    assert len(left(tmp_path / "custom_gym-online-0-short", capsys.readouterr().out)) == 2
 
 
 @pytest.mark.slow
 @checked_elsewhere
-def test_a_task_of_dm_control_is_learnt_in(tmp_path: Path) -> None:
-    assert dm_control.main(dm_control.Settings(short=True, out=str(tmp_path))) == 0
-    assert (tmp_path / "checkpoint-000001.pt").exists()
+def test_our_pieces_work_in_a_loop_of_ones_own(tmp_path: Path, capsys: Capture) -> None:
+    assert custom_loop.main(Options(short=True, out=str(tmp_path))) == 0
+    rows = left(tmp_path / "custom_loop-0-short", capsys.readouterr().out)
+    assert float(rows[-1]["belief/mass/sd"]) < float(rows[0]["belief/mass/sd"]) / 3
 
 
 @pytest.mark.slow
 @checked_elsewhere
-def test_a_log_becomes_a_policy(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert from_logs.main(from_logs.Settings(short=True, out=str(tmp_path))) == 0
-    assert "missing: actuator_delay@motor" in capsys.readouterr().out
-    assert (tmp_path / "checkpoint-000001.pt").exists()
+def test_a_task_of_dm_control_is_learnt_in(tmp_path: Path, capsys: Capture) -> None:
+    assert dm_control.run(dm_control.Settings(short=True, out=str(tmp_path))) == 0
+    folder = tmp_path / "dm_control-cartpole-swingup-prior-0-short"
+    assert len(left(folder, capsys.readouterr().out)) == 2
+    assert list(folder.glob("checkpoint-*.pt"))
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_log_becomes_a_policy(tmp_path: Path, capsys: Capture) -> None:
+    assert from_logs.main(Options(short=True, out=str(tmp_path))) == 0
+    said, folder = capsys.readouterr().out, tmp_path / "from_logs-0-short"
+    assert "missing: actuator_delay@motor" in said
+    rows = left(folder, said)
+    assert [rows[0]["seconds/refine"] > "0", rows[1]["seconds/belief"] > "0"] == [True, True]
+    assert float(rows[-1]["figure/return"]) > float(rows[0]["figure/return"])
+    assert (folder / "checkpoint-000001.pt").exists()
 
 
 @pytest.mark.slow

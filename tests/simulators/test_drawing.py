@@ -20,6 +20,7 @@ from envs.reach import ReachTask, arm
 from onlinebayes.simulators import Drawable, Shape, Simulator
 from onlinebayes.simulators.drawing import OBLIQUE, SIDE, View, planar, render, render_state, scene, view_of
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from onlinebayes.simulators.mujoco import drawing as mujoco_drawing
 
 RED, BLUE = (1.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 1.0)
 SYSTEMS = {
@@ -233,3 +234,18 @@ def test_motion_in_a_plane_is_seen_from_the_side_any_other_aslant() -> None:
         some = states(simulator)
         shapes, poses = simulator.shapes(simulator.nominal), simulator.poses(simulator.nominal, some)
         assert view_of(shapes, poses).turn == turn
+
+
+def test_a_textured_ground_has_its_textures_mean_colour() -> None:
+    spec = mujoco.MjSpec.from_string(
+        """<mujoco><asset>
+          <texture name="grid" type="2d" builtin="flat" rgb1=".2 .4 .6" width="8" height="8"/>
+          <material name="grid" texture="grid" rgba="1 1 .5 1"/>
+        </asset><worldbody>
+          <geom type="plane" size="1 1 .1" material="grid"/>
+          <geom type="sphere" size=".1" rgba=".1 .2 .3 1"/>
+        </worldbody></mujoco>"""
+    )
+    ground, ball = mujoco_drawing.shapes(spec.compile())
+    assert ground.colour == pytest.approx((0.2, 0.4, 0.3, 1.0), abs=0.01)
+    assert ball.colour == pytest.approx((0.1, 0.2, 0.3, 1.0))

@@ -7,8 +7,11 @@ from dataclasses import replace
 import pytest
 import torch
 
+from envs.cartpole import CartPole, CartPoleTask
+from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import actor_critic, ppo
-from onlinebayes.trainers import OnlineState, SimulatedPlayer
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.trainers import OnlineState, Problem, SimulatedPlayer
 from tests.trainers.test_online import PRIOR, PROBLEM, TRUTH
 
 
@@ -36,3 +39,17 @@ def test_a_policy_with_a_memory_plays_through_the_transforms_that_carry_it(noise
     objective = actor_critic(*PROBLEM.specs, width=8)
     problem = replace(PROBLEM, transforms=objective.transforms, sensor_sd=noise)
     assert len(SimulatedPlayer(problem, objective.policy, TRUTH)(after_a_step(TRUTH))["real"].poses) > 5
+
+
+def test_the_hidden_system_may_have_more_parameters_than_the_problem() -> None:
+    policy, force = ppo(*PROBLEM.specs).policy, Parameter(1.0, 40.0, "N")
+    wider = ParameterSpace({**PROBLEM.space, "force": force})
+    system = Problem(CartPole(wider), CartPoleTask(), BoxUniform(wider))
+
+    def parting(newtons: float) -> float:
+        truth = torch.cat([TRUTH, torch.tensor([newtons], dtype=torch.float64)])
+        played = SimulatedPlayer(PROBLEM, policy, truth, system)(after_a_step(TRUTH))
+        return float((played["simulated"].poses - played["real"].poses).abs().max())
+
+    assert parting(10.0) < 1e-9
+    assert parting(20.0) > 1e-2

@@ -74,8 +74,20 @@ def _shape(model: mujoco.MjModel, geom: int) -> Shape:
 
 def _colour(model: mujoco.MjModel, geom: int) -> tuple[float, float, float, float]:
     material = int(model.geom_matid[geom])
-    red, green, blue, opacity = (model.mat_rgba[material] if material >= 0 else model.geom_rgba[geom]).tolist()
+    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material] * _mean_texture(model, material)
+    red, green, blue, opacity = rgba.tolist()
     return red, green, blue, opacity
+
+
+def _mean_texture(model: mujoco.MjModel, material: int) -> Float[np.ndarray, " 4"]:
+    """Mean colour of a material's texture; white without one."""
+    texture, mean = int(model.mat_texid[material][mujoco.mjtTextureRole.mjTEXROLE_RGB]), np.ones(4)
+    if texture >= 0:
+        first, channels = int(model.tex_adr[texture]), int(model.tex_nchannel[texture])
+        pixels = int(model.tex_height[texture]) * int(model.tex_width[texture])
+        data = model.tex_data[first : first + pixels * channels].reshape(pixels, channels)
+        mean[:3] = data[:, :3].mean(0) / 255
+    return mean
 
 
 def _mesh(model: mujoco.MjModel, geom: int) -> tuple[Float[Tensor, "V 3"], Int[Tensor, "F 3"]]:
