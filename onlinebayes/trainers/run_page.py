@@ -16,7 +16,7 @@ from onlinebayes.trainers.playing import Episode
 from onlinebayes.trainers.state import OnlineState, Record
 
 FRAMES, FILM = 8, 60  # of the strip and of the film
-EPISODE = "An episode: the real system, and pale the simulator at the belief's mean"
+EPISODE = "An episode: the real system, and pale the simulator at the {}'s mean"
 
 
 def page(
@@ -41,7 +41,7 @@ def page(
     last, inferred = state.records[-1], corner is not None
     pictures, films = {} if corner is None else {"The belief": corner}, {}
     if played:
-        films[EPISODE] = _film(played)
+        films[EPISODE.format("belief" if inferred else "prior")] = _film(played)
         pictures["The same episode at eight moments"] = _strip(played)
     seconds: dict[str, float] = {}
     for record in state.records:
