@@ -175,7 +175,7 @@ def moments(belief: Belief) -> dict[str, tuple[float, float]]:
 
 def mean_of(record: Record, space: ParameterSpace) -> Float[Tensor, " P"]:
     """The belief's mean after a step, within the bounds."""
-    return space.clamp(torch.tensor([mean for mean, _ in record.belief.values()], dtype=torch.float64))
+    return space.clamp(space.vector({name: record.belief[name][0] for name in space.names}))
 
 
 def _record(values: Mapping[str, Any]) -> Record:
