@@ -63,8 +63,9 @@ class Journal:
 
     def __enter__(self) -> Journal:
         self._folder.__enter__()
-        for earlier in self._folder.folder.glob("run*.rrd"):
-            earlier.unlink()
+        for earlier in ("run.rrd", "run-[0-9]*.rrd"):
+            for path in self._folder.folder.glob(earlier):
+                path.unlink()
         shutil.rmtree(self._folder.path("tensorboard"), ignore_errors=True)
         self._last = time.monotonic()
         return self
