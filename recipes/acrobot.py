@@ -36,7 +36,7 @@ def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(Acrobot(SPACE), AcrobotTask(), BoxUniform(SPACE), settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"mass1": 1.0, "mass2": 1.0})
-    objective = ppo(*problem.specs)
+    objective = ppo(*problem.specs, epochs=10)
     steps, batches, simulations, epochs = (2, 2, 500, 15) if settings.short else (6, 14, 500, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
     trainer = online_trainer(

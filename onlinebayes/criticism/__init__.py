@@ -5,13 +5,11 @@ them until the model predicts held-out runs as well as it can. All take built ob
 """
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
-from onlinebayes.criticism.candidates.cheaper_method import by_cheaper_method
 from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.scales import target_scales
-from onlinebayes.criticism.candidates.survey import Screened, screen
 from onlinebayes.criticism.commands import compare, diagnose, refine
 from onlinebayes.criticism.hypotheses.explaining import Explanation, explain
-from onlinebayes.criticism.judging.screening import CONFOUNDED
+from onlinebayes.criticism.hypotheses.ranking import same_as
 from onlinebayes.criticism.results import (
     HELPS,
     Candidate,
@@ -25,7 +23,6 @@ from onlinebayes.criticism.results import (
     WidenedBounds,
     Wiring,
 )
-from onlinebayes.criticism.searching.search import ground
 from onlinebayes.criticism.task import prepare
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
@@ -33,7 +30,6 @@ from onlinebayes.identification.results import Estimate, FittedModel, FlatDirect
 from onlinebayes.identification.scope import Scope
 
 __all__ = [
-    "CONFOUNDED",
     "HELPS",
     "Candidate",
     "Criticism",
@@ -51,7 +47,6 @@ __all__ = [
     "Remainder",
     "ReplayedRun",
     "Scope",
-    "Screened",
     "Selection",
     "Step",
     "Timing",
@@ -60,18 +55,16 @@ __all__ = [
     "WidenedBounds",
     "WindowError",
     "Wiring",
-    "by_cheaper_method",
     "compare",
     "diagnose",
     "explain",
-    "ground",
     "grown",
     "grown_theta",
     "longer",
     "prepare",
     "propose",
     "refine",
-    "screen",
+    "same_as",
     "target_scales",
     "trials",
 ]

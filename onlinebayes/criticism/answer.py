@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
+from onlinebayes.criticism.findings.left_over import rms_over_floor
+from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import Explanation
@@ -17,8 +19,6 @@ from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_o
 from onlinebayes.criticism.hypotheses.ranking import ranked, steps
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide
-from onlinebayes.criticism.judging.localise import failures
-from onlinebayes.criticism.judging.verdict import rms_over_floor
 from onlinebayes.criticism.mending import Mended
 from onlinebayes.criticism.results import Criticism, Question, Remainder, WidenedBounds, Wiring
 from onlinebayes.criticism.task import Task

@@ -92,7 +92,7 @@ class Mended:
 
 
 def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
-    """The fault that explains the misfit of the base model, if one does.
+    """The fault of signs, units, columns or zeros that explains the misfit of the base model, if one does.
 
     Args:
         evaluator, base: the base model fitted to the table as it stands.
@@ -102,9 +102,25 @@ def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> 
         return None
     evaluator.watch("checking signs, units and columns")
     judged = [_judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
-    off = [_judged(fault, evaluator, base, measurement) for fault in _outages(evaluator, base, measurement)]
-    judged.append(max(filter(None, off), key=lambda one: one.gains[0].gain, default=None))
-    enough = [one for one in judged if one is not None and _explains(one, base)]
+    return _best([one for one in judged if one is not None], evaluator, base, measurement)
+
+
+def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
+    """The actuators that were off for parts of runs, if that explains the misfit of the base model.
+
+    It costs as much as a search: it is asked where no law leaves noise. Arguments as :func:`mended`.
+    """
+    if float(base.left[0].rms.max()) <= LEAST_FLOORS:
+        return None
+    evaluator.watch("checking whether an actuator was off")
+    judged = [_judged(fault, evaluator, base, measurement) for fault in _outages(evaluator, base, measurement)]
+    longest = max(filter(None, judged), key=lambda one: one.gains[0].gain, default=None)
+    return None if longest is None else _best([longest], evaluator, base, measurement)
+
+
+def _best(judged: Sequence[Mended], evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
+    """The simplest of those that explain most, with the others that do as well."""
+    enough = [one for one in judged if _explains(one, base)]
     if not enough:
         return None
     best = max(enough, key=lambda one: one.gains[0].gain)
@@ -179,7 +195,7 @@ def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -
         except BadInput:
             continue
         if found is not None:
-            yield found[0]
+            yield found
 
 
 def _thetas(simulator: Identifiable, base: Evaluation) -> Float[Tensor, "M P"]:

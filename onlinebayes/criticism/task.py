@@ -5,16 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from onlinebayes.criticism.candidates.candidates import grown
-from onlinebayes.criticism.searching.search import SearchResult
-from onlinebayes.criticism.slow_effects import lengthened, slower, unexplained_when_slow
 from onlinebayes.identification.data.motion import check_runs
 from onlinebayes.identification.data.windows import joint_names
-from onlinebayes.identification.fitting.before_runs import idle_before, starts_read_otherwise
+from onlinebayes.identification.fitting.before_runs import idle_before
 from onlinebayes.identification.fitting.closed_loops import completed, tied_as_logged
-from onlinebayes.identification.fitting.gaps import gaps_read_otherwise, held_over_gaps
+from onlinebayes.identification.fitting.gaps import held_over_gaps
 from onlinebayes.identification.fitting.horizon import cut_to_runs, shortened, steady, within_runs
-from onlinebayes.identification.fitting.readings import follows_far_better
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step, restepped
 from onlinebayes.identification.replaying.scoped import scoped
@@ -22,7 +18,6 @@ from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Watch
 from onlinebayes.simulators.identifiable import Identifiable
 
 
@@ -44,33 +39,6 @@ class Task:
     selection: Selection
     notes: tuple[str, ...]
     otherwise_tied: Identifiable | None = None
-
-    def slower(self, found: SearchResult, watch: Watch) -> Selection | None:
-        """Longer windows over which more is left than over these; None without any."""
-        return slower(self.simulator, self.fit_runs, self.selection, found, watch)
-
-    def over(self, longer: Selection, dropped: Sequence[str] = ()) -> Task:
-        """The task with longer windows, and a note that says so, and what was found before and is ``dropped``."""
-        return replace(self, selection=longer, notes=(*self.notes, *lengthened(self.selection, longer, dropped)))
-
-    def unexplained_over(self, longer: Selection, again: SearchResult | None) -> Task:
-        """The task as it is, with a note on what longer windows leave, and what was found ``again``, unless stopped."""
-        said = unexplained_when_slow(self.selection, longer, again)
-        return replace(self, notes=(*self.notes, said))
-
-    def read_otherwise(self, found: SearchResult) -> Task | None:
-        """The task with the log read otherwise where what was found follows it far better so, else None."""
-        if gaps_read_otherwise(found.final, self.fit_runs):
-            return self.with_gaps(held=not self.fit_runs.held_over_gaps)
-        if starts_read_otherwise(found.final, self.fit_runs):
-            return self.begun(idle=not self.fit_runs.idle_before)
-        effects = [judged.effect for _, judged in found.accepted]
-        if self.otherwise_tied is None or not effects or found.changes:
-            return None  # the base model was fitted both ways
-        other = grown(self.otherwise_tied, effects)
-        if not follows_far_better(found.final, self.fit_runs, other):
-            return None
-        return replace(self, simulator=self.otherwise_tied, otherwise_tied=self.simulator)
 
     def with_gaps(self, held: bool) -> Task:
         """The task with commands held over the log's gaps, or not."""

@@ -11,7 +11,7 @@ Users outside import from here; criticism uses the inner rooms until its search 
 
 from onlinebayes.identification.data.grid import RunGrid, row_step, run_grids
 from onlinebayes.identification.data.motion import seen_by
-from onlinebayes.identification.data.noise import noise_floors
+from onlinebayes.identification.data.noise import measured_floors, noise_floors
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, flip_groups
@@ -21,6 +21,7 @@ from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlatio
 from onlinebayes.identification.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.identification.fitting.horizon import steady
 from onlinebayes.identification.fitting.identifiability import estimates, flat_directions
+from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.identification.fitting.projection import Projected, noise_rows, project, signal_rms
 from onlinebayes.identification.fitting.sensitivities import columns, linearise
 from onlinebayes.identification.replaying.charted import charted
@@ -41,6 +42,7 @@ __all__ = [
     "Fit",
     "FittedModel",
     "FlatDirection",
+    "Grounds",
     "HorizonError",
     "Numerics",
     "Profile",
@@ -63,6 +65,7 @@ __all__ = [
     "joint_names",
     "linearise",
     "make_windows",
+    "measured_floors",
     "noise_floors",
     "noise_rows",
     "project",
@@ -76,6 +79,7 @@ __all__ = [
     "run_grids",
     "seen_by",
     "sensor_readings",
+    "settle",
     "signal_rms",
     "split",
     "start_floor",

@@ -9,14 +9,25 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
 from types import FrameType, TracebackType
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from onlinebayes.runs.errors import BadInput
 
-_HEEDED: ContextVar[Interrupt | None] = ContextVar("heeded", default=None)
+
+@runtime_checkable
+class MayStop(Protocol):
+    """Something that may ask work to end."""
+
+    @property
+    def requested(self) -> bool:
+        """Whether it has."""
+        ...
+
+
+_HEEDED: ContextVar[MayStop | None] = ContextVar("heeded", default=None)
 """Who may ask the block in hand to end."""
 
 
@@ -32,17 +43,38 @@ class Stopped(BadInput):
 
 def heed() -> None:
     """Raise :class:`Stopped` if the block in hand has been asked to end; nothing outside of such blocks."""
-    interrupt = _HEEDED.get()
-    if interrupt is not None and interrupt.requested:
+    asking = _HEEDED.get()
+    if asking is not None and asking.requested:
         raise Stopped
+
+
+@contextmanager
+def heeding(asking: MayStop) -> Iterator[None]:
+    """A block that :func:`heed` ends once a stop is asked for: without it there is nothing to go on with."""
+    token = _HEEDED.set(asking)
+    try:
+        yield
+    finally:
+        _HEEDED.reset(token)
+
+
+@contextmanager
+def giving_up(asking: MayStop) -> Iterator[None]:
+    """The same, after which the work goes on with what it has; a second Ctrl-C leaves it at once."""
+    try:
+        with heeding(asking):
+            yield
+    except (KeyboardInterrupt, Stopped):
+        if not asking.requested:
+            raise
 
 
 class Interrupt:
     """Context in which Ctrl-C and SIGTERM set :attr:`requested` instead of raising.
 
     A loop looks at ``requested`` between its steps, keeps what it has and returns; what lasts long stops at its next
-    replay within :meth:`heeded` and :meth:`giving_up`. A second Ctrl-C raises ``KeyboardInterrupt`` as usual, which
-    within :meth:`giving_up` leaves that block only. SIGTERM only ever asks: ``timeout`` sends it to the process and to
+    replay within :func:`heeding` and :func:`giving_up`. A second Ctrl-C raises ``KeyboardInterrupt`` as usual, which
+    within :func:`giving_up` leaves that block only. SIGTERM only ever asks: ``timeout`` sends it to the process and to
     its group, twice at once. Outside the main thread, where handlers cannot be set, the context does nothing.
 
     Args:
@@ -68,24 +100,13 @@ class Interrupt:
             number, handler = self._previous.popitem()
             signal.signal(number, signal.SIG_DFL if handler is None else handler)  # None: not set from Python
 
-    @contextmanager
-    def heeded(self) -> Iterator[None]:
-        """A block that :func:`heed` ends once a stop is asked for: without it there is nothing to go on with."""
-        token = _HEEDED.set(self)
-        try:
-            yield
-        finally:
-            _HEEDED.reset(token)
+    def heeded(self) -> AbstractContextManager[None]:
+        """A block that this may end: :func:`heeding`."""
+        return heeding(self)
 
-    @contextmanager
-    def giving_up(self) -> Iterator[None]:
-        """The same, after which the work goes on with what it has; a second Ctrl-C leaves it at once."""
-        try:
-            with self.heeded():
-                yield
-        except (KeyboardInterrupt, Stopped):
-            if not self.requested:
-                raise
+    def giving_up(self) -> AbstractContextManager[None]:
+        """A block that this may end, and the work goes on: :func:`giving_up`."""
+        return giving_up(self)
 
     def _handle(self, number: int, _frame: FrameType | None) -> None:
         if self.requested:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
-from onlinebayes.runs.interrupt import Interrupt
+from onlinebayes.runs.interrupt import MayStop, giving_up, heeding
 
 
 def _silent(line: str) -> None:
@@ -20,15 +21,31 @@ class Watch:
     Args:
         say: takes one line of progress.
         interrupt: what asks the work to end; None where nothing does.
+        until: processor time of this process [s] at which it is to end; None for no end.
     """
 
     say: Callable[[str], None] = _silent
-    interrupt: Interrupt | None = None
+    interrupt: MayStop | None = None
+    until: float | None = None
 
     @property
     def stopped(self) -> bool:
         """Whether the work is to end: looked at between its steps."""
-        return self.interrupt is not None and self.interrupt.requested
+        return self.spent or (self.interrupt is not None and self.interrupt.requested)
+
+    @property
+    def requested(self) -> bool:
+        """The same, for blocks that may be asked to end."""
+        return self.stopped
+
+    @property
+    def spent(self) -> bool:
+        """Whether its processor time is used up."""
+        return self.until is not None and time.process_time() >= self.until
+
+    def within(self, budget_s: float | None) -> Watch:
+        """The same with so much processor time from now on [s]; None for no end."""
+        return replace(self, until=None if budget_s is None else time.process_time() + budget_s)
 
     @property
     def quiet(self) -> Watch:
@@ -38,15 +55,15 @@ class Watch:
     @property
     def unstoppable(self) -> Watch:
         """The same for a step that is done as a whole or not at all."""
-        return replace(self, interrupt=None)
+        return replace(self, interrupt=None, until=None)
 
     def heeded(self) -> AbstractContextManager[None]:
         """A block of which nothing is known before its end: a stop raises :class:`.interrupt.Stopped` there."""
-        return nullcontext() if self.interrupt is None else self.interrupt.heeded()
+        return heeding(self)
 
     def giving_up(self) -> AbstractContextManager[None]:
         """A block that a stop leaves at its next replay, and a second Ctrl-C at once; what is known is kept."""
-        return nullcontext() if self.interrupt is None else self.interrupt.giving_up()
+        return giving_up(self)
 
 
 UNWATCHED = Watch()

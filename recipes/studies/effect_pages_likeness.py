@@ -18,10 +18,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism import CONFOUNDED, Trial, grown_theta, trials
+from onlinebayes.criticism import Trial, grown_theta, trials
 from onlinebayes.identification import Projected, Windows, columns, linearise, noise_rows, project
 from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.identifiable import Identifiable
+
+CONFOUNDED = 1e-3
+"""Share of its square of which nothing but this is left: then the free parameters do the same already."""
 
 
 @dataclass(frozen=True)

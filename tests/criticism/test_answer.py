@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.commands import answer
+from onlinebayes.criticism import Criticism, diagnose, refine
 from onlinebayes.criticism.report import write_report
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -26,8 +25,9 @@ LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 COGGING = Cogging("rail", Parameter(0.0, 5.0, "N"), Parameter(1.0, 60.0, "rad/m"), Parameter(-4.0, 4.0, "rad"))
 
 
-def asked(data: Measurement, simulator: MujocoSimulator | None = None, question: str = "refine") -> Criticism:
-    return answer(question, simulator or model(), data, holdout=HELD, candidates=FEW)  # type: ignore[arg-type]
+def asked(data: Measurement, simulator: MujocoSimulator | None = None) -> Criticism:
+
+    return refine(simulator or model(), data, holdout=HELD, candidates=FEW)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +61,7 @@ def test_the_report_is_written_from_it(loaded: Criticism, tmp_path: Path) -> Non
 
 
 def test_compare_tries_no_effect() -> None:
-    found = asked(measure({LOAD: (0.5,)}, runs=10), question="compare")
+    found = compare(model(), measure({LOAD: (0.5,)}, runs=10), holdout=HELD)
     assert (found.verdict, found.accepted, found.candidates) == ("unexplained", (), ())
     assert found.failures
 
@@ -91,7 +91,7 @@ def test_a_reversed_column_is_a_problem_of_the_data() -> None:
 
 @pytest.mark.slow
 def test_cogging_is_found_where_nothing_else_explains_the_data() -> None:
-    found = answer("refine", model(), measure({COGGING: (0.8, 12.0, 0.5)}, runs=10), holdout=HELD)
+    found = refine(model(), measure({COGGING: (0.8, 12.0, 0.5)}, runs=10), holdout=HELD)
     assert found.accepted == ("cogging@rail",)
     assert found.parameters["cogging@rail.poles"].mean == pytest.approx(12.0, abs=0.5)
 
@@ -103,7 +103,7 @@ def test_what_was_found_before_a_stop_is_kept() -> None:
         interrupt.requested |= line.startswith("screening with constant_load")
 
     data = measure({LOAD: (0.5,)}, runs=10)
-    found = answer("refine", model(), data, holdout=HELD, candidates=FEW, progress=say, interrupt=interrupt)
+    found = refine(model(), data, holdout=HELD, candidates=FEW, progress=say, interrupt=interrupt)
     assert found.interrupted
     assert found.accepted == ("constant_load@rail",)
 

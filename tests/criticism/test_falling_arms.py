@@ -2,30 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
-import torch
 
-from onlinebayes.criticism import Selection
-from onlinebayes.criticism.searching.search import ground
-from onlinebayes.criticism.wiring.bench import SCREENED_PARTS, Bench, replay_rms, replay_rms_of_parts
 from tests.criticism.cases import refined
-from tests.criticism.wired import ARM
-
-
-def test_the_error_over_a_part_is_that_of_windows_which_end_there() -> None:
-    simulator, measurement, selection = ARM.model(), ARM.measure(runs=2), Selection()
-    bench = Bench(simulator, measurement, selection.horizon_s, ground(simulator, measurement, selection))
-    windows, thetas = bench.whole, bench.thetas()[:3]
-    found = replay_rms_of_parts(bench.coarse, windows, thetas, windows.noise)
-    assert torch.equal(found[0], replay_rms(bench.coarse, windows, thetas, windows.noise))
-    for part, errors in zip(SCREENED_PARTS, found, strict=True):
-        rows = round(part * windows.rows)
-        ends = windows.observed.clone()
-        ends[:, rows:] = False
-        cut = replace(windows, observed=ends)
-        torch.testing.assert_close(errors, replay_rms(bench.coarse, cut, thetas, windows.noise))
 
 
 @pytest.mark.long

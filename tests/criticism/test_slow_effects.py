@@ -11,15 +11,10 @@ import pytest
 from envs.rigs import RIGS, sized_case, write_case
 from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Criticism, Selection, compare, refine
-from onlinebayes.criticism.searching.search import SearchResult, ground
-from onlinebayes.criticism.searching.stage import run_stage
-from onlinebayes.criticism.slow_effects import adds_to, dropped_by, lengthened, unexplained_when_slow
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, QuadraticDrag
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.criticism import rigs
 
 MODEL = """
 <mujoco><option timestep="0.01" integrator="RK4"/><worldbody><body name="bob"><joint name="hinge" axis="0 1 0"/>
@@ -94,36 +89,6 @@ def test_a_right_model_is_adequate_over_a_second() -> None:
 
 
 @pytest.mark.long
-def test_what_nothing_explains_over_longer_times_is_said() -> None:
-    result = refine(model(), swings(DRAG, 20.0), holdout=["run8", "run9"], candidates=["sensor_scale"])
-    assert (result.verdict, result.accepted) == ("adequate", ())
-    assert any(note.endswith("trust the model over 1 s") for note in result.notes)
-
-
-@pytest.mark.long
-def test_a_stop_over_longer_windows_is_said() -> None:
-    """What was found over a second is complete; that the longer windows were not searched must be known."""
-    interrupt, lines = Interrupt(), list[str]()
-
-    def say(line: str) -> None:
-        lines.append(line)
-        interrupt.requested |= "looking over longer windows" in lines and line == "fitting the base model"
-
-    result = refine(
-        model(),
-        swings(DRAG, 20.0),
-        holdout=["run8", "run9"],
-        candidates=["sensor_scale"],
-        progress=say,
-        interrupt=interrupt,
-    )
-    assert result.interrupted
-    assert (result.verdict, result.accepted) == ("adequate", ())
-    (note,) = [note for note in result.notes if note.startswith("over windows of")]
-    assert "more than noise is left, and the search for its cause was stopped: trust the model over 1 s" in note
-
-
-@pytest.mark.long
 def test_a_start_that_was_fitted_over_a_second_is_known_over_longer_windows(tmp_path: Path) -> None:
     """From smoothed starts a fit beside friction ends above the noise over 5 s, though nothing is missing any more."""
     rig = RIGS["two_link_arm"]
@@ -139,45 +104,6 @@ def test_a_start_that_was_fitted_over_a_second_is_known_over_longer_windows(tmp_
 HIDDEN = QuadraticDrag("rail", Parameter(0.0, 5.0))
 FALSE = (ConstantLoad("rail", Parameter(-5.0, 5.0)), ActuatorGain("motor", Parameter(-0.5, 0.5)))
 USUAL, LONGER = Selection(), Selection(horizon_s=3.0)
-
-
-@pytest.fixture(scope="module")
-def one_for_two() -> tuple[Measurement, SearchResult, SearchResult]:
-    """A slide with drag: two effects named over 1 s, as if they left noise, and the one that is hidden over 3 s."""
-    measured = rigs.measure({HIDDEN: (0.5,)}, runs=7, seconds=3.5)
-    base = ground(rigs.model(), measured, USUAL)
-    stage = run_stage(base.fitted, base.windows, [HIDDEN], base.numerics, USUAL)
-    accepted = [(stage, replace(stage.judged[0], effect=effect)) for effect in (*FALSE, HIDDEN)]
-    long, true = (ground(one, measured, LONGER) for one in (rigs.model(), rigs.model().with_effect(HIDDEN)))
-    first, again = SearchResult(base, base, accepted=tuple(accepted[:2])), SearchResult(long, true)
-    return measured, first, replace(again, accepted=tuple(accepted[2:]))
-
-
-@pytest.mark.long
-def test_fewer_effects_stand_where_they_leave_noise_over_both(
-    one_for_two: tuple[Measurement, SearchResult, SearchResult],
-) -> None:
-    measured, first, again = one_for_two
-    assert adds_to(again, first, measured, USUAL)
-    assert not adds_to(replace(again, final=again.base), first, measured, USUAL)  # more than noise
-    assert not adds_to(replace(again, interrupted=True), first, measured, USUAL)
-    assert not adds_to(replace(again, accepted=()), first, measured, USUAL)  # nothing to put in their place
-    (note,) = lengthened(USUAL, LONGER, dropped_by(again, first))
-    assert "over 1 s constant_load@rail and actuator_gain@motor would pass for what is missing" in note
-    kept = replace(first, accepted=(*first.accepted, *again.accepted))
-    assert dropped_by(kept, first) == []
-
-
-def test_what_leaves_more_over_a_second_is_named_and_does_not_stand(
-    one_for_two: tuple[Measurement, SearchResult, SearchResult], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    measured, first, again = one_for_two
-    monkeypatch.setattr("onlinebayes.criticism.slow_effects.leaves_noise", lambda *_: False)
-    assert not adds_to(again, first, measured, USUAL)
-    said = unexplained_when_slow(USUAL, LONGER, again)
-    assert "and quadratic_drag@rail, which would explain that, leaves more than noise over 1 s: trust" in said
-    left = unexplained_when_slow(USUAL, LONGER, replace(again, final=again.base))
-    assert "which nothing that was tried explains" in left
 
 
 def test_a_horizon_that_was_asked_for_stands() -> None:

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.judging.verdict import rms_over_floor
+from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.identification.fitting.descent import backtracked
 from onlinebayes.identification.fitting.fit import fit

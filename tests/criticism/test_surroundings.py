@@ -9,15 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from onlinebayes.criticism import Criticism, Selection, refine
-from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.searching.stage import refit
-from onlinebayes.identification.data.windows import make_windows
-from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.simulators import test_air_effects, test_backlash, test_contact_effects
+from tests.simulators import test_air_effects, test_contact_effects
 
 STEP = 0.01
 
@@ -141,33 +136,3 @@ def test_a_soft_floor() -> None:
     # Along T zeta = const the stiffness stays, and a fit advances slowly there: what is found is the stiffness.
     time, damping = (result.parameters[f"contact_softness@ball.{n}"].mean for n in ("time_constant", "damping_ratio"))
     assert time * damping == pytest.approx(T * ratio, rel=0.02)
-
-
-@pytest.mark.long
-def test_play_in_a_servos_gear_is_refitted_from_where_screening_sees_it() -> None:
-    gap, noise, runs = 0.08, 1e-3, []
-    for r in range(4):
-        t = test_backlash.H * np.arange(2000)
-        goals = 0.4 * np.sin((2.0 + 0.4 * r) * t + r) + 0.2 * np.sin(7.1 * t)
-        goals = np.repeat(goals[::10], 10)  # a command a row
-        path = np.concatenate([[0.0], test_backlash.stiff(test_backlash.servo_law, goals, gap, parts=20)])
-        runs.append(_table(path[::10, None], ["hinge"], noise, r, drive=np.append(goals[::10], goals[-1])))
-    measured = Measurement.from_runs(
-        {f"run{r}": run for r, run in enumerate(runs)},
-        signals=[Signal("qpos.hinge", "rad", sd=noise)],
-        commands=["drive"],
-    )
-    free = ParameterSpace({"joint.hinge.damping": Parameter(0.0, 30.0, "N m s/rad")})
-    model = test_backlash.SERVO.replace('timestep="0.001"', 'timestep="0.005"')
-    simulator = MujocoSimulator(model, free, threads=1)
-    windows = make_windows(simulator, measured, 1.0, 1.0)
-    base = fit(simulator, windows, simulator.nominal.double())
-    (play,) = propose(simulator, windows, ["backlash"])
-    (seen,) = survey(base, windows, [play], None).screened
-    fitted, _ = refit(base, windows, play, seen.start)
-    damping, found, rotor = fitted.theta.tolist()
-    assert found == pytest.approx(gap, rel=0.05)
-    # At 5 ms a blow is known to a step: the rotor it comes from, and the damping, are as good as that.
-    assert damping == pytest.approx(test_backlash.DAMPING, rel=0.1)
-    assert rotor == pytest.approx(test_backlash.ROTOR, rel=0.3)
-    assert fitted.projected.objective < 0.01 * base.projected.objective

@@ -13,14 +13,14 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.experiment.rivals import Size
-from onlinebayes.criticism.judging.acceptance import LEAST_FALL
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 
 PARTED = 3.0
 
 
 def strength(sigma: Float[Tensor, "*batch"], fall: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """How far an input decides, 3 being enough; sigma alone where no effect is added (fall is nan)."""
-    asked = PARTED * (_odds(fall) / (1 / (1 - LEAST_FALL) ** 2 - 1)).sqrt()
+    asked = PARTED * (_odds(fall) / (1 / (1 - LEAST_GAIN) ** 2 - 1)).sqrt()
     return torch.where(fall.isnan(), sigma, torch.minimum(sigma, asked))
 
 

@@ -24,9 +24,8 @@ from torch import Tensor
 from onlinebayes.criticism.candidates.candidates import grown, propose, trials
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.play import Hypothesis
-from onlinebayes.criticism.judging.acceptance import contained
+from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.results import Candidate, Criticism
-from onlinebayes.criticism.searching.working_model import carry_theta
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.identification.fitting.numerics import Grounds, settle
@@ -153,7 +152,7 @@ def find_rivals(
     accepted = [effect for effect in result.final.simulator.effects if effect.key in result.accepted]
     model = grown(simulator, accepted)
     noise = torch.tensor([result.sensor_sd[signal] for signal in result.signals]).to(result.final.theta)
-    begin = carry_theta(result.final.simulator, result.final.theta, model)
+    begin = theta_of(model, values_of(result.final.simulator, result.final.theta))
     grounds = settle(model, measurement, result.selection.horizon_s, noise, begin)
     stepped = grounds.rung.of(simulator)
     found = {effect.key: effect for effect in propose(stepped, grounds.windows, candidates)}
@@ -200,7 +199,7 @@ def _swaps(
             for c in result.candidates
             if c.rank is not None
             and not c.accepted
-            and not (c.effect in found and contained(found[c.effect]) & set(rows))
+            and not (c.effect in found and _contained(found[c.effect]) & set(rows))
         ]
         swaps = [(0, other) for other in others[:2]]
     models = [final]
@@ -215,12 +214,17 @@ def _swaps(
     return tuple(Pair(a.hypothesis, b) for a, b in itertools.permutations(models, 2))
 
 
+def _contained(effect: Effect) -> set[str]:
+    """Keys of the simpler effects that this one becomes for some of its values."""
+    return {f"{name}@{effect.element}" for name in effect.contains}
+
+
 def _fitted(
     simulator: Identifiable, grounds: Grounds, final: Explanation, kept: Sequence[Effect], effect: Effect
 ) -> Fit | None:
     """The best of the fits from each point where screening would try the effect; None where all diverge."""
     model = grounds.rung.of(grown(simulator, [*kept, effect]))
-    theta = carry_theta(final.hypothesis.simulator, final.hypothesis.theta, model)
+    theta = theta_of(model, values_of(final.hypothesis.simulator, final.hypothesis.theta))
     fits = []
     for trial in trials([effect]):
         begin = with_effect_values(model, theta, effect, trial.values)

@@ -11,7 +11,7 @@ other model fit the present data and the predicted ones together, and counts wha
 
     x^2 = (Delta / tau) (min over theta of |r~|^2 over both  -  min over theta of |r~|^2 over the present data)
 
-An effect is accepted only where it also lowers the error by 5 % (``judging.acceptance``), over the present data and n
+An effect is accepted only where it also lowers the error by 5 % (``hypotheses.rule``), over the present data and n
 new recordings together:
 
     fall = 1 - sqrt(S / (S + E)),     S what noise leaves of both,  E what the other one's d for all of them adds

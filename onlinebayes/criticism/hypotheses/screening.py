@@ -5,7 +5,8 @@
 
 The same least squares without each fold in turn predicts that fold, so that the prediction is the gain of
 :mod:`.scoring` to first order. It chooses what is refitted, and decides nothing. Where there are many candidates, all
-are looked at in a quarter of the windows first, where nothing is left out, and those that promise most in all of them.
+are looked at in the quarter of the windows that errs most first, where nothing is left out, and those that promise most
+in all of them.
 """
 
 from __future__ import annotations
@@ -23,13 +24,12 @@ from onlinebayes.criticism.hypotheses.fitting import Fitted, score_of
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.hypotheses.rows import taken_out
 from onlinebayes.criticism.hypotheses.scoring import LinearModel, left_out
-from onlinebayes.criticism.judging.screening import orthonormal
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
 
 FEW = 8
-"""Windows at least, and a quarter of all, that show which candidates promise most."""
+"""Windows at least, and a quarter of all, that show which candidates promise most: those that err most."""
 
 SHORTLIST = 12
 """Candidates that are looked at in all windows: four times as many as are refitted."""
@@ -86,9 +86,9 @@ class _Bench:
     folds: Int[Tensor, " W"] | None
 
     def of_part(self) -> _Bench:
-        """A quarter of the windows, nothing left out."""
-        count, few = self.windows.count, min(self.windows.count, max(FEW, self.windows.count // 4))
-        some = torch.linspace(0, count - 1, few, device=self.windows.run.device).round().long()
+        """The quarter of the windows that err most, nothing left out."""
+        few = min(self.windows.count, max(FEW, self.windows.count // 4))
+        some = self.fitted.rows.residual.square().sum(1).topk(few).indices.sort().values
         return _Bench(self.fitted.of(some), self.windows.select(some), self.base[some], None)
 
     @cached_property
@@ -174,6 +174,14 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
             left / left.norm().clamp_min(1e-300),
             _imitators(fitted, column) if confounded else (),
         )
+
+
+def orthonormal(columns: Float[Tensor, "N P"]) -> Float[Tensor, "N Q"]:
+    """An orthonormal basis of what the columns span."""
+    if not columns.shape[1]:
+        return columns
+    U, singular, _ = torch.linalg.svd(columns / columns.norm(dim=0).clamp_min(1e-300), full_matrices=False)
+    return U[:, singular > 1e-9 * singular.max()]
 
 
 def _imitators(fitted: Fitted, column: Float[Tensor, "W m"]) -> tuple[str, ...]:

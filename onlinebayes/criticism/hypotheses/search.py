@@ -8,7 +8,7 @@ Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.evaluating`), 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.hypotheses.additions import Addition, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
@@ -22,6 +22,9 @@ REFITS = 3
 
 LEAST_PROMISE = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
+
+PAIRED = 3
+"""Candidates beside which a second one is looked for, where none is preferred alone."""
 
 AT_FLOOR = 1.2
 """Floors: no more is left than noise."""
@@ -116,11 +119,42 @@ class Search:
             if found.added is None and here is self.base and self.last and not quiet(here):
                 self.candidates, self.flexible, self.last = (*self.candidates, *self.last), {*self.last}, ()
                 continue
+            if self.flexible:
+                self.candidates = [one for one in self.candidates if one not in self.flexible]
+            if found.added is None and here is self.base and not quiet(here) and (two := self.pair(here, found)):
+                # Neither is preferred alone, so that none is dropped beside the other.
+                self.rounds[-1:] = two
+                assert two[-1].added is not None
+                self.here = self.refined(two[-1].added.evaluation)
+                continue
             seen.add(frozenset(here.hypothesis.keys))
             if found.added is None:
                 break
             self.here = self.pruned(self.refined(found.added.evaluation))
         return self.here
+
+    def pair(self, here: Evaluation, alone: Round) -> tuple[Round, Round] | None:
+        """Two additions at once where each hides the other: the pair that gains most, as two rounds; None without."""
+        enough: list[tuple[Trial, Trial, Round]] = []
+        firsts = [trial for trial in alone.tried if trial.addition not in self.flexible]
+        for first in sorted(firsts, key=lambda trial: -trial.least)[: PAIRED if self.most > 1 else 0]:
+            beside = self.tried_all(first.evaluation)
+            for second in beside.tried:
+                both = replace(second, gains=second.evaluation.gains(here))
+                if preferred(both.gains, here.gains(self.base)[0]):
+                    enough.append((first, both, beside))
+        if not enough:
+            return None
+        best = max((both for _, both, _ in enough), key=lambda both: both.least)
+        equal = [one for one in enough if one[1] is best or _equal(best, one[1])]
+        first, both, beside = min(equal, key=lambda one: (_parameters(one[1])[0], one[0].addition.rank, -one[1].least))
+        others = {one.addition: one for one, _, _ in equal if one is not first}
+        second = next(trial for trial in beside.tried if trial.addition == both.addition)
+        seconds = [one for _, one, of in equal if of is beside and one is not both]
+        return (
+            replace(alone, added=first, equal=tuple(others.values())),
+            replace(beside, added=second, equal=tuple(seconds)),
+        )
 
     def evaluated_from(self, richer: Evaluation, hypothesis: Hypothesis) -> Evaluation:
         """A simpler hypothesis, fitted from where a richer one ended too; the richer one where it cannot be."""
@@ -128,6 +162,18 @@ class Search:
 
     def round(self, here: Evaluation) -> Round:
         """Screen all candidates, refit those that promise most, add what the rule prefers."""
+        found = self.tried_all(here)
+        tried = found.tried
+        best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
+        if best is None:
+            return found
+        equal = [trial for trial in tried if trial is best or _equal(best, trial)]
+        chosen = min((trial for trial in equal if trial.refused is None), key=_parameters)
+        others = tuple(trial for trial in equal if trial is not chosen)
+        return replace(found, added=chosen, equal=others, alike=_alike(found.screened, tried, chosen))
+
+    def tried_all(self, here: Evaluation) -> Round:
+        """All candidates screened, those that promise most refitted; nothing added yet."""
         evaluator = self.evaluator
         evaluator.watch(f"screening with {here.hypothesis}")
         present = set(here.hypothesis.keys)
@@ -136,13 +182,7 @@ class Search:
         shown = {prediction.addition.key for prediction in screened}
         silent = tuple(addition.key for addition in left if addition.key not in shown)
         tried = tuple(trial for p in promising(screened) if (trial := self.tried(here, p)) is not None)
-        best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
-        if best is None:
-            return Round(here, screened, tried, silent=silent)
-        equal = [trial for trial in tried if trial is best or _equal(best, trial)]
-        chosen = min((trial for trial in equal if trial.refused is None), key=_parameters)
-        others = tuple(trial for trial in equal if trial is not chosen)
-        return Round(here, screened, tried, chosen, others, _alike(screened, tried, chosen), silent)
+        return Round(here, screened, tried, silent=silent)
 
     def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
         """One addition more, fitted from where screening looked; None where the simulator cannot follow it."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism.experiment import Plan, Rivalry, Tried
-from onlinebayes.criticism.judging.acceptance import LEAST_FALL
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 
 
 def headline(plan: Plan) -> str:
@@ -54,7 +54,7 @@ def acceptance(rivalry: Rivalry) -> str:
         return ""
     size = f"{rivalry.accepted_from:.3g} {rivalry.unit}".rstrip() if rivalry.accepted_from is not None else ""
     return (
-        f"it would lower the error by {100 * rivalry.fall:.2g} %, and {100 * LEAST_FALL:g} % are asked"
+        f"it would lower the error by {100 * rivalry.fall:.2g} %, and {100 * LEAST_GAIN:g} % are asked"
         f"{f': accepted from about {size} on' if size else ''}"
     )
 

@@ -19,7 +19,7 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.wiring.bench import replay_rms
+from onlinebayes.criticism.wiring.replay_rms import replay_rms
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.simulators.identifiable import Identifiable
@@ -71,8 +71,8 @@ def settled(
     simulator: Identifiable,
     windows: Windows,
     theta: Float[Tensor, " P"],
-) -> tuple[list[Stretch], Float[Tensor, " P"]]:
-    """The stretches with their edges in place, and theta fitted beside them.
+) -> list[Stretch]:
+    """The stretches with their edges in place.
 
     Args:
         stretches: where the actuators seem to have been off.
@@ -92,7 +92,7 @@ def settled(
         trial = trial.fitted(current)
         if current == before:
             break
-    return _needed(current, trial), trial.theta
+    return _needed(current, trial)
 
 
 def disabled(windows: Windows, columns: Sequence[int], stretches: Sequence[Stretch]) -> Windows:

@@ -19,9 +19,9 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.wiring.bench import replay_rms
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.criticism.wiring.outage_edges import Stretch, settled
+from onlinebayes.criticism.wiring.replay_rms import replay_rms
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import fit, unfitted
 from onlinebayes.identification.fitting.numerics import Grounds
@@ -31,8 +31,8 @@ from onlinebayes.simulators.identifiable import Identifiable
 STRUCK_MEDIANS = 3.0
 """A window that errs by more than so many times the median error may be struck."""
 
-SUDDEN_MEDIANS = 30.0
-"""No law is as sudden as an error of so many times the median."""
+MOST_PARTS = 3
+"""What happens more often than once a run, and more often than this, is a law and no outage."""
 
 STRUCK_SHARE = 0.5
 """A window is struck where being off leaves less than this share of its error."""
@@ -91,9 +91,8 @@ class Outage(Fault):
         return replace(measurement, data=data)
 
 
-def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> tuple[Outage, Float[Tensor, " P"]] | None:
-    """The outage that the windows speak for and the theta beside it; None where no few of them stand out, or being off
-    explains none.
+def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> Outage | None:
+    """The outage that the windows speak for; None where no few of them stand out, or being off explains none.
 
     Args:
         base: the base model fitted.
@@ -121,17 +120,11 @@ def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> tuple[Outag
     _, columns, edges, struck = min(found, key=lambda one: one[0])
     places = [(run, at + a, at + b) for (run, at), (a, b) in zip(_places(part), edges.tolist(), strict=True)]
     seen = _joined([place for place, hit in zip(places, struck.tolist(), strict=True) if hit], part)
-    stretches, theta = settled(seen, columns, coarse, windows, theta)
-    return (Outage(tuple(coarse.commands[u] for u in columns), _spans(stretches, part)), theta) if stretches else None
-
-
-def sudden(base: Grounds, coarse: Identifiable, windows: Windows) -> bool:
-    """Whether some windows err by so much more than the others, at once, that no law is worth trying before an outage.
-
-    Arguments as :func:`outage`.
-    """
-    windows = _moving(windows)
-    return any(_some_stand_out(_errors(coarse, windows, theta), SUDDEN_MEDIANS) for theta in _starts(base, coarse))
+    stretches = settled(seen, columns, coarse, windows, theta)
+    spans = _spans(stretches, part)
+    if not spans or len(spans) > max(MOST_PARTS, len(windows.runs)):
+        return None
+    return Outage(tuple(coarse.commands[u] for u in columns), spans)
 
 
 def _moving(windows: Windows) -> Windows:
@@ -144,9 +137,9 @@ def _starts(base: Grounds, coarse: Identifiable) -> tuple[Float[Tensor, " P"], .
     return base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))
 
 
-def _some_stand_out(errors: Float[Tensor, " W"], apart: float = STRUCK_MEDIANS) -> bool:
+def _some_stand_out(errors: Float[Tensor, " W"]) -> bool:
     """Whether a few windows err by far more than the others; more than half of them cannot (see the median)."""
-    return bool((errors > apart * errors.median()).any())
+    return bool((errors > STRUCK_MEDIANS * errors.median()).any())
 
 
 def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Identifiable, windows: Windows) -> Float[Tensor, " P"]:

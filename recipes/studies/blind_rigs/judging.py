@@ -11,7 +11,7 @@ import torch
 
 from envs.rigs import BlindCase, case, write_case
 from onlinebayes.cli.problem import Problem, load_problem
-from onlinebayes.criticism import Candidate, Criticism, refine
+from onlinebayes.criticism import Candidate, Criticism, refine, same_as
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.blind_rigs.names import spelt
 from recipes.studies.blind_rigs.record import Judged
@@ -71,22 +71,23 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
     hidden = _spelt(made)
     first = next((candidate for candidate in result.candidates if candidate.rank == 1), None)
     equal = next((c.indistinguishable_from for c in result.candidates if c.effect in result.accepted[:1]), ())
+    accepted = tuple(map(same_as, result.accepted))
     error = result.heldout_error
     truth = true_values(made, result.final.simulator)
     asked = replace(problem, selection=result.selection)
     reference = true_error(made, asked, result.base.simulator, error.noise_floor)
     # Of a miswired log or of a second's motion the parameters are nobody's.
-    meant = made.kind in ("effect", "null") and set(result.accepted) == set(hidden)
+    meant = made.kind in ("effect", "null") and set(accepted) == set(hidden)
     covered, intervals = _coverage(result, truth) if meant else (0, 0)
     return replace(
         _asked(made),
         verdict=result.verdict,
-        accepted=result.accepted,
-        first=first.effect if first else "",
+        accepted=accepted,
+        first=same_as(first.effect) if first else "",
         gain=first.score_gain if first else None,
         gain_se=first.score_gain_se if first else None,
         p=first.p_value if first else None,
-        equal=equal,
+        equal=tuple(map(same_as, equal)),
         refused=why_not(result.candidates, hidden),
         widened=tuple(result.widened),
         wiring=result.wiring.fault if result.wiring else "",
@@ -123,7 +124,7 @@ def _spelt(made: BlindCase) -> tuple[str, ...]:
 
 def why_not(candidates: Sequence[Candidate], hidden: Sequence[str]) -> dict[str, str]:
     """Why each hidden effect was not accepted; nothing for those that were."""
-    known = {candidate.effect: candidate for candidate in candidates}
+    known = {same_as(candidate.effect): candidate for candidate in reversed(candidates)}
     found = {}
     for key in hidden:
         if key not in known:

@@ -20,16 +20,18 @@ from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism import ground, grown, longer, propose
+from onlinebayes.criticism import grown, longer, propose
 from onlinebayes.identification import (
     MEMORY,
     Fit,
     fit,
     in_step,
     make_windows,
+    measured_floors,
     replay_error,
     replay_runs,
     reported,
+    settle,
     split,
     start_floor,
     start_spread,
@@ -82,7 +84,7 @@ def base_error(problem: Problem) -> float:
     fit_runs, _ = split(problem.measurement, problem.holdout)
     simulator = in_step(problem.simulator, fit_runs)
     problem = replace(problem, selection=steady(simulator, fit_runs, problem.selection))
-    grounds = ground(simulator, fit_runs, problem.selection)
+    grounds = settle(simulator, fit_runs, problem.selection.horizon_s, measured_floors(fit_runs))
     model = reported(simulator, grounds.fitted.simulator).of(grounds.fitted.simulator)
     return held_error(problem, replace(grounds.fitted, simulator=model), grounds.windows.noise)
 

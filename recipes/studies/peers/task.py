@@ -18,8 +18,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism import Selection, ground
-from onlinebayes.identification import MEMORY, Windows, make_windows, noise_floors, row_step, run_grids, split, steady
+from onlinebayes.criticism import Selection
+from onlinebayes.identification import (
+    MEMORY,
+    Windows,
+    make_windows,
+    measured_floors,
+    noise_floors,
+    row_step,
+    run_grids,
+    settle,
+    split,
+    steady,
+)
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -83,7 +94,9 @@ class Task:
     @cached_property
     def base_theta(self) -> Float[Tensor, " P"]:
         """The engineer's model fitted by criticism, nothing added: where the peers begin [SI]."""
-        return ground(self.simulator, self.fit_runs, self.steadied).fitted.theta
+        return settle(
+            self.simulator, self.fit_runs, self.steadied.horizon_s, measured_floors(self.fit_runs)
+        ).fitted.theta
 
     def _windows(self, runs: Measurement) -> Windows:
         horizon = self.steadied.horizon_s

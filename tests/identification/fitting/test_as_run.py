@@ -10,7 +10,6 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Selection, refine
-from onlinebayes.criticism.searching.search import ground
 from onlinebayes.identification.data.windows import MEMORY, make_windows
 from onlinebayes.identification.fitting.as_run import NOISE_FLOORS, AsRun, RunSetup, as_run
 from onlinebayes.identification.fitting.fit import fit, unfitted
@@ -20,6 +19,7 @@ from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import DryFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.identification.grounding import ground
 
 TRIED = ["dry_friction", "joint_stiffness", "constant_load", "actuator_delay", "actuator_gain"]
 NOISE, ROW = 2e-4, 0.01  # [rad], [s]

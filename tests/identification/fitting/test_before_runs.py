@@ -8,10 +8,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import Selection, refine
-from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.delays_from_idle import late_from_idle
-from onlinebayes.criticism.searching.search import ground
+from onlinebayes.criticism import refine
 from onlinebayes.identification.fitting.before_runs import idle_before, reread, starts_read_otherwise
 from onlinebayes.identification.fitting.numerics import settle
 from onlinebayes.identification.fitting.projection import misfit
@@ -62,14 +59,6 @@ def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bo
     assert right.fitted.theta[-1].item() == pytest.approx(LATE * STEP, abs=1e-3)
     assert not starts_read_otherwise(right, replace(measurement, idle_before=idle))
     assert starts_read_otherwise(wrong, replace(measurement, idle_before=not idle))
-
-
-@pytest.mark.long
-@pytest.mark.parametrize(("idle", "late"), [(True, LATE), (False, LATE), (True, 0)])
-def test_a_late_motor_is_asked_for_before_anything_is_tried(idle: bool, late: int) -> None:
-    measurement, selection = log(idle, late), Selection()
-    base = ground(model(), measurement, selection)
-    assert late_from_idle(base, SearchContext(measurement, selection, TRIED)) == (idle and late > 0)
 
 
 def test_commands_before_a_run_are_none_or_the_first_rows() -> None:

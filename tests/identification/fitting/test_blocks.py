@@ -1,9 +1,6 @@
-import math
-
 import pytest
 import torch
 
-from onlinebayes.criticism.judging.score import cross_validate, score_gain
 from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.identification.fitting.blocks import (
     flip_groups,
@@ -91,32 +88,6 @@ def test_the_jackknife_of_a_mean_is_its_variance() -> None:
 
 def test_t_quantiles() -> None:
     assert t_quantile(0.975, 10) == pytest.approx(2.262, abs=1e-3)
-
-
-def test_a_model_gains_nothing_over_itself(windows) -> None:
-    blocks = make_blocks(windows, 0.05)
-    scores = cross_validate(fit(model(), windows, START), windows, blocks)
-    gain = score_gain(scores, scores, windows.bin_step)
-    assert (gain.gain, gain.se, gain.blocks) == (0.0, 0.0, 8)
-    # Noise of sd 1 at the rows: the density is that of a Gaussian, to the precision of 2400 rows (1 %).
-    per_row = float(scores.log_density.sum()) / float(scores.count.sum())
-    assert per_row == pytest.approx(-0.5 * math.log(2 * math.pi * math.e), abs=0.06)
-    assert scores.rms_long == pytest.approx(1.0, abs=0.05)
-
-
-def test_the_better_model_gains_about_what_its_density_gives(windows) -> None:
-    from dataclasses import replace
-
-    blocks = make_blocks(windows, 0.05)
-    right = fit(model(), windows, START)
-    scores = cross_validate(right, windows, blocks)
-    # The same residuals with all of their sizes doubled: a normal density loses log 2 a row.
-    lin = replace(right.lin, residual=2 * right.lin.residual, by_theta=2 * right.lin.by_theta)
-    worse = cross_validate(replace(right, lin=lin), windows, blocks)
-    gain = score_gain(scores, worse, windows.bin_step)
-    rows = float(scores.count.sum()) * windows.bin_step / max(worse.tau, windows.bin_step)
-    assert gain.gain == pytest.approx(rows * math.log(2), rel=0.03)
-    assert gain.se < 0.2 * gain.gain
 
 
 def test_bounds_hold_when_a_block_is_left_out() -> None:

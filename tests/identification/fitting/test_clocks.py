@@ -8,13 +8,13 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import Selection, refine
-from onlinebayes.criticism.searching.search import ground
 from onlinebayes.identification.data.grid import replay_step
 from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import ConstantLoad
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.identification.grounding import ground
 
 STEP, NOISE = 0.004, 1e-4  # of the simulator that writes the log [s], of the sensor [rad]
 ROWS, EVERY, RUNS = 750, 5, 6  # of that simulator, rows a measured one, runs

@@ -1,6 +1,5 @@
 """A slider-crank with one encoder, logged by an equation of motion of its own: right as it is, and with friction."""
 
-from dataclasses import replace
 from importlib import import_module
 
 import numpy as np
@@ -8,18 +7,10 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import Selection, compare
-from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.candidates.survey import survey
-from onlinebayes.criticism.findings.reading_notes import tie_notes
-from onlinebayes.criticism.searching.context import SearchContext
-from onlinebayes.criticism.searching.search import SearchResult, ground
-from onlinebayes.criticism.searching.stage import refit
-from onlinebayes.criticism.task import Task, prepare
+from onlinebayes.criticism import compare
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.fitting.closed_loops import completed
 from onlinebayes.identification.fitting.numerics import settle
-from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.identification.fitting.readings import follows_far_better
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -97,37 +88,3 @@ def test_constraints_are_asked_of_the_log_again(simulator: MujocoSimulator, with
     wrong, right = (settle(model, log, 0.5, noise) for model in (rigid, simulator))
     assert follows_far_better(wrong, log, simulator)
     assert not follows_far_better(right, log, rigid)
-
-
-@pytest.mark.long
-def test_the_search_goes_on_with_the_other_constraints(
-    simulator: MujocoSimulator, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    log, _ = completed(simulator, Measurement.from_runs(driven_slider_crank(0.0, runs=2, seconds=1.0)))
-    rigid, asked = simulator.with_rigid_constraints(), []
-    tied = Task(rigid, log, log, Selection(), (), simulator)
-    other = replace(tied, simulator=simulator, otherwise_tied=rigid)
-    monkeypatch.setattr(Task, "read_otherwise", lambda task, found: other)
-    monkeypatch.setattr(refining, "inquire", lambda model, *_: asked.append(model) or (found, None))
-    monkeypatch.setattr(refining, "misfit", lambda _: next(left))
-    left, base = iter([1.0, 3.0]), ground(rigid, log, Selection())
-    found = SearchResult(base, base)
-    context = SearchContext(log, Selection())
-    assert refining._read_otherwise(tied, found, context, 1) == (other, found)
-    assert asked == [simulator]
-    assert [len(tie_notes(task.simulator, task.otherwise_tied)) for task in (tied, other)] == [1, 0]
-
-
-@pytest.mark.long
-def test_friction_at_the_slider_is_recovered_though_screening_begins_astray(
-    simulator: MujocoSimulator, without_shape_checks: None
-) -> None:
-    """Screening's size with the damping that stood in for it errs more than the model without: it starts at half."""
-    log = Measurement.from_runs(driven_slider_crank(0.8, runs=4, seconds=4.0))
-    task = prepare(simulator, log, ["r3"], Selection(), None)
-    base = ground(task.simulator, task.fit_runs, task.selection)
-    (effect,) = propose(base.fitted.simulator, base.windows, ["dry_friction@slider"])
-    (screened,) = survey(base.fitted, base.windows, [effect], None).screened
-    fitted, _ = refit(base.fitted, base.windows, effect, screened.start, promised=screened.promise)
-    assert misfit(fitted.projected) < 0.1 * misfit(base.fitted.projected)
-    assert fitted.theta.tolist() == pytest.approx([0.01, 0.8], rel=0.05)

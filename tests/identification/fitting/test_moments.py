@@ -8,11 +8,11 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import Selection, refine
-from onlinebayes.criticism.searching.search import ground
 from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.identification.grounding import ground
 
 NOISE, ROW = 3e-4, 0.01  # [rad], [s]
 ARM = """<mujoco><option timestep="0.01" integrator="RK4"/><worldbody>

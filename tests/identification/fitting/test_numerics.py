@@ -5,15 +5,11 @@ import pytest
 import torch
 
 from onlinebayes.criticism import refine
-from onlinebayes.criticism.judging.acceptance import judge
-from onlinebayes.criticism.judging.score import cross_validate
 from onlinebayes.identification.data.noise import noise_floors
 from onlinebayes.identification.data.windows import make_windows
-from onlinebayes.identification.fitting.blocks import make_blocks
 from onlinebayes.identification.fitting.fit import fit
 from onlinebayes.identification.fitting.numerics import Grounds, _too_coarse, check, settle
 from onlinebayes.identification.replaying.ladder import Rung, ladder
-from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators import Identifiable
@@ -152,19 +148,6 @@ def test_a_model_integrated_by_euler_is_judged_by_runge_kutta_and_says_so() -> N
     assert "so that errors of integration do not pass for missing physics" in note
     assert note.endswith(f"refined.xml has integrator RK4 and timestep {result.final.simulator.timestep:g}")
     assert result.final.simulator.model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4
-
-
-@pytest.mark.parametrize(("error", "refused"), [(0.0, False), (1e3, True)])
-def test_the_integrators_shift_is_not_a_delay(error: float, refused: bool) -> None:
-    delay = ActuatorDelay("motor", Parameter(0.0, 0.1, "s"))
-    windows = make_windows(model(), measure({delay: (0.006,)}, runs=8), 1.0, 0.1)
-    current = fit(model(), windows, torch.tensor([2.5, 1.4]).double())
-    blocks = make_blocks(windows, 0.05)
-    grown = fit(model().with_effect(delay), windows, torch.tensor([2.5, 1.4, 0.006]).double())
-    scores = cross_validate(current, windows, blocks)
-    judged = judge(delay, 0.01, grown, scores, windows, blocks, Numerics(0.01, error, True), 0.03)
-    assert judged.admissible != refused
-    assert any("shifts time" in reason for reason in judged.failed) == refused
 
 
 @pytest.mark.long

@@ -14,14 +14,16 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.criticism import region_words
-from onlinebayes.criticism.judging.score import SHORT_WINDOWS
-from onlinebayes.criticism.judging.verdict import AT_FLOOR
+from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.results import Failure
 from onlinebayes.identification import quantities
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.identification.fitting.fit import Fit
 from onlinebayes.identification.fitting.projection import project
+
+SHORT_WINDOWS = 3
+"""Each window is cut into so many."""
 
 LEAST_SHARE = 0.2
 LEAST_LIFT = 1.25

@@ -1,1 +1,0 @@
-"""The search for what is missing: rounds of screening and refits, pairs, families, changes, bounds, ties."""
