@@ -12,23 +12,24 @@ from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import build
 from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import ranked, steps
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
-from onlinebayes.criticism.hypotheses.verdict import decide
+from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.mending import Mended
 from onlinebayes.criticism.results import Criticism, Question, Remainder, WidenedBounds, Wiring
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import Fit
-from onlinebayes.identification.replaying.ladder import reported
+from onlinebayes.identification.replaying.ladder import Rung, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.identifiable import Identifiable
 
 
 def answered(
@@ -50,14 +51,18 @@ def answered(
     windows, base_fit, fit = explanation.windows, as_fit(base, evaluator), as_fit(found, evaluator)
     numerics = numerics_of(found, evaluator)
     before, after = (rms_over_floor(one, windows, numerics) for one in (base_fit, fit))
+    asked = what_to_record(windows, task.fit_runs, task.selection.horizon_s)
     stopwatch("opening the held-out runs")
     base_model, final_model, held = _opened(task, explanation)
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
     return Criticism(
         command=question,
         verdict=(
-            decide(explanation, numerics, before, after, task.selection.tolerance) if fault is None else "data_problem"
+            decide(explanation, numerics, before, after, task.selection.tolerance, enough=not asked)
+            if fault is None
+            else "data_problem"
         ),
+        what_to_record=asked if fault is None else "",
         accepted=found.hypothesis.keys,
         remainder=_remainder(fit, explanation, after, units, task.selection.tolerance),
         heldout_error=error,
@@ -95,14 +100,14 @@ def _wiring(fault: Mended, base: Evaluation) -> Wiring:
 def _mended(fault: Mended, task: Task) -> FittedModel:
     """The base model fitted to the table put right, without replays."""
     evaluation, evaluator = fault.evaluation, fault.evaluator
-    rung = reported(evaluator.given, evaluation.fitted.simulator)
+    rung = _shown(evaluator, evaluator.given, evaluation)
     return fitted_model(evaluation, evaluator, task.selection.folds, rung, ())
 
 
 def _opened(task: Task, explanation: Explanation) -> tuple[FittedModel, FittedModel, Windows]:
     """Both models replayed over all runs, in the same windows, and those of the held-out runs."""
     evaluator, selection, base, found = explanation.evaluator, task.selection, explanation.base, explanation.found
-    rung = reported(task.simulator, base.fitted.simulator, found.fitted.simulator)
+    rung = _shown(evaluator, task.simulator, base, found)
     shown = rung.of(build(evaluator.given, found.hypothesis, evaluator.runs))
 
     def windows(runs: Measurement) -> Windows:
@@ -113,6 +118,13 @@ def _opened(task: Task, explanation: Explanation) -> tuple[FittedModel, FittedMo
     before = fitted_model(base, evaluator, selection.folds, rung, parts)
     after = before if found is base else fitted_model(found, evaluator, selection.folds, rung, parts)
     return before, after, held
+
+
+def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Rung:
+    """How models are run that are reported: no more coarsely than the user's, unless the log follows just that."""
+    if evaluator.as_given:
+        return evaluator.discretisation.values
+    return reported(given, *(evaluation.fitted.simulator for evaluation in evaluations))
 
 
 def _remainder(

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from onlinebayes.criticism import Criticism, diagnose, refine
+from onlinebayes.criticism import Criticism, compare, refine
 from onlinebayes.criticism.report import write_report
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace

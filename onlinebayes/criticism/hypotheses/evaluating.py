@@ -46,6 +46,7 @@ class Evaluator:
         runs: names of the fit runs.
         discretisation: how models are integrated.
         watch: told what is being done.
+        as_given: whether the log follows the model's own step, which then is not to be refined: see :mod:`.as_given`.
     """
 
     given: Identifiable
@@ -54,6 +55,7 @@ class Evaluator:
     discretisation: Discretisation
     watch: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Evaluation | None] = field(default_factory=dict)
+    as_given: bool = False
 
     def __post_init__(self) -> None:
         self.partitions: tuple[Int[Tensor, " W"], ...] = partitions(self.windows)
@@ -102,7 +104,7 @@ class Evaluator:
     def refined(self, here: Evaluation) -> Evaluator:
         """Itself where a fit may be judged as it was integrated, else one that integrates finely enough for it."""
         given = build(self.given, here.hypothesis, self.runs)
-        if fine_enough(here.fitted, given, self.windows):
+        if self.as_given or fine_enough(here.fitted, given, self.windows):
             return self
         discretisation = cheapest(here.fitted, given, self.windows)
         if discretisation == self.discretisation:

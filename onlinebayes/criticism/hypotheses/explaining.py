@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, wider_bounds
+from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
 from onlinebayes.criticism.hypotheses.lengths import fit_base
-from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search, quiet
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.closed_loops import completed
@@ -117,7 +118,10 @@ def begun(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) 
         Stopped: it was interrupted.
     """
     with watch.heeded():
-        return Search(*_base(given, fit_runs, watch), ())
+        evaluator, base = _base(given, fit_runs, watch)
+        if not quiet(base):
+            evaluator, base = run_as_given(evaluator, base) or (evaluator, base)
+        return Search(evaluator, base, ())
 
 
 def searched(
@@ -143,8 +147,23 @@ def searched(
             wider = wider_bounds(search.base.fitted.simulator, search.base.values)
             search.candidates = (*wider, *additions(given, fit_runs, candidates))
             search.last = flexible(given, fit_runs) if candidates == "all" else ()
-            search.run()
+            search = _run(search, search.last)
     return Explanation(search.base, search.here, tuple(search.rounds), search.evaluator)
+
+
+def _run(search: Search, last: Sequence[Addition]) -> Search:
+    """The search; anew, run as a simulator would have, where the log follows what was found far better so."""
+    found = search.run()
+    other = None if quiet(found) or found is search.base else run_as_given(search.evaluator, found)
+    if other is None:
+        return search
+    evaluator, _ = other
+    base = evaluator.evaluate(Hypothesis(), [search.base.values], search.base.fitted.lin.starts)
+    if base is None:
+        return search
+    anew = Search(evaluator, base, search.candidates, last, search.most)
+    anew.run()
+    return anew
 
 
 def _base(given: Identifiable, fit_runs: Measurement, watch: Watch) -> tuple[Evaluator, Evaluation]:

@@ -31,6 +31,8 @@ def ranked(explanation: Explanation, fitted: Mapping[str, Estimate]) -> tuple[Ca
         if row.effect not in known:
             known.add(row.effect)
             rows.append(row)
+    limits = {p.addition.key: _limit(p) for p in explanation.rounds[-1].screened}
+    rows = [row if row.accepted else replace(row, exclusion_limit=limits.get(row.effect)) for row in rows]
     free = [row for row in rows if not row.confounded_with]
     numbered = [replace(row, rank=number) for number, row in enumerate(free, 1)]
     return (*numbered, *(row for row in rows if row.confounded_with))
@@ -156,6 +158,20 @@ def _screened(first: Round, known: set[str]) -> Iterator[Candidate]:
     for key in first.silent:
         if key not in listed:
             yield Candidate(key, None, None, None, None, folds, confounded_with=(MOVES_NOTHING,))
+
+
+def _limit(prediction: Prediction) -> float | None:
+    """How large an effect could be that the data do not show, from neutral [SI]; None where its bounds allow no such.
+
+    It means nothing of an effect that begins at its upper bound: a force's limit, which shrinks.
+    """
+    if not isinstance(prediction.addition, AddedEffect):
+        return None
+    effect = prediction.addition.effect
+    bounds, neutral = effect.parameters[effect.magnitude], effect.neutral[effect.magnitude]
+    if neutral >= bounds.high or prediction.visible > max(bounds.high - neutral, neutral - bounds.low):
+        return None
+    return prediction.visible
 
 
 def _promised(prediction: Prediction) -> str:

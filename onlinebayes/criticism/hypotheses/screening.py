@@ -11,6 +11,7 @@ in all of them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,7 +23,8 @@ from torch import Tensor
 from onlinebayes.criticism.hypotheses.additions import Addition, Start
 from onlinebayes.criticism.hypotheses.fitting import Fitted, score_of
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
-from onlinebayes.criticism.hypotheses.rows import taken_out
+from onlinebayes.criticism.hypotheses.rows import rms, taken_out
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.scoring import LinearModel, left_out
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
@@ -39,6 +41,9 @@ STARTS = 3
 
 CONFOUNDED = 1e-3
 """Share of its square of which nothing but this is left: then the free parameters do the same already."""
+
+SILENT = 1e-3
+"""Of what is left, by which a candidate moves the rows at most, whatever its size: it moves nothing."""
 
 PART = 0.1
 """Of a candidate's norm, from which on a parameter is named as one that does the same."""
@@ -57,6 +62,8 @@ class Prediction:
         gain: predicted gain in left-out score [nats].
         direction: how it moves the rows, starts and theta taken out, of norm 1.
         imitated_by: free parameters that do the same already; empty where they cannot.
+        visible: the smallest size that would have been seen, as a distance from neutral [SI of its first parameter];
+            infinite where none would.
     """
 
     addition: Addition
@@ -64,6 +71,7 @@ class Prediction:
     gain: float
     direction: Float[Tensor, " N"]
     imitated_by: tuple[str, ...] = ()
+    visible: float = math.inf
 
     def alike(self, other: Prediction) -> bool:
         """Whether it is the same law as another, to first order; both were looked at in all windows."""
@@ -138,7 +146,8 @@ def _ordered(bench: _Bench, candidates: Sequence[Addition]) -> list[Prediction]:
     found = []
     for addition in candidates:
         if best := sorted(_predictions(bench, addition), key=lambda p: -p.gain)[:STARTS]:
-            found.append(replace(best[0], begun=tuple(values for one in best for values in one.begun)))
+            begun = tuple(values for one in best for values in one.begun)
+            found.append(replace(best[0], begun=begun, visible=max(one.visible for one in best)))
     return sorted(found, key=lambda p: -p.gain)
 
 
@@ -159,7 +168,8 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
     columns = taken_out(windows, fitted.rows, moved.movedim(0, -1))
     for k, start in enumerate(starts):
         column = columns[..., k]
-        if not float(column.square().sum()) > 0:
+        farthest = max(abs(start.low), abs(start.high))
+        if not float(column.norm()) * farthest > SILENT * float(fitted.rows.residual.norm()):
             continue
         grown = bench.model.grown(*_sizes(windows, column, start))
         sizes = grown.whole()[len(bench.model.low) :].tolist()
@@ -173,7 +183,18 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
             bench.gain(grown),
             left / left.norm().clamp_min(1e-300),
             _imitators(fitted, column) if confounded else (),
+            math.inf if confounded else abs(start.reach) * (_seen(bench, left) + max(map(abs, sizes))),
         )
+
+
+def _seen(bench: _Bench, left: Float[Tensor, " N"]) -> float:
+    """The size of a candidate, in units of its reach, that gains the least that the rule asks for in some signal.
+
+    1/2 log((1 + e^2 + a^2 c^2) / (1 + e^2)) = g      with e, c: RMS of what is left and of the candidate, in noise
+    """
+    windows, rows = bench.windows, bench.fitted.rows
+    e, c = (rms(windows, rows.in_noise(one)) for one in (rows.residual, left.view_as(rows.residual)))
+    return float(((math.expm1(2 * LEAST_GAIN) * (1 + e.square())).sqrt() / c.clamp_min(1e-300)).min())
 
 
 def orthonormal(columns: Float[Tensor, "N P"]) -> Float[Tensor, "N Q"]:

@@ -17,10 +17,12 @@ from onlinebayes.criticism.hypotheses.ranking import equals
 from onlinebayes.criticism.hypotheses.rule import halves
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.results import Verdict
+from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.results import Numerics
+from onlinebayes.measurements import Measurement
 
 FEWEST_WINDOWS = 7
-"""Of motion: fewer tell no law from chance."""
+"""Of motion, of the length asked for: fewer tell no law from chance. So many separate runs do as well."""
 
 
 def decide(
@@ -29,6 +31,7 @@ def decide(
     before: Mapping[str, float],
     after: Mapping[str, float],
     tolerance: float,
+    enough: bool,
 ) -> Verdict:
     """The first verdict that applies.
 
@@ -37,9 +40,10 @@ def decide(
         numerics: of the base model.
         before, after: RMS over the floor of the base and the final model, by signal.
         tolerance: RMS over the floor up to which a model is adequate.
+        enough: whether the data are, see :func:`what_to_record`.
     """
-    worst, windows = max(after.values(), default=0.0), explanation.windows
-    if not bool(windows.observed.any()) or windows.count < FEWEST_WINDOWS:
+    worst = max(after.values(), default=0.0)
+    if not enough:
         return "insufficient_data"
     kept = explanation.found.hypothesis.additions
     if not numerics.sufficient:
@@ -55,3 +59,24 @@ def decide(
     if any(equals(found) for found in explanation.rounds if found.added and found.added.addition.key == first.key):
         return "tie"
     return "missing_effect" if isinstance(first, AddedEffect) else "bounds_exclude_truth"
+
+
+def what_to_record(windows: Windows, runs: Measurement, horizon: float) -> str:
+    """What would make the data enough, in one sentence; empty where they are.
+
+    Args:
+        windows: on which the search judged.
+        runs: the fit runs.
+        horizon: length of the windows that errors are reported over [s].
+    """
+    if not bool(windows.observed.any()):
+        return (
+            "record runs in which the joints move: nothing here moves by more than 8 standard deviations of its sensor"
+        )
+    seconds, needed = sum(runs.durations), FEWEST_WINDOWS * horizon
+    if windows.count >= FEWEST_WINDOWS and (seconds >= needed or len(runs.runs) >= FEWEST_WINDOWS):
+        return ""
+    return (
+        f"record at least {needed:.3g} s of motion to fit, or at least {FEWEST_WINDOWS} separate runs: these data hold "
+        f"{seconds:.3g} s in {len(runs.runs)}, too little to tell a law from chance"
+    )
