@@ -8,8 +8,13 @@ from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_thet
 from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.commands import compare, diagnose, refine
-from onlinebayes.criticism.hypotheses.explaining import Explanation, explain
+from onlinebayes.criticism.hypotheses.additions import Addition, wider_bounds
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.criticism.hypotheses.explaining import Explanation, additions, begun, explain, flexible
+from onlinebayes.criticism.hypotheses.held_out import held_out_errors
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import same_as
+from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.results import (
     HELPS,
     Candidate,
@@ -31,22 +36,26 @@ from onlinebayes.identification.scope import Scope
 
 __all__ = [
     "HELPS",
+    "Addition",
     "Candidate",
     "Criticism",
     "Detail",
     "Estimate",
+    "Evaluation",
     "Explanation",
     "Failure",
     "FittedModel",
     "FlatDirection",
     "HeldOutError",
     "HorizonError",
+    "Hypothesis",
     "Numerics",
     "ParameterChange",
     "Profile",
     "Remainder",
     "ReplayedRun",
     "Scope",
+    "Search",
     "Selection",
     "Step",
     "Timing",
@@ -55,11 +64,15 @@ __all__ = [
     "WidenedBounds",
     "WindowError",
     "Wiring",
+    "additions",
+    "begun",
     "compare",
     "diagnose",
     "explain",
+    "flexible",
     "grown",
     "grown_theta",
+    "held_out_errors",
     "longer",
     "prepare",
     "propose",
@@ -67,4 +80,5 @@ __all__ = [
     "same_as",
     "target_scales",
     "trials",
+    "wider_bounds",
 ]

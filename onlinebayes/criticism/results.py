@@ -118,8 +118,8 @@ class Remainder:
 class HeldOutError:
     """RMS over tiled windows of the held-out runs, signal -> value [the signal's unit]; ``horizon_s`` in seconds.
 
-    ``before`` is the base model refitted, ``after`` the final one; ``noise_floor`` holds sensor noise and the
-    propagated uncertainty of the windows' starts.
+    ``before`` is the base model refitted, ``after`` the final one, each from the windows' best starts; ``noise_floor``
+    is the sensors' noise.
     """
 
     before: Mapping[str, float]

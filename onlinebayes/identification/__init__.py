@@ -18,7 +18,7 @@ from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, flip_groups
 from onlinebayes.identification.fitting.closed_loops import completed, follow
 from onlinebayes.identification.fitting.descent import LEAST_PROMISE
 from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
-from onlinebayes.identification.fitting.heldout import replay_error, replay_runs, start_floor, start_spread
+from onlinebayes.identification.fitting.heldout import begun_best, replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.identification.fitting.horizon import steady
 from onlinebayes.identification.fitting.identifiability import estimates, flat_directions
 from onlinebayes.identification.fitting.numerics import Grounds, settle
@@ -53,6 +53,7 @@ __all__ = [
     "Selection",
     "WindowError",
     "Windows",
+    "begun_best",
     "charted",
     "columns",
     "completed",

@@ -29,14 +29,20 @@ import tyro
 
 from envs.rigs import RIGS, BlindCase, messy_case, messy_machine
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism import Criticism, prepare
-from onlinebayes.criticism.commands import answer as asked
-from onlinebayes.criticism.hypotheses.additions import Addition, wider_bounds
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
-from onlinebayes.criticism.hypotheses.explaining import additions, begun, flexible
-from onlinebayes.criticism.hypotheses.held_out import held_out_errors
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
-from onlinebayes.criticism.hypotheses.search import Search
+from onlinebayes.criticism import (
+    Addition,
+    Criticism,
+    Evaluation,
+    Hypothesis,
+    Search,
+    additions,
+    begun,
+    flexible,
+    held_out_errors,
+    prepare,
+    refine,
+    wider_bounds,
+)
 from onlinebayes.runs import BadInput, Progress, ResultTable, one_torch_thread, write_atomic
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import answer, law, spelt
@@ -198,8 +204,7 @@ def ask(name: str) -> Found:
         began = time.process_time()
         try:
             problem = loaded(made)
-            result = asked(
-                "refine",
+            result = refine(
                 problem.simulator,
                 problem.measurement,
                 holdout=problem.holdout,

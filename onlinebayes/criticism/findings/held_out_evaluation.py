@@ -9,8 +9,6 @@ from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.heldout import (
     horizon_errors,
     replay_error,
-    start_floor,
-    start_spread,
     window_errors,
 )
 from onlinebayes.identification.results import FittedModel, ReplayedRun
@@ -27,17 +25,16 @@ def evaluate_held_out(
         signals: names of the columns.
         units: signal -> unit.
     """
-    spread = start_spread(final.simulator, held, final.theta)
     before, after = _held_out(base), _held_out(final)
     error = HeldOutError(
         replay_error(before, signals),
         replay_error(after, signals),
-        start_floor(held, spread, signals),
+        dict(zip(signals, held.noise.tolist(), strict=True)),
         dict.fromkeys(signals, held.horizon),
     )
     detail = Detail(
         window_errors(base.replays, final.replays, signals),
-        horizon_errors(before, after, held, spread, signals),
+        horizon_errors(before, after, held, signals),
         profiles(base.replays, final.replays, signals, base.simulator.commands, units),
     )
     return error, detail

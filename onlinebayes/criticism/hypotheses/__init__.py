@@ -1,4 +1,4 @@
-"""One search over hypotheses of what is missing in a model, or off in it; it replaces ``searching`` and ``judging``.
+"""One search over hypotheses of what is missing in a model, or off in it.
 
     explanation = explain(simulator, measurement)
     explanation.found.hypothesis        what was added

@@ -8,11 +8,6 @@ that no parameter deserves.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-
-import torch
-from jaxtyping import Float
-from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.discretisation import NEGLIGIBLE, error_in_floors
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
@@ -20,17 +15,11 @@ from onlinebayes.criticism.hypotheses.hypothesis import build, theta_of
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.blocks import make_blocks
 from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time
-from onlinebayes.identification.fitting.heldout import replay_runs
+from onlinebayes.identification.fitting.heldout import begun_best, replay_runs
 from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
-from onlinebayes.identification.fitting.per_run_values import held_out_model
-from onlinebayes.identification.fitting.projection import project, start_shift
-from onlinebayes.identification.fitting.sensitivities import linearise_starts
+from onlinebayes.identification.fitting.projection import project
 from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.identification.results import FittedModel, FlatDirection, Numerics
-from onlinebayes.simulators.identifiable import Identifiable
-
-START_STEPS = 2
-"""Of Newton: starts are nearly linear over a window."""
 
 
 def as_fit(evaluation: Evaluation, evaluator: Evaluator) -> Fit:
@@ -79,15 +68,3 @@ def fitted_model(
         for run in replay_runs(model, begun_best(model, part, theta, held_out=held), theta, held)
     ]
     return FittedModel(model, theta, covariance, values, tuple(effect.key for effect in model.effects), tuple(replays))
-
-
-def begun_best(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], *, held_out: bool) -> Windows:
-    """The same windows, each begun at its best start; as they are where the model diverges."""
-    model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
-    starts = parts.start
-    for _ in range(START_STEPS):
-        lin = linearise_starts(model, parts, values, starts)
-        if not lin.valid:
-            return windows
-        starts = lin.starts + start_shift(parts, lin, project(parts, lin), torch.zeros_like(values))
-    return replace(windows, start=starts)

@@ -1,10 +1,12 @@
-"""Replays of whole runs, window by window from smoothed measured starts, and the error that is reported.
+"""Replays of whole runs, window by window from each window's best start, and the error that is reported.
 
-    error = RMS over the windows' rows of measured - simulated, starts as smoothed
-    floor^2 = noise^2 + mean over rows of sum_j (d sim / d s_j)^2 sd(s_j)^2
+    error = RMS over the windows' rows of measured - simulated
+    floor = noise                                                                      from best starts
+    floor^2 = noise^2 + mean over rows of sum_j (d sim / d s_j)^2 sd(s_j)^2            from smoothed ones
 
-Here a start is a measurement, as a user would give one, so its uncertainty belongs to the floor. A held-out run's own
-values, where parameters differ between runs, are lent from one half of the run to the other (see
+A start read off a noisy sensor would add an error that no parameter deserves. Where all methods are to begin alike it
+is a measurement, and its uncertainty belongs to the floor. A held-out run's own values, where parameters differ between
+runs, are lent from one half of the run to the other (see
 :mod:`.fitting.per_run_values`). The same error is also given window by window, and by the time for which the model has
 run freely.
 """
@@ -12,6 +14,7 @@ run freely.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -21,9 +24,14 @@ from onlinebayes.identification.data.chart import POSE
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import HorizonError, WindowError
 from onlinebayes.identification.fitting.per_run_values import held_out_model
+from onlinebayes.identification.fitting.projection import project, start_shift
+from onlinebayes.identification.fitting.sensitivities import linearise_starts
 from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
 from onlinebayes.identification.results import ReplayedRun
 from onlinebayes.simulators.identifiable import Identifiable
+
+START_STEPS = 2
+"""Of Newton: starts are nearly linear over a window."""
 
 
 def replay_runs(
@@ -61,6 +69,18 @@ def replay_runs(
             )
         )
     return tuple(found)
+
+
+def begun_best(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], *, held_out: bool) -> Windows:
+    """The same windows, each begun at its best start; as they are where the model diverges."""
+    model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
+    starts = parts.start
+    for _ in range(START_STEPS):
+        lin = linearise_starts(model, parts, values, starts)
+        if not lin.valid:
+            return windows
+        starts = lin.starts + start_shift(parts, lin, project(parts, lin), torch.zeros_like(values))
+    return replace(windows, start=starts)
 
 
 def replay_error(replays: tuple[ReplayedRun, ...], signals: tuple[str, ...]) -> dict[str, float]:
@@ -108,7 +128,6 @@ def horizon_errors(
     before: Sequence[ReplayedRun],
     after: Sequence[ReplayedRun],
     windows: Windows,
-    spread: Float[Tensor, "W K S"],
     signals: tuple[str, ...],
     bins: int = 20,
 ) -> tuple[HorizonError, ...]:
@@ -117,25 +136,22 @@ def horizon_errors(
     Args:
         before, after: the held-out runs replayed by the base and by the final model.
         windows: their windows.
-        spread: of their starts (see :func:`start_spread`).
         signals: names of the columns.
         bins: at most as many as a window has rows.
     """
     bins = min(bins, windows.rows)
-    order = windows.run.argsort(stable=True)  # that of the replays
-    inside = windows.inside[order]
+    inside = windows.inside[windows.run.argsort(stable=True)]  # in the order of the replays
     row = torch.arange(windows.rows, device=inside.device).expand_as(inside)[inside]
     place = row * bins // windows.rows
-    noise = (spread + windows.noise.square())[order][inside]
     measured = torch.cat([run.measured for run in before])
     error = [torch.cat([run.simulated for run in runs]) - measured for runs in (before, after)]
     middle = tuple((b + 0.5) * windows.horizon / bins for b in range(bins))
     found = []
     for s, signal in enumerate(signals):
         seen = ~torch.isnan(measured[:, s])
-        squares = (error[0][:, s].square(), error[1][:, s].square(), noise[:, s])
-        lines = [tuple(float(square[seen & (place == b)].mean().sqrt()) for b in range(bins)) for square in squares]
-        found.append(HorizonError(signal, middle, *lines))
+        squares = (error[0][:, s].square(), error[1][:, s].square())
+        base, final = (tuple(float(one[seen & (place == b)].mean().sqrt()) for b in range(bins)) for one in squares)
+        found.append(HorizonError(signal, middle, base, final, (float(windows.noise[s]),) * bins))
     return tuple(found)
 
 

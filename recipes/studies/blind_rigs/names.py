@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from envs.rigs import RIGS
-from onlinebayes.criticism.hypotheses.ranking import same_as
+from onlinebayes.criticism import same_as
 from onlinebayes.simulators.effects import EFFECTS
 
 COMPOSED: Mapping[str, tuple[str, ...]] = {"asymmetric_friction": ("dry_friction", "constant_load")}

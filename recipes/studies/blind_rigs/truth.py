@@ -24,6 +24,7 @@ from onlinebayes.criticism import grown, longer, propose
 from onlinebayes.identification import (
     MEMORY,
     Fit,
+    begun_best,
     fit,
     in_step,
     make_windows,
@@ -33,8 +34,6 @@ from onlinebayes.identification import (
     reported,
     settle,
     split,
-    start_floor,
-    start_spread,
     steady,
     windows_to_replay,
 )
@@ -104,8 +103,9 @@ def held_error(
     _, held = split(problem.measurement, problem.holdout)
     signals = tuple(signal.name for signal in held.signals)
     windows = windows_to_replay(model, held, theta, horizon, noise)
+    windows = begun_best(model, windows, theta, held_out=True)
     error = replay_error(replay_runs(model, windows, theta, held_out=True), signals)
-    return in_floors(error, floor or start_floor(windows, start_spread(model, windows, theta), signals))
+    return in_floors(error, floor or dict(zip(signals, noise.tolist(), strict=True)))
 
 
 def in_floors(error: Mapping[str, float], floor: Mapping[str, float]) -> float:
