@@ -32,7 +32,7 @@ STRUCK_MEDIANS = 3.0
 """A window that errs by more than so many times the median error may be struck."""
 
 MOST_PARTS = 3
-"""What happens more often than once a run, and more often than this, is a law and no outage."""
+"""What happens more often than once a run, and more often than this, is a law and no outage: the longest count."""
 
 STRUCK_SHARE = 0.5
 """A window is struck where being off leaves less than this share of its error."""
@@ -121,10 +121,9 @@ def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> Outage | No
     places = [(run, at + a, at + b) for (run, at), (a, b) in zip(_places(part), edges.tolist(), strict=True)]
     seen = _joined([place for place, hit in zip(places, struck.tolist(), strict=True) if hit], part)
     stretches = settled(seen, columns, coarse, windows, theta)
-    spans = _spans(stretches, part)
-    if not spans or len(spans) > max(MOST_PARTS, len(windows.runs)):
-        return None
-    return Outage(tuple(coarse.commands[u] for u in columns), spans)
+    most = max(MOST_PARTS, len(windows.runs))
+    longest = sorted(_spans(stretches, part), key=lambda span: span[1] - span[2])[:most]
+    return Outage(tuple(coarse.commands[u] for u in columns), tuple(sorted(longest))) if longest else None
 
 
 def _moving(windows: Windows) -> Windows:
