@@ -11,6 +11,7 @@ from dataclasses import replace
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.criticism.findings.localise import failures
+from onlinebayes.criticism.findings.notes import notes_on
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
@@ -81,7 +82,7 @@ def answered(
         units=units,
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
-        notes=task.notes,
+        notes=(*task.notes, *notes_on(explanation, numerics, final_model.parameters)) if fault is None else task.notes,
         widened=_widened(found, final_model.parameters),
         detail=detail,
         timings=stopwatch.timings(),

@@ -145,8 +145,12 @@ def _answered(
             fault = switched_off(found.evaluator, found.base, task.fit_runs)
     if fault is not None and not fault.certain and (not most or not fault.as_good_as(found.found, found.base)):
         fault = None  # where no law was asked, only what leaves noise is believed
+    with watch.giving_up():
+        watch.say("fitting to all windows")
+        found = found.on_all_windows(task.fit_runs)
+    stopped, spent = watch.stopped, watch.spent
     result = answered(question, task, found, fault, stopwatch)
-    stopped, notes = watch.stopped, result.notes
-    if watch.spent:
+    notes = result.notes
+    if spent:
         notes += (f"the budget of {budget_s:g} s of processor time was spent: this is the best found until then",)
     return replace(result, interrupted=stopped, notes=notes)

@@ -11,7 +11,7 @@ from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
-from onlinebayes.criticism.hypotheses.lengths import fit_base
+from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search, quiet
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
@@ -56,6 +56,18 @@ class Explanation:
         """With the errors of both over runs that were not fitted."""
         before, after = (held_out_errors(self.evaluator, evaluation, runs) for evaluation in (self.base, self.found))
         return replace(self, before=before, after=after)
+
+    def on_all_windows(self, fit_runs: Measurement) -> Explanation:
+        """With both fitted once more to all windows, where the search looked at a part of them."""
+        known = self.evaluator.windows
+        windows = all_windows(self.evaluator.given, fit_runs, known.horizon, known.noise)
+        if windows.count == known.count:
+            return self
+        evaluator = replace(self.evaluator, windows=windows, known={})
+        base, found = (evaluator.evaluate(one.hypothesis, [one.values]) for one in (self.base, self.found))
+        if base is None or found is None:
+            return self
+        return replace(self, base=base, found=base if self.found is self.base else found, evaluator=evaluator)
 
     @property
     def windows(self) -> Windows:

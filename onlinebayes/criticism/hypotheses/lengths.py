@@ -113,12 +113,16 @@ def windows_of(
     given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"], discretisation: Rung
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
-    windows = make_windows(given, measurement, horizon, MEMORY * horizon, noise)
-    moving = windows.moving.nonzero()[:, 0]
-    if len(moving):
-        windows = windows.select(moving)
+    windows = all_windows(given, measurement, horizon, noise)
     rows = min(MOST_ROWS, MOST_EVALUATIONS / cost(given, discretisation, windows.step))
     return thinned(windows, max(1, int(rows / windows.rows)))
+
+
+def all_windows(given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"]) -> Windows:
+    """All windows of one length in which something moves."""
+    windows = make_windows(given, measurement, horizon, MEMORY * horizon, noise)
+    moving = windows.moving.nonzero()[:, 0]
+    return windows.select(moving) if len(moving) else windows
 
 
 def thinned(windows: Windows, most: int) -> Windows:
