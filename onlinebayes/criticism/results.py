@@ -163,7 +163,7 @@ class ParameterChange:
         parameter: its address.
         values: run (or glob of the runs of one group) -> estimate.
         shared: the one value that the base model had for all.
-        p_value: of the maximum test over all parameters.
+        p_value: None; kept for readers of report.json.
         score_gain, score_gain_se: cross-validated log score over the model with one value, nats.
         n_blocks: number of blocks B.
         rms_fall: share by which the cross-validated error falls at the long and the short horizon.
@@ -175,7 +175,7 @@ class ParameterChange:
     parameter: str
     values: Mapping[str, Estimate]
     shared: float
-    p_value: float
+    p_value: float | None
     score_gain: float
     score_gain_se: float
     n_blocks: int
