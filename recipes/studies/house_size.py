@@ -3,7 +3,8 @@
     lines       all lines of a room's Python files, empty ones and docstrings too
     constants   names that a module sets at its top level to a value with a number in it: LEAST_GAIN = 0.05
 
-A number inside a function is not counted, before as little as now; 0 and 1 alone are counted, as every number is.
+A number inside a function is not counted, before as little as now; 0 and 1 alone are counted, as every number is. Where
+a revision is counted as well, the table of both is written into docs/criticism-before-and-after.md.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from pathlib import Path
 
 import tyro
 
-from onlinebayes.runs import BadInput, ResultTable
+from onlinebayes.runs import BadInput, ResultTable, write_atomic
 from recipes.studies.exits import status
 
 HOUSE = "onlinebayes/criticism"
@@ -29,6 +30,7 @@ NEW = "hypotheses"
 """The room of the new search, which stood beside the old one for a while: what came before is counted without it."""
 MOST_LINES = 5000
 """The search and its rules are to take no more."""
+BEGIN, END = "<!-- printed by make house-size -->\n", "<!-- end of what is printed -->"
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,8 @@ class Study:
     """a revision of git to count as well, such as b3213e2, the last one with the old search"""
     results: Path = Path("docs/results")
     """folder of house-size.json"""
+    page: Path = Path("docs/criticism-before-and-after.md")
+    """where the table of both stands, between two marks"""
 
 
 @dataclass
@@ -134,14 +138,30 @@ def total(rooms: dict[str, Size], left_out: tuple[str, ...] = ()) -> Size:
     return found
 
 
+def side_by_side(now: dict[str, Size], before: dict[str, Size]) -> str:
+    """Both as a table in Markdown, and what of them is the search and its rules."""
+    rows = [(room, before.get(room, Size()), now.get(room, Size())) for room in sorted({*now, *before})]
+    rows.append(("all", total(before), total(now)))
+    deciding = total(before, (*DECIDES_NOTHING, NEW)), total(now, DECIDES_NOTHING)
+    rows.append(("the search and its rules", *deciding))
+    lines = ["| room | lines before | lines after | constants before | constants after |", "|---|---|---|---|---|"]
+    lines += [f"| {name} | {a.lines} | {b.lines} | {a.constants} | {b.constants} |" for name, a, b in rows]
+    return "\n".join(lines) + "\n"
+
+
 def main(study: Study) -> None:
     """Count, write and print."""
     root = Path(__file__).parents[2]
     before = sizes(of_a_revision(root, study.revision)) if study.revision else {}
-    results = table(sizes(of_the_tree(root)), before, study.revision)
+    now = sizes(of_the_tree(root))
+    results = table(now, before, study.revision)
     path = results.write(study.results)
     print(results.to_markdown())
     print(f"written: {path}")
+    if before:
+        head, _, rest = study.page.read_text(encoding="utf-8").partition(BEGIN)
+        write_atomic(study.page, head + BEGIN + side_by_side(now, before) + END + rest.partition(END)[2])
+        print(f"written: {study.page}")
 
 
 if __name__ == "__main__":
