@@ -140,7 +140,7 @@ def _answered(
         fault = mended(search.evaluator, search.base, task.fit_runs)
     certain = fault is not None and fault.certain
     found = searched(search, task.fit_runs, candidates if most and not certain else (), most=most, watch=watch)
-    if fault is None and not quiet(found.found):
+    if fault is None and most and not quiet(found.found):
         with watch.giving_up():
             fault = switched_off(found.evaluator, found.base, task.fit_runs)
     if fault is not None and not fault.certain and (not most or not fault.as_good_as(found.found, found.base)):

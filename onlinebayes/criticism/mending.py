@@ -28,7 +28,7 @@ from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.hypotheses import hypotheses
-from onlinebayes.criticism.wiring.outages import outage
+from onlinebayes.criticism.wiring.outages import Sighting, sighted
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.numerics import Grounds
@@ -53,7 +53,7 @@ POINTS = 6
 
 OUTAGE_WINDOWS = (1.0, 0.25)
 """Seconds of the windows, beside those of the fit, in which outages are looked for: long ones show how parameters that
-suit the rest fail, in short ones fewer are struck. The outage that explains most is judged."""
+suit the rest fail, in short ones fewer are struck. The one of which least is left is judged."""
 
 MOVING = 0.5
 """Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""
@@ -113,9 +113,10 @@ def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measuremen
     if float(base.left[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking whether an actuator was off")
-    judged = [_judged(fault, evaluator, base, measurement) for fault in _outages(evaluator, base, measurement)]
-    longest = max(filter(None, judged), key=lambda one: one.gains[0].gain, default=None)
-    return None if longest is None else _best([longest], evaluator, base, measurement)
+    seen = min(_sightings(evaluator, base, measurement), key=lambda one: one.left, default=None)
+    fault = None if seen is None else seen.settled
+    judged = None if fault is None else _judged(fault, evaluator, base, measurement)
+    return None if judged is None else _best([judged], evaluator, base, measurement)
 
 
 def _best(judged: Sequence[Mended], evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
@@ -179,7 +180,7 @@ def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     return [fault for fault, gain in promise.items() if gain >= max(LEAST_PROMISE, best[-1])][:REFITS]
 
 
-def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Iterator[Fault]:
+def _sightings(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Iterator[Sighting]:
     """Actuators that were off for parts of runs, where few windows err far more than the others, by window length."""
     if not evaluator.given.commands:
         return
@@ -189,7 +190,7 @@ def _outages(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -
     simulator = way.of(evaluator.given)
     for horizon in (windows.horizon, *OUTAGE_WINDOWS):
         try:
-            found = outage(grounds, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise))
+            found = sighted(grounds, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise))
         except Stopped:
             raise
         except BadInput:

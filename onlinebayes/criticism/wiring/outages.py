@@ -91,7 +91,36 @@ class Outage(Fault):
         return replace(measurement, data=data)
 
 
-def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> Outage | None:
+@dataclass(frozen=True)
+class Sighting:
+    """Windows that speak for an outage.
+
+    Args:
+        columns: the actuators' places among the commands.
+        stretches: where they seem to have been off.
+        left: share of the squared error of the windows that stand out that is left then.
+        theta: fitted to the better half of the windows [SI].
+        coarse, windows: what was looked at.
+    """
+
+    columns: tuple[int, ...]
+    stretches: tuple[Stretch, ...]
+    left: float
+    theta: Float[Tensor, " P"]
+    coarse: Identifiable
+    windows: Windows
+
+    @property
+    def settled(self) -> Outage | None:
+        """The outage with its edges in place; None where being off explains none of them in the end."""
+        found = settled(self.stretches, self.columns, self.coarse, self.windows, self.theta)
+        most = max(MOST_PARTS, len(self.windows.runs))
+        longest = sorted(_spans(found, self.windows), key=lambda span: span[1] - span[2])[:most]
+        names = tuple(self.coarse.commands[u] for u in self.columns)
+        return Outage(names, tuple(sorted(longest))) if longest else None
+
+
+def sighted(base: Grounds, coarse: Identifiable, windows: Windows) -> Sighting | None:
     """The outage that the windows speak for; None where no few of them stand out, or being off explains none.
 
     Args:
@@ -114,16 +143,14 @@ def outage(base: Grounds, coarse: Identifiable, windows: Windows) -> Outage | No
         edges, after = _best_edges(coarse, part, theta, columns)
         struck = after < STRUCK_SHARE * before
         if bool(struck.any()):
-            found.append((float(torch.where(struck, after, before).square().sum()), columns, edges, struck))
+            left = float(torch.where(struck, after, before).square().sum() / before.square().sum())
+            found.append((left, columns, edges, struck))
     if not found:
         return None
-    _, columns, edges, struck = min(found, key=lambda one: one[0])
+    left, columns, edges, struck = min(found, key=lambda one: one[0])
     places = [(run, at + a, at + b) for (run, at), (a, b) in zip(_places(part), edges.tolist(), strict=True)]
     seen = _joined([place for place, hit in zip(places, struck.tolist(), strict=True) if hit], part)
-    stretches = settled(seen, columns, coarse, windows, theta)
-    most = max(MOST_PARTS, len(windows.runs))
-    longest = sorted(_spans(stretches, part), key=lambda span: span[1] - span[2])[:most]
-    return Outage(tuple(coarse.commands[u] for u in columns), tuple(sorted(longest))) if longest else None
+    return Sighting(tuple(columns), tuple(seen), left, theta, coarse, windows)
 
 
 def _moving(windows: Windows) -> Windows:
