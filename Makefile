@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench hypotheses messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost screening versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench hypotheses messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -64,8 +64,6 @@ measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/re
 	$(BIN)/python -m recipes.studies.measured
 cost: setup      ## seconds and memory of refine, and how they grow -> docs/results/cost.json
 	$(BIN)/python -m recipes.studies.cost
-screening: setup ## all candidates of six joints screened both ways, side by side -> docs/results/screening.json
-	$(BIN)/python -m recipes.studies.screening
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers
