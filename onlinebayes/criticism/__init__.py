@@ -22,12 +22,10 @@ from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.results import (
-    HELPS,
     Candidate,
     Criticism,
     Failure,
     HeldOutError,
-    ParameterChange,
     Remainder,
     Step,
     Verdict,
@@ -41,7 +39,6 @@ from onlinebayes.identification.results import Estimate, FittedModel, FlatDirect
 from onlinebayes.identification.scope import Scope
 
 __all__ = [
-    "HELPS",
     "SCALES_HORIZON",
     "Addition",
     "Candidate",
@@ -57,7 +54,6 @@ __all__ = [
     "HorizonError",
     "Hypothesis",
     "Numerics",
-    "ParameterChange",
     "Profile",
     "Remainder",
     "ReplayedRun",
