@@ -29,7 +29,6 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading, Seen
 
@@ -258,14 +257,6 @@ class Effect(ABC):
                 return None
             states.append(after)
         return TensorDict.stack(states, dim=1)
-
-
-def all_but(key: str, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
-    """The effects without the one of this key; raises :class:`BadInput` where it is none of them."""
-    left = tuple(effect for effect in effects if effect.key != key)
-    if len(left) == len(effects):
-        raise BadInput(f"{key} is not part of the simulator", nearest(key, [effect.key for effect in effects]))
-    return left
 
 
 def split_axis(target: str, axes: tuple[str, ...]) -> tuple[str, str]:
