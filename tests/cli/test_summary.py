@@ -67,35 +67,6 @@ def test_a_terminal_sees_one_line_and_keeps_none(monkeypatch: pytest.MonkeyPatch
     assert shown[-1] == ""
 
 
-def test_an_answer_stays_on_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("COLUMNS", "40")
-    stream = Terminal()
-    monkeypatch.setattr(sys, "stderr", stream)
-    with Stages() as say:
-        say("fitting the base model")
-        say("The model errs by 12 times the sensor noise in qpos.arm, most where arm moves forward.")
-    kept = "The model errs by 12 times the sensor\nnoise in qpos.arm, most where arm moves\nforward.\n"
-    assert stream.getvalue().endswith(f"\r\x1b[K{kept}")
-
-
-@pytest.mark.parametrize(
-    ("line", "bar"),
-    [
-        ("refitting 1 of 4: a@b", "▒▒░░░░░░░░ "),
-        ("refitting 4 of 4: a@b", "███████▒▒░ "),
-        ("refitting 1 of 1: a@b", "▒▒▒▒▒▒▒▒▒▒ "),
-        ("fitting the base model", ""),
-        ("0 of 0", ""),
-    ],
-)
-def test_a_stage_that_counts_has_a_bar(monkeypatch: pytest.MonkeyPatch, line: str, bar: str) -> None:
-    stream = Terminal()
-    monkeypatch.setattr(sys, "stderr", stream)
-    with Stages() as say:
-        say(line)
-    assert f"[0 s]: {bar}{line}" in stream.getvalue()
-
-
 def test_a_log_keeps_every_line(capsys: pytest.CaptureFixture[str]) -> None:
     with Stages() as say:
         say("one")

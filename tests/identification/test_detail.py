@@ -100,8 +100,7 @@ def test_a_horizon_that_grows_is_seen_to_grow() -> None:
     since = (torch.arange(400) % 100).double() / 100
     before, after = run(since), run(0.1 * since)
     windows = _windows()
-    spread = torch.zeros(4, 100, 1, dtype=torch.float64)
-    (error,) = horizon_errors((before,), (after,), windows, spread, SIGNALS, bins=10)
+    (error,) = horizon_errors((before,), (after,), windows, SIGNALS, bins=10)
     assert error.time[0] == pytest.approx(0.05)
     assert error.before == pytest.approx([t - 0.005 for t in error.time], abs=1e-2)
     assert error.after == pytest.approx([value / 10 for value in error.before])
