@@ -28,13 +28,12 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
 
 
-def run_halves(windows: Windows, of: Int[Tensor, " W"]) -> Int[Tensor, " W"]:
-    """0 in the first half of each run's windows of each block ``of``, 1 in the second."""
-    half = torch.zeros_like(of)
-    for block in torch.unique(of):
-        for run in torch.unique(windows.run):
-            mine = ((of == block) & (windows.run == run)).nonzero()[:, 0]
-            half[mine[(len(mine) + 1) // 2 :]] = 1
+def run_halves(windows: Windows) -> Int[Tensor, " W"]:
+    """0 in the first half of each run's windows, 1 in the second."""
+    half = torch.zeros_like(windows.run)
+    for run in torch.unique(windows.run):
+        mine = (windows.run == run).nonzero()[:, 0]
+        half[mine[(len(mine) + 1) // 2 :]] = 1
     return half
 
 
@@ -80,7 +79,7 @@ def held_out_model(
     """
     if not isinstance(simulator, ScopedSimulator) or not any(map(simulator.free_in, windows.runs)):
         return simulator, windows, theta
-    half = run_halves(windows, torch.zeros_like(windows.run))
+    half = run_halves(windows)
     names = tuple(run + suffix for run in windows.runs for suffix in HALVES)
     begin = tuple(instant for instant in windows.begin for _ in HALVES)
     histories = tuple(one for one in windows.run_histories for _ in HALVES)
