@@ -47,6 +47,9 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
         lines += _labelled("added", ", ".join(result.accepted))
     for sentence in words.bounds(result):
         lines += _labelled("bounds", sentence)
+    for sentence, change in zip(words.changes(result), result.changes, strict=True):
+        lines += _labelled("change", sentence)
+        lines += ["to put in the problem file:", *(f"    {line}" for line in change.lines.splitlines())]
     for note in result.notes:
         lines += _labelled("note", note)
     lines += [f"wrote:     {folder / name}" for name in more]

@@ -12,12 +12,13 @@ from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.findings.notes import notes_on
+from onlinebayes.criticism.findings.own_values import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import build
 from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of
-from onlinebayes.criticism.hypotheses.ranking import ranked, steps
+from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.mending import Mended
@@ -64,7 +65,7 @@ def answered(
             else "data_problem"
         ),
         what_to_record=asked if fault is None else "",
-        accepted=found.hypothesis.keys,
+        accepted=laws(found.hypothesis),
         remainder=_remainder(fit, explanation, after, units, task.selection.tolerance),
         heldout_error=error,
         steps=steps(explanation),
@@ -86,6 +87,7 @@ def answered(
         widened=_widened(found, final_model.parameters),
         detail=detail,
         timings=stopwatch.timings(),
+        changes=parameter_changes(explanation, final_model.parameters),
         wiring=None if fault is None else _wiring(fault, base),
         mended=None if fault is None else _mended(fault, task),
     )

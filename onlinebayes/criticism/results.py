@@ -142,6 +142,34 @@ class WidenedBounds:
 
 
 @dataclass(frozen=True)
+class ParameterChange:
+    """A parameter that differs between runs: no effect is missing, one value is not enough.
+
+    Args:
+        parameter: its address.
+        values: run -> estimate.
+        shared: the one value that the base model had for all.
+        p_value: None; kept for readers of report.json.
+        score_gain, score_gain_se: cross-validated log score over the model with one value, nats.
+        n_blocks: number of blocks B.
+        rms_fall: share by which the cross-validated error falls at the long and the short horizon.
+        equals: other parameters whose own values explain as much.
+        lines: what to put in the problem file.
+    """
+
+    parameter: str
+    values: Mapping[str, Estimate]
+    shared: float
+    p_value: float | None
+    score_gain: float
+    score_gain_se: float
+    n_blocks: int
+    rms_fall: tuple[float, float]
+    equals: tuple[str, ...]
+    lines: str
+
+
+@dataclass(frozen=True)
 class Criticism:
     """The answer of ``compare``, ``diagnose`` or ``refine``; the fields up to ``numerics`` are report.json's.
 
@@ -172,6 +200,7 @@ class Criticism:
         detail: the held-out error window by window and over time, and how the error spreads over what the machine did.
         timings: the stages of the work and how long each took, up to the result.
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
+        changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         mended: with ``data_problem``, the base model fitted to the mended table, without replays.
     """
 
@@ -202,6 +231,7 @@ class Criticism:
     detail: Detail = field(default_factory=Detail)
     timings: tuple[Timing, ...] = ()
     wiring: Wiring | None = None
+    changes: tuple[ParameterChange, ...] = ()
     mended: FittedModel | None = None
 
     @property

@@ -286,7 +286,7 @@ class Judge:
         values = [base.values]
         for key in keys:
             simulator = self.pool[key].joined(given, self.search.evaluator.runs)
-            values += [{**base.values, **start.values} for start in self.pool[key].starts(simulator)]
+            values += [{**base.values, **start.values} for start in self.pool[key].starts(simulator, base.values)]
         found = self.search.evaluator.evaluate(hypothesis, values, base.fitted.lin.starts)
         if found is None:
             return None

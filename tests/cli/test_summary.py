@@ -15,7 +15,7 @@ from onlinebayes.criticism import Criticism
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.results import Wiring
 from tests.criticism.report.many import many
-from tests.criticism.report.synthetic import SIGNAL, criticism, lagging, miswired
+from tests.criticism.report.synthetic import SIGNAL, changed, criticism, lagging, miswired
 
 
 class Terminal(io.StringIO):
@@ -72,6 +72,15 @@ def test_a_log_keeps_every_line(capsys: pytest.CaptureFixture[str]) -> None:
         say("one")
         say("two")
     assert capsys.readouterr().err == "onlinebayes: one\nonlinebayes: two\n"
+
+
+def test_a_change_between_runs_is_said_with_its_line() -> None:
+    result = changed(criticism(rate=50.0, seconds=2.0))
+    text = summary(result, Path("out"))
+    assert "No effect explains the misfit, a change does: body.carriage.mass differs" in text
+    assert "change:    body.carriage.mass differs between runs: plain 92" in text
+    assert '    "body.carriage.mass" = { low = 50, high = 150, scope = "per_run" }' in text.splitlines()
+    assert max(map(len, text.splitlines())) <= WIDTH
 
 
 def row(text: str, effect: str) -> str:

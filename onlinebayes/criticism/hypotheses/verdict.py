@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, WiderBounds
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, OwnValues, WiderBounds
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
 from onlinebayes.criticism.hypotheses.rule import halves
@@ -53,7 +53,10 @@ def decide(
         return "adequate" if worst <= tolerance else "unexplained"
     if not (halves(before.values(), after.values()) or worst <= AT_FLOOR):
         return "unexplained"
-    first = kept[0]
+    named = [one for one in kept if not isinstance(one, OwnValues)]
+    if not named:
+        return "unexplained"  # one value for all runs is not enough: nothing is missing, and the model does not agree
+    first = named[0]
     if isinstance(first, WiderBounds):
         return "bounds_exclude_truth"
     if any(equals(found) for found in explanation.rounds if found.added and found.added.addition.key == first.key):

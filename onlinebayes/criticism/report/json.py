@@ -1,7 +1,7 @@
 """report.json: the result as other programs read it, schema 1. Every number is finite; what is not known is null.
 
 The keys up to ``numerics`` are the contract's and stay as they are; the others may grow. Those of which the search has
-nothing to say any more (``p_value``, ``homogeneous``, ``rms_fall``, ``accepted_with``, ``changes``) stand there empty.
+nothing to say any more (``p_value``, ``homogeneous``, ``rms_fall``, ``accepted_with``) stand there empty.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.criticism.results import Candidate, Criticism, ParameterChange
 from onlinebayes.identification.results import Estimate
 from onlinebayes.runs.results import machine, versions
 
@@ -55,7 +55,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "detail": asdict(result.detail),
         "timings": [asdict(timing) for timing in result.timings],
         "wiring": None if result.wiring is None else asdict(result.wiring),
-        "changes": (),
+        "changes": [_change(change) for change in result.changes],
         "machine": machine(),
     }
 
@@ -80,6 +80,10 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "rms_fall": None,
         "refused_because": candidate.refused_because,
     }
+
+
+def _change(change: ParameterChange) -> dict[str, Any]:
+    return {**asdict(change), "values": _estimates(change.values), "groups": ()}
 
 
 def _estimates(estimates: Mapping[str, Estimate], *, of_the_model: bool = True) -> dict[str, dict[str, Any]]:

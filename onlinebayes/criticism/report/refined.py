@@ -114,6 +114,7 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
         **content["parameters"],
         **_bounds(content["parameters"], result),
         **_widened(content["parameters"], result),
+        **_own(content["parameters"], result),
     }
     comments: dict[tuple[str, ...], str] = {
         ("parameters", name): f"fitted: {'; '.join(values)}" for name, values in _fitted(result).items()
@@ -194,6 +195,16 @@ def _widened(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]
         address = address_of(name)
         given = parameters.get(address)
         found[address] = {**given, "low": low, "high": high} if isinstance(given, Mapping) else [low, high]
+    return found
+
+
+def _own(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
+    """What differs between runs, with a value in every run."""
+    space, found = unwrap(result.final.simulator).parameters, {}
+    for change in result.changes:
+        given, bounds = parameters.get(change.parameter), space[change.parameter]
+        bounded = given if isinstance(given, Mapping) else {"low": bounds.low, "high": bounds.high}
+        found[change.parameter] = {**bounded, "scope": "per_run"}
     return found
 
 

@@ -28,6 +28,10 @@ VERDICTS = {
 }
 
 
+SHOWN_RUNS = 8
+"""How many runs' own values stand in a sentence."""
+
+
 def worst_signal(result: Criticism) -> str:
     """The signal whose base error is largest in units of its noise floor."""
     return signals_by_error(result)[0]
@@ -51,7 +55,8 @@ def headline(result: Criticism) -> str:
     if result.only_compared or (result.command == "compare" and result.verdict == "insufficient_data"):
         return _compared(result)
     if result.verdict == "missing_effect":
-        return f"The model misses {effects}{_not_all(result)}."
+        besides = f"; besides, {_differs(result)}" if result.changes else ""
+        return f"The model misses {effects}{besides}{_not_all(result)}."
     if result.verdict == "tie":
         return f"Something is missing, and the data cannot tell which: {effects_in_words(tie_members(result), 'or')}."
     if result.verdict == "adequate":
@@ -65,6 +70,8 @@ def headline(result: Criticism) -> str:
         return f"The data themselves explain the misfit better than any missing physics{fault}."
     does = "helps" if len(result.accepted) == 1 else "help"
     helped = f"; {effects} {does}, but not enough" if result.accepted else ""
+    if result.verdict == "unexplained" and result.changes:
+        return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     if result.interrupted:
         return f"The model is wrong, and the search was stopped before it could say why{helped}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
@@ -152,6 +159,23 @@ def bounds(result: Criticism) -> list[str]:
     return sentences
 
 
+def changes(result: Criticism) -> list[str]:
+    """One sentence for each parameter that differs between runs: its values, and what one in every run brought."""
+    sentences = []
+    for change in result.changes:
+        shown = [f"{run} {estimate(value)}" for run, value in list(change.values.items())[:SHOWN_RUNS]]
+        left = len(change.values) - SHOWN_RUNS
+        shown += [f"{left} more in the report"] if left > 0 else []
+        unit = next(iter(change.values.values())).unit
+        others = f" Values of {listing(list(change.equals), 'or')} would do as well." if change.equals else ""
+        sentences.append(
+            f"{change.parameter} differs between runs: {listing(shown)}, where one value for all was "
+            f"{quantities.text(change.shared, unit)}; with a value in every run the cross-validated error falls by "
+            f"{quantities.percent(change.rms_fall[0])}.{others}"
+        )
+    return sentences
+
+
 def remainder(result: Criticism) -> str:
     """What is left after the accepted effects."""
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
@@ -159,6 +183,12 @@ def remainder(result: Criticism) -> str:
         return f"What is left looks like noise ({quantities.times(ratio)} the sensor noise)."
     where = f"; it concentrates {region_words.in_words(result.remainder.where)}" if result.remainder.where else ""
     return f"What is left is not noise, {quantities.times(ratio)} the sensor noise{where}."
+
+
+def _differs(result: Criticism) -> str:
+    """``body.cart.mass differs between the runs``."""
+    named = [change.parameter for change in result.changes]
+    return f"{listing(named)} {'differs' if len(named) == 1 else 'differ'} between the runs"
 
 
 def _compared(result: Criticism) -> str:

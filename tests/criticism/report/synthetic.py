@@ -20,6 +20,7 @@ from onlinebayes.criticism.results import (
     Criticism,
     Failure,
     HeldOutError,
+    ParameterChange,
     Remainder,
     Step,
     Wiring,
@@ -245,6 +246,17 @@ def criticism(rate: float = 100.0, seconds: float = 4.0, simulator: Identifiable
         timings=(Timing("fitting the base model", 1.1), Timing("screening 23 effects", 0.4)),
         notes=("column 'qfrc.carriage' was not used: the model has no such signal",),
     )
+
+
+def changed(result: Criticism) -> Criticism:
+    """The same with nothing accepted and a mass of its own in every run."""
+    values = {"plain": _estimate(92.0, 0.4, "kg"), "slow": _estimate(101.0, 0.5, "kg")}
+    lines = '[parameters]\n"body.carriage.mass" = { low = 50, high = 150, scope = "per_run" }'
+    mass = ParameterChange(
+        "body.carriage.mass", values, 95.1, None, 80.0, 9.0, 10, (0.7, 0.4), ("joint.carriage.damping",), lines
+    )
+    rows = tuple(replace(candidate, accepted=False) for candidate in result.candidates)
+    return replace(result, verdict="unexplained", accepted=(), candidates=rows, steps=(), changes=(mass,))
 
 
 def lagging() -> Criticism:

@@ -15,7 +15,7 @@ from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.sections.summary import sizes
 from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, HeldOutError, Remainder
 from onlinebayes.identification.results import Estimate, FlatDirection
-from tests.criticism.report.synthetic import SIGNAL, criticism
+from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
 VOID = {"wbr", "meta", "br", "hr", "img", "link"}
 
@@ -218,6 +218,14 @@ def test_no_replays_no_noise_no_failures() -> None:
 
 def test_a_long_log_stays_small() -> None:
     assert len(to_html(criticism(rate=500.0, seconds=12.0))) < 400_000
+
+
+def test_a_change_between_runs_is_the_answer() -> None:
+    page = to_html(changed(criticism()))
+    assert "a change does: body.carriage.mass differs between the runs" in page
+    assert "a parameter differs between runs" in page
+    assert "Values of joint.carriage.damping would do as well." in page
+    assert "scope = &quot;per_run&quot;" in page or 'scope = "per_run"' in page
 
 
 def test_a_rival_stands_right_below_its_accepted_effect() -> None:

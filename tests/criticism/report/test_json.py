@@ -9,7 +9,7 @@ import math
 import pytest
 
 from onlinebayes.criticism.report.json import to_json
-from tests.criticism.report.synthetic import SIGNAL, criticism
+from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 
 CONTRACT = [
     "schema", "versions", "verdict", "accepted", "remainder", "heldout_error", "steps", "candidates",
@@ -70,3 +70,11 @@ def test_numbers_that_json_lacks_become_null(value: float) -> None:
     errors = dataclasses.replace(result.heldout_error, after={SIGNAL: value})
     found = load(to_json(dataclasses.replace(result, heldout_error=errors)))
     assert found["heldout_error"]["after"] == {SIGNAL: None}
+
+
+def test_changes_between_runs_are_listed() -> None:
+    (change,) = json.loads(to_json(changed(criticism())))["changes"]
+    assert change["parameter"] == "body.carriage.mass"
+    assert change["values"]["plain"]["mean"] == 92.0
+    assert change["lines"].endswith('scope = "per_run" }')
+    assert json.loads(to_json(criticism()))["changes"] == []

@@ -16,7 +16,7 @@ from onlinebayes.criticism.report.refined import left_out, write_refined
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.criticism.report.synthetic import DRIVE, criticism, drive, miswired
+from tests.criticism.report.synthetic import DRIVE, changed, criticism, drive, miswired
 
 PROBLEM = """
 schema = 1
@@ -164,6 +164,14 @@ def test_there_is_no_xml_without_mujoco_and_no_toml_without_a_problem(folder: Pa
     assert write_refined(criticism(), folder / "a", folder / "drive.toml") == ("refined.toml",)
     assert write_refined(criticism(simulator=drive()), folder / "b") == ("refined.xml",)
     assert write_refined(criticism(), folder / "c") == ()
+
+
+def test_what_differs_between_runs_is_per_run(folder: Path) -> None:
+    out = folder / "out"
+    write_refined(changed(criticism(simulator=drive())), out, folder / "drive.toml")
+    new = tomllib.loads((out / "refined.toml").read_text())
+    assert new["parameters"]["body.carriage.mass"] == {"low": 50.0, "high": 150.0, "scope": "per_run"}
+    assert new["parameters"]["joint.carriage.damping"] == {"low": 0.0, "high": 1000.0}
 
 
 def test_a_fault_is_put_right_in_the_refined_files(folder: Path) -> None:

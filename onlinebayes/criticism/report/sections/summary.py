@@ -127,6 +127,8 @@ def _missing(result: Criticism) -> Html:
         return _tile("What is wrong?", "the data", words.wiring(result))
     if result.widened:
         return _tile("What is wrong?", "a bound excludes the truth", join(*map(_line, words.bounds(result))))
+    if result.changes and not result.accepted:
+        return _tile("What is wrong?", "a parameter differs between runs", join(*map(_line, words.changes(result))))
     if not result.accepted:
         tried = f"{result.candidates_tried} effects were tried, none was accepted"
         return _tile(question, "nothing" if result.verdict == "adequate" else "no known effect", tried)

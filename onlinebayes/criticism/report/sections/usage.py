@@ -38,6 +38,10 @@ GLOSSARY = {
     "Block": "a stretch of data, or a run, that is left out in turn to see how well the rest predicts it.",
 }
 
+CHANGED = (
+    "Find out what was changed between the runs. If it was meant, put the lines below into the problem file: every run "
+    "then has a value of its own, as in the refined model."
+)
 RANK = "Run onlinebayes diagnose to rank the effects that could be missing."
 ADD = "onlinebayes refine adds it, refits, and looks for more."
 
@@ -59,7 +63,18 @@ def _next(result: Criticism) -> Html:
     advice = ADD if result.command == "diagnose" and result.accepted else NEXT[result.verdict]
     if result.only_compared:
         advice = RANK
-    return join(tag("p", advice, kind="lead"), record, *_wiring(result), *_notes(result))
+    if result.changes and result.verdict == "unexplained":
+        advice = CHANGED
+    return join(tag("p", advice, kind="lead"), record, *_wiring(result), *_changes(result), *_notes(result))
+
+
+def _changes(result: Criticism) -> list[Html]:
+    """What differs between the runs, and the lines that give each its own value."""
+    sentences = words.changes(result)
+    if not sentences:
+        return []
+    lines = "\n".join(change.lines for change in result.changes)
+    return [*(tag("p", sentence) for sentence in sentences), tag("pre", tag("code", lines))]
 
 
 def _wiring(result: Criticism) -> list[Html]:

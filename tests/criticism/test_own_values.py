@@ -1,0 +1,48 @@
+"""A parameter that differs between runs is found, sized in each of them, and is no effect."""
+
+from __future__ import annotations
+
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.criticism import refine
+from onlinebayes.measurements import Measurement, Signal
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.mujoco import MujocoSimulator
+from tests.criticism.rigs import NOISE, SLIDE, commands
+
+MASSES = (2.0, 2.2, 2.4, 2.6, 2.8, 3.0, 2.1, 2.9, 2.5)
+FREE = ParameterSpace({"body.cart.mass": Parameter(0.5, 8.0, "kg")})
+
+
+def loaded_differently() -> tuple[MujocoSimulator, Measurement]:
+    """The slide with another load in every run."""
+    model, runs, rows = MujocoSimulator(SLIDE, FREE, threads=1), len(MASSES), 301
+    command, zero = commands(runs, rows, 0.01, 0), torch.zeros(runs, 1, dtype=torch.float64)
+    path = model.rollout(
+        torch.tensor(MASSES, dtype=torch.float64)[:, None],
+        TensorDict({"qpos": zero, "qvel": zero}, batch_size=(runs,)),
+        TensorDict({"command": command[:, :-1]}, batch_size=(runs, rows - 1)),
+        torch.arange(1, rows, dtype=torch.float64) * 0.01,
+    )
+    shown = torch.cat([zero, path["qpos"][..., 0]], 1)
+    shown += NOISE * torch.randn(shown.shape, generator=torch.Generator().manual_seed(1), dtype=shown.dtype)
+    time = (torch.arange(rows, dtype=torch.float64) * 0.01).numpy()
+    table = {
+        f"run{r}": {"time": time, "ctrl.motor": command[r, :, 0].numpy(), "qpos.rail": shown[r].numpy()}
+        for r in range(runs)
+    }
+    return model, Measurement.from_runs(table, [Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
+
+
+def test_a_load_that_differs_between_runs_is_sized_in_each() -> None:
+    model, measured = loaded_differently()
+    found = refine(model, measured, holdout=["run7", "run8"])
+    (change,) = found.changes
+    assert (found.verdict, found.accepted, change.parameter) == ("unexplained", (), "body.cart.mass")
+    for run, mass in enumerate(MASSES[:7]):
+        value = change.values[f"run{run}"]
+        assert abs(value.mean - mass) < max(4 * value.sd, 0.01)  # 7 values: false failures are below 1 in 2000
+    assert found.remainder.status == "noise"
+    assert found.heldout_error.after["qpos.rail"] < 0.1 * found.heldout_error.before["qpos.rail"]
+    assert change.lines.endswith('"body.cart.mass" = { low = 0.5, high = 8, scope = "per_run" }')
