@@ -6,13 +6,14 @@ BIN := .venv/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt
 OUT ?= out
 WORKERS ?= 2
+REVISION ?= b3213e2
 # A file's tests together, in the order of names: by their number the longest ones would come last, one process alone.
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench hypotheses messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench hypotheses messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -54,7 +55,7 @@ blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2300 --out $(OUT)/blind_pairs
 exclusion-limits: setup  ## effects of 1.5 times the exclusion limit, on eight rigs (an hour or two) -> docs/results/exclusion-limits.json
 	$(BIN)/python -m recipes.studies.exclusion_limits --out $(OUT)/exclusion_limits
-hypotheses: setup  ## the new search on EMPS, the cart-pole and 40 blind cases (goes on where it was stopped) -> docs/results/hypotheses.json
+hypotheses: setup  ## the search on EMPS, the cart-pole and 40 blind cases (goes on where it was stopped) -> docs/results/hypotheses.json
 	$(BIN)/python -m recipes.studies.hypotheses --out $(OUT)/hypotheses
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json
 	$(BIN)/python -m recipes.studies.messy --out $(OUT)/messy
@@ -64,6 +65,8 @@ measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/re
 	$(BIN)/python -m recipes.studies.measured
 cost: setup      ## seconds and memory of refine, and how they grow -> docs/results/cost.json
 	$(BIN)/python -m recipes.studies.cost
+house-size: setup  ## lines and constants of criticism, now and at the git revision REVISION -> docs/results/house-size.json
+	$(BIN)/python -m recipes.studies.house_size $(if $(REVISION),--revision $(REVISION))
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers

@@ -136,12 +136,15 @@ class Search:
     def pair(self, here: Evaluation, alone: Round) -> tuple[Round, Round] | None:
         """Two additions at once where each hides the other: the pair that gains most, as two rounds; None without."""
         enough: list[tuple[Trial, Trial, Round]] = []
-        firsts = [trial for trial in alone.tried if trial.addition not in self.flexible]
-        for first in sorted(firsts, key=lambda trial: -trial.least)[: PAIRED if self.most > 1 else 0]:
+        by_gain = sorted(alone.tried, key=lambda trial: -trial.least)
+        free = [trial for trial in by_gain if trial.addition in self.flexible][:1]
+        firsts = [trial for trial in by_gain if trial.addition not in self.flexible][:PAIRED]
+        for first in [*firsts, *free] if self.most > 1 else ():
             beside = self.tried_all(first.evaluation)
             for second in beside.tried:
                 both = replace(second, gains=second.evaluation.gains(here))
-                if preferred(both.gains, here.gains(self.base)[0]):
+                believed = first not in free or quiet(both.evaluation)
+                if believed and preferred(both.gains, here.gains(self.base)[0]):
                     enough.append((first, both, beside))
         if not enough:
             return None
