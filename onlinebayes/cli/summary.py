@@ -7,7 +7,7 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.criticism import HELPS, Candidate, Criticism
+from onlinebayes.criticism import Candidate, Criticism
 from onlinebayes.criticism.report import candidate_words, left_out, words
 from onlinebayes.identification import quantities
 
@@ -73,16 +73,12 @@ def _errors(result: Criticism) -> list[str]:
 
 
 def _candidates(result: Criticism) -> list[str]:
-    """Gain and p of the ranked effects, the first ones and all that are in the model, with their rivals."""
+    """Gain of the ranked effects, the first ones and all that are in the model, with their rivals."""
     ranked = [candidate for candidate in candidate_words.in_order(result) if candidate.rank is not None]
-    shown = [c for k, c in enumerate(ranked) if k < RANKS or c.accepted or c.indistinguishable_from or _helps(c)]
-    lines = [f"{'candidate effects':<35} {'gain':>11} {'p':>6}  outcome"]
+    shown = [c for k, c in enumerate(ranked) if k < RANKS or c.accepted or c.indistinguishable_from]
+    lines = [f"{'candidate effects':<35} {'gain':>11}  outcome"]
     lines += [_candidate(result, candidate) for candidate in shown]
     return [*lines, *_others(len(result.candidates) - len(shown), "candidate", " in the report")]
-
-
-def _helps(candidate: Candidate) -> bool:
-    return any(reason.startswith(HELPS) for reason in candidate.refused_because)
 
 
 def _candidate(result: Criticism, candidate: Candidate) -> str:
@@ -90,8 +86,7 @@ def _candidate(result: Criticism, candidate: Candidate) -> str:
     if candidate.score_gain is not None:
         error = quantities.significant(candidate.score_gain_se or 0.0)
         gain = f"{quantities.significant(candidate.score_gain)} ± {error}"
-    p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
-    start = f"{candidate.rank:>4} {_cut(candidate.effect, 30):<30} {gain:>11} {p:>6}  "
+    start = f"{candidate.rank:>4} {_cut(candidate.effect, 30):<30} {gain:>11}  "
     return start + _cut(candidate_words.briefly(result, candidate), WIDTH - len(start))
 
 

@@ -5,18 +5,23 @@ them until the model predicts held-out runs as well as it can. All take built ob
 """
 
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
-from onlinebayes.criticism.candidates.longer import longer
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.commands import compare, diagnose, refine
 from onlinebayes.criticism.hypotheses.additions import Addition, wider_bounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation
-from onlinebayes.criticism.hypotheses.explaining import Explanation, additions, begun, explain, flexible
+from onlinebayes.criticism.hypotheses.explaining import (
+    SCALES_HORIZON,
+    Explanation,
+    additions,
+    begun,
+    explain,
+    flexible,
+)
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.results import (
-    HELPS,
     Candidate,
     Criticism,
     Failure,
@@ -35,7 +40,7 @@ from onlinebayes.identification.results import Estimate, FittedModel, FlatDirect
 from onlinebayes.identification.scope import Scope
 
 __all__ = [
-    "HELPS",
+    "SCALES_HORIZON",
     "Addition",
     "Candidate",
     "Criticism",
@@ -73,7 +78,6 @@ __all__ = [
     "grown",
     "grown_theta",
     "held_out_errors",
-    "longer",
     "prepare",
     "propose",
     "refine",

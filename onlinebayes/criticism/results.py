@@ -1,8 +1,7 @@
 """What criticism finds, as frozen values: the verdict, the ranked effects, the errors, and the replays behind them.
 
 Everything that report.json, the HTML report and the recording show stands here; nothing in these classes computes. The
-words and their exact rules: verdict and remainder in ``verdict.py``, ``score_gain`` in ``score.py``, ``p_value`` in
-``screening.py``, ``homogeneous`` in ``homogeneity.py``.
+exact rules are in ``hypotheses``: the verdict in ``verdict``, ``score_gain`` in ``scoring``, what is added in ``rule``.
 """
 
 from __future__ import annotations
@@ -32,14 +31,8 @@ Question = Literal["compare", "diagnose", "refine"]
 MOVES_NOTHING = "nothing moves"
 """In place of the parameters that do the same: no measured signal moves with the effect."""
 
-STOPPED = "stopped before it was added"
-"""Why a candidate is not in the model though nothing speaks against it: the search ended in its round."""
-
-HELPS = "helps, but not enough"
-"""Why a candidate that was tried last and lowers the error by a third is not in the model: more than noise is left."""
-
 NOT_NEEDED = "not needed"
-"""The same where the search went on: another one explains more, or the data are at fault."""
+"""Why a candidate that gains enough is not in the model: another one explains more."""
 
 
 @dataclass(frozen=True)
@@ -48,15 +41,11 @@ class Candidate:
 
     Args:
         effect: ``name@target``.
-        rank: 1 for the first; None where it is confounded with the free parameters, or was tried last
-            and lowers the error by less than a third.
-        p_value: of the maximum over all candidates, in the stage in which it was last screened; None if confounded.
+        rank: 1 for the first; None where it is confounded with the free parameters.
+        p_value: None: the search does not test against chance.
         score_gain, score_gain_se: cross-validated log score over the model without it, nats; None if not refitted.
         n_blocks: number of blocks B.
-        rms_fall: share by which the cross-validated error falls at the long and the short horizon; None likewise.
-        homogeneous: whether its size is the same law in all blocks, speeds and positions; None if not refitted.
         accepted: whether it stands in the final model.
-        accepted_with: the effect without which it would not: the other one of a pair.
         refused_because: the rules it failed, in words; empty for accepted and unranked ones.
         parameters: short name -> estimate, from its own refit; empty if not refitted.
         indistinguishable_from: effects that explain the data equally.
@@ -71,8 +60,6 @@ class Candidate:
     score_gain: float | None
     score_gain_se: float | None
     n_blocks: int
-    rms_fall: tuple[float, float] | None = None
-    homogeneous: bool | None = None
     accepted: bool = False
     refused_because: tuple[str, ...] = ()
     parameters: Mapping[str, Estimate] = field(default_factory=dict)
@@ -80,7 +67,6 @@ class Candidate:
     nested_in: tuple[str, ...] = ()
     confounded_with: tuple[str, ...] = ()
     exclusion_limit: float | None = None
-    accepted_with: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -161,7 +147,7 @@ class ParameterChange:
 
     Args:
         parameter: its address.
-        values: run (or glob of the runs of one group) -> estimate.
+        values: run -> estimate.
         shared: the one value that the base model had for all.
         p_value: None; kept for readers of report.json.
         score_gain, score_gain_se: cross-validated log score over the model with one value, nats.
@@ -169,7 +155,6 @@ class ParameterChange:
         rms_fall: share by which the cross-validated error falls at the long and the short horizon.
         equals: other parameters whose own values explain as much.
         lines: what to put in the problem file.
-        groups: the runs by like values, lowest first, where they fall into two or three such groups; else empty.
     """
 
     parameter: str
@@ -182,7 +167,6 @@ class ParameterChange:
     rms_fall: tuple[float, float]
     equals: tuple[str, ...]
     lines: str
-    groups: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -218,8 +202,6 @@ class Criticism:
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         mended: with ``data_problem``, the base model fitted to the mended table, without replays.
-        fitted_starts: signal -> what the final model leaves in the held-out runs with its windows' starts fitted
-            [sensor noise], where the starts as measured, and not the model, are what errs; not in report.json.
     """
 
     command: Question
@@ -251,7 +233,6 @@ class Criticism:
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
     mended: FittedModel | None = None
-    fitted_starts: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def only_compared(self) -> bool:

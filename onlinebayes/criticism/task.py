@@ -30,7 +30,6 @@ class Task:
         fit_runs, held_runs: the measurement, parted.
         selection: how effects are judged.
         notes: what was changed to make it ready, a sentence each.
-        otherwise_tied: the base model with constraints that are soft in place of rigid, or rigid in place of soft.
     """
 
     simulator: Identifiable
@@ -38,7 +37,6 @@ class Task:
     held_runs: Measurement
     selection: Selection
     notes: tuple[str, ...]
-    otherwise_tied: Identifiable | None = None
 
     def with_gaps(self, held: bool) -> Task:
         """The task with commands held over the log's gaps, or not."""
@@ -68,7 +66,7 @@ def prepare(
     stepped = in_step(given, fit_runs)
     within = within_runs(asked, fit_runs)
     used = steady(stepped, fit_runs, within)
-    stepped, other = tied_as_logged(stepped, fit_runs, used.horizon_s)
+    stepped = tied_as_logged(stepped, fit_runs, used.horizon_s)
     notes = (
         *tied,
         *restepped(given, stepped, fit_runs),
@@ -76,8 +74,7 @@ def prepare(
         *shortened(within, used),
     )
     model = scoped(stepped, scope, measurement, fit_runs.runs)
-    otherwise = None if other is None else scoped(other, scope, measurement, fit_runs.runs)
-    task = Task(model, fit_runs, held_runs, used, notes, otherwise)
+    task = Task(model, fit_runs, held_runs, used, notes)
     if held_over_gaps(stepped, fit_runs, used.horizon_s):
         task = task.with_gaps(held=True)
     return task.begun(idle=True) if idle_before(stepped, task.fit_runs, used.horizon_s) else task

@@ -1,7 +1,4 @@
-"""Progress that is also kept: every stage that is said, with the seconds that passed until the next.
-
-A line that ends in a full stop is an answer and no stage.
-"""
+"""Progress that is also kept: every stage that is said, with the seconds that passed until the next."""
 
 from __future__ import annotations
 
@@ -32,9 +29,8 @@ class Stopwatch:
         self._lines: list[tuple[str, float]] = []
 
     def __call__(self, line: str) -> None:
-        """Say the line; where it is a stage, the one before it ends here."""
-        if not line.endswith("."):
-            self._lines.append((line, time.monotonic()))
+        """Say the line; the stage before it ends here."""
+        self._lines.append((line, time.monotonic()))
         if self._say is not None:
             self._say(line)
 

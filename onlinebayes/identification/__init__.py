@@ -14,7 +14,7 @@ from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.noise import measured_floors, noise_floors
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
-from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, flip_groups
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
 from onlinebayes.identification.fitting.closed_loops import completed, follow
 from onlinebayes.identification.fitting.descent import LEAST_PROMISE
 from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
@@ -60,7 +60,6 @@ __all__ = [
     "estimates",
     "fit",
     "flat_directions",
-    "flip_groups",
     "follow",
     "in_step",
     "joint_names",

@@ -18,11 +18,11 @@ class Selection:
 
     Args:
         folds: number of blocks, or None for as many as the data allow (at most 12; one a run from 7 runs on).
-        horizon_s: length of the long windows H [s]; the short ones are 0.3 H.
-        alpha: level of the screening test.
+        horizon_s: length of the windows that errors are reported over [s].
+        alpha: level of the screening test of earlier versions; read, and of no effect.
         tolerance: rms_over_floor up to which a model with nothing missing is called adequate.
         fixed_horizon: whether windows keep that length; else a machine that is unstable in open loop gets shorter ones
-            (see :mod:`.fitting.horizon`), and what is too slow for them longer ones (see :mod:`.slow_effects`).
+            (see :mod:`.fitting.horizon`).
     """
 
     folds: int | None = None

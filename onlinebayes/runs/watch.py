@@ -47,16 +47,6 @@ class Watch:
         """The same with so much processor time from now on [s]; None for no end."""
         return replace(self, until=None if budget_s is None else time.process_time() + budget_s)
 
-    @property
-    def quiet(self) -> Watch:
-        """The same without a word."""
-        return replace(self, say=_silent)
-
-    @property
-    def unstoppable(self) -> Watch:
-        """The same for a step that is done as a whole or not at all."""
-        return replace(self, interrupt=None, until=None)
-
     def heeded(self) -> AbstractContextManager[None]:
         """A block of which nothing is known before its end: a stop raises :class:`.interrupt.Stopped` there."""
         return heeding(self)

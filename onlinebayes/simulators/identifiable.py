@@ -7,7 +7,7 @@
 | how it integrates                     | ``timestep``, ``with_timestep``, ``with_runge_kutta``, ``with_first_order`` |
 | what commands leave behind            | ``memory_span``, ``hidden_states_along``, ``command_driven_states``, ...    |
 | constraints between joints            | ``project_onto_constraints``, ``constrained_positions``, ...                |
-| the same system, a little different   | ``without_effect``, ``with_bounds``, ``with_payload``, ...                  |
+| the same system, a little different   | ``with_bounds``, ``with_free``, ``with_payload``, ...                       |
 """
 
 from __future__ import annotations
@@ -173,14 +173,6 @@ class Identifiable(Simulator):
     @abstractmethod
     def read(self, state: TensorDictBase) -> Float[Tensor, "*batch S"]:
         """The signals of a state or trajectory, in the order of :attr:`signals`."""
-
-    def without_effect(self, key: str) -> Self:
-        """A new simulator without one of its effects, ``name@target``; all worlds nominal.
-
-        Raises:
-            BadInput: it is not there, or this simulator keeps what it has.
-        """
-        raise BadInput(f"{type(self).__name__} keeps {key}", "override without_effect to let its fit begin elsewhere")
 
     @property
     def own_numbers(self) -> Mapping[str, Parameter]:

@@ -19,8 +19,6 @@ from tensordict import TensorDict, TensorDictBase
 
 from onlinebayes.runs import BadInput, nearest
 
-EXTRA = ("theta", "steps")
-
 
 def told_start(tensordict: TensorDictBase | None, key: Any, complete: TensorDict) -> TensorDict:
     """The state under ``key``, checked against a complete one of the same worlds and in its dtypes.

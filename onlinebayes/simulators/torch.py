@@ -23,7 +23,6 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.checks import refuse_twice, timesteps_of
 from onlinebayes.simulators.effects import Effect, Scales, TargetKind
-from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.stepping import DIVERGED, Actuator, Hidden, Integrator, Joint, Stepper, diverged
 
@@ -279,16 +278,6 @@ class TorchSimulator(Identifiable):
         )
         grown._populate(self.worlds)
         return grown
-
-    def without_effect(self, key: str) -> Self:
-        """A new simulator without one of its effects; see :meth:`Identifiable.without_effect`."""
-        leaner = copy.copy(self)
-        leaner.effects = all_but(key, self.effects)
-        gone = {f"{effect.key}.{name}" for effect in self.effects if effect.key == key for name in effect.parameters}
-        kept = {name: parameter for name, parameter in self.parameters.items() if name not in gone}
-        leaner.parameters = ParameterSpace(kept)
-        leaner._populate(self.worlds)
-        return leaner
 
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all at the nominal parameters and at rest."""

@@ -7,7 +7,6 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import Criticism, Selection, compare, diagnose, refine
-from onlinebayes.criticism.report import words
 from onlinebayes.criticism.results import MOVES_NOTHING
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -221,65 +220,6 @@ def test_a_stop_is_heeded_within_one_replay(monkeypatch: pytest.MonkeyPatch, ask
     with pytest.raises(Stopped):
         ask(model(), measure({LOAD: (0.5,)}, runs=8), interrupt=interrupt)
     assert played == [False] * 10 + [True]
-
-
-@pytest.mark.long
-def test_ctrl_c_between_rounds_keeps_what_was_found() -> None:
-    interrupt = Interrupt()
-    lines: list[str] = []
-
-    def say(line: str) -> None:
-        lines.append(line)
-        if line.startswith("screening") and line.endswith("round 2"):
-            interrupt.requested = True
-
-    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
-    assert result.interrupted
-    assert result.accepted == ("constant_load@rail",)
-    assert lines[0].startswith("As it was given, the model errs by ")
-    assert lines[1] == "fitting the base model"
-    assert lines[2].startswith("Fitted, the model errs by ")
-    assert "qpos.rail" in lines[2]
-    assert [timing.stage for timing in result.timings if timing.stage.endswith(".")] == []  # answers are no stages
-
-
-@pytest.mark.long
-def test_ctrl_c_within_a_round_judges_no_further_candidate() -> None:
-    interrupt = Interrupt()
-    fits: list[str] = []
-
-    def say(line: str) -> None:
-        if line.startswith("refitting"):
-            fits.append(line)
-            interrupt.requested = len(fits) == 2
-
-    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
-    assert result.interrupted
-    assert fits[0] == "refitting 1 of 2: constant_load@rail"
-    assert len(fits) == 2
-    assert result.accepted == ()
-    assert [c.effect for c in result.candidates if c.score_gain is not None] == ["constant_load@rail"]
-    assert result.candidates[0].refused_because == ("stopped before it was added",)
-    assert words.headline(result).endswith("before it could say why; so far constant load at rail leads.")
-
-
-@pytest.mark.long
-@pytest.mark.parametrize("twice", [False, True])
-def test_ctrl_c_gives_up_the_fit_in_hand_and_keeps_what_is_known(twice: bool) -> None:
-    """At its next replay; a second one at once."""
-    interrupt = Interrupt()
-
-    def say(line: str) -> None:
-        if line.startswith("adding"):
-            interrupt.requested = True
-            if twice:
-                raise KeyboardInterrupt
-
-    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=FEW, progress=say, interrupt=interrupt)
-    assert result.interrupted
-    assert result.accepted == ()
-    assert result.candidates[0].effect == "constant_load@rail"
-    assert result.candidates[0].score_gain is not None
 
 
 @pytest.mark.parametrize(

@@ -7,8 +7,6 @@ from dataclasses import dataclass
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.wiring.faults import SwitchedOff
-from onlinebayes.criticism.wiring.outages import Outage
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Effect
@@ -45,12 +43,11 @@ class Rig:
     def measure(
         self,
         effects: dict[Effect, tuple[float, ...]] | None = None,
-        off: SwitchedOff | Outage | None = None,
         compensated: bool = False,
         runs: int = 8,
         seconds: float = 3.0,
     ) -> Measurement:
-        """Runs from rest with these effects hidden, an actuator off, or the weight carried."""
+        """Runs from rest with these effects hidden, or the weight carried."""
         truth = self.model()
         if compensated:
             truth = truth.with_gravity_compensation() or truth
@@ -64,19 +61,11 @@ class Rig:
         frequency = 0.3 + 1.2 * torch.rand(runs, 3, len(self.drive), 1, generator=draw, dtype=torch.float64)
         phase = 6.3 * torch.rand(runs, 3, len(self.drive), 1, generator=draw, dtype=torch.float64)
         command = torch.sin(6.2832 * frequency * t + phase).sum(1).mT * torch.tensor(self.drive, dtype=torch.float64)
-        enable = torch.ones_like(command)
-        if off is not None:
-            whole = isinstance(off, SwitchedOff)
-            actuators = (off.actuator,) if whole else off.actuators
-            for run, begin, end in ((run, 0.0, seconds + STEP) for run in off.runs) if whole else off.spans:
-                rows_off = torch.nonzero((t > begin - STEP / 2) & (t < end - STEP / 2))
-                columns = [self.commands.index(name) for name in actuators]
-                enable[int(run.removeprefix("run")), rows_off, columns] = 0.0
         zero = torch.zeros(runs, joints, dtype=torch.float64)
         path = truth.rollout(
             torch.tensor(theta, dtype=torch.float64).expand(runs, -1),
             TensorDict({"qpos": zero, "qvel": zero}, batch_size=(runs,)),
-            TensorDict({"command": command[:, :-1], "enable": enable[:, :-1]}, batch_size=(runs, rows - 1)),
+            TensorDict({"command": command[:, :-1]}, batch_size=(runs, rows - 1)),
             t[1:],
         )
         angle = torch.cat([zero[:, None], path["qpos"]], 1)

@@ -1,12 +1,11 @@
 """Which effects to try at which targets, and from where; how far each may go follows from :mod:`.scales`.
 
 All are tried but those that are the same law as another candidate, play behind a motor, and those of so much freedom
-that :mod:`.searching.flexible_candidates` tries them when nothing else explains the data.
+that the search tries them when nothing else explains the data (see ``hypotheses.explaining.flexible``).
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -164,20 +163,6 @@ def trials(effects: Sequence[Effect]) -> tuple[Trial, ...]:
         for start in effect.starts:
             found.append(Trial(k, dict(start), two_sided, start[first] - neutral))
     return tuple(found)
-
-
-def opposites(effects: Sequence[Effect], tried: Sequence[Trial]) -> dict[int, int]:
-    """Trials that are the exact opposite of an earlier one, which moves the replay as much the other way."""
-    found: dict[int, int] = {}
-    for i, trial in enumerate(tried):
-        values = effects[trial.candidate].opposite(trial.values)
-        if values is None:
-            continue
-        for k, other in enumerate(tried[:i]):
-            same = other.candidate == trial.candidate and k not in found
-            if same and all(math.isclose(other.values[name], value, abs_tol=1e-12) for name, value in values.items()):
-                found[i] = k
-    return found
 
 
 def grown(simulator: Identifiable, effects: Sequence[Effect]) -> Identifiable:

@@ -41,7 +41,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 FEWEST_INPUTS, MOST_INPUTS = 12, 96
 WORK = 2e7  # integration steps that comparing the inputs may take: minutes for an arm of six joints
 REFITTED = 3
-REPEATS = 4  # new runs outweigh all older ones, and by flipping the signs of two or three nothing becomes significant
+REPEATS = 4  # new runs outweigh all older ones
 
 
 @dataclass(frozen=True)

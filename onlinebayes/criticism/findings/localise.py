@@ -13,8 +13,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism import region_words
-from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.results import Failure
 from onlinebayes.identification import quantities
 from onlinebayes.identification.data.motion import seen_by
@@ -59,21 +57,6 @@ def failures(fitted: Fit, windows: Windows, units: dict[str, str], most: int = 3
         mine.sort(key=lambda f: -f.share_of_error * f.share_of_error / f.share_of_time)
         found += mine[:most]
     return tuple(found)
-
-
-def in_a_sentence(fitted: Fit, windows: Windows, units: dict[str, str], over: dict[str, float]) -> str:
-    """How wrong the fitted model is and where, for a user who waits for the reasons.
-
-    Args:
-        over: RMS over the floor, by signal.
-    """
-    signal = max(over, key=lambda name: over[name])
-    times = quantities.times(over[signal])
-    if over[signal] <= AT_FLOOR:
-        return f"Fitted, the model errs by no more than the sensors, {times} their noise in {signal}."
-    size = f"Fitted, the model errs by {times} the sensor noise in {signal}"
-    worst = [failure for failure in failures(fitted, windows, units, most=1) if failure.signal == signal]
-    return f"{size}, most {region_words.in_words(worst[0].where)}." if worst else f"{size}."
 
 
 def _regions(fitted: Fit, windows: Windows, units: dict[str, str]) -> list[Region]:

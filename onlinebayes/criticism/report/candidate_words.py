@@ -19,23 +19,12 @@ def in_order(result: Criticism) -> list[Candidate]:
         ordered.setdefault(candidate.effect, candidate)
         for rival in candidate.indistinguishable_from if candidate.accepted else ():
             if rival in rows and not rows[rival].accepted:
-                ordered[rival] = _beside(rows[rival], result.selection.alpha)
+                ordered[rival] = replace(rows[rival], score_gain=None, score_gain_se=None, parameters={})
     return list(ordered.values())
-
-
-def _beside(rival: Candidate, alpha: float) -> Candidate:
-    if rival.p_value is not None and rival.p_value <= alpha:  # judged in the accepted effect's own round
-        return rival
-    return replace(
-        rival, p_value=None, score_gain=None, score_gain_se=None, rms_fall=None, homogeneous=None, parameters={}
-    )
 
 
 def briefly(result: Criticism, candidate: Candidate) -> str:
     """The outcome without its numbers: ``brings too little``."""
-    if candidate.accepted_with:
-        partners = [f"#{row.rank}" for row in result.candidates if row.effect in candidate.accepted_with and row.rank]
-        return f"accepted, only with {listing(partners)}" if partners else "accepted, one of a pair"
     if candidate.indistinguishable_from and not candidate.accepted:
         equals = [row for row in result.candidates if row.effect in candidate.indistinguishable_from and row.rank]
         return f"explains as much as {listing([f'#{row.rank}' for row in equals])}" if equals else "explains as much"
@@ -44,8 +33,6 @@ def briefly(result: Criticism, candidate: Candidate) -> str:
 
 def outcome(candidate: Candidate) -> str:
     """Why a candidate is in the model or not, in a few words."""
-    if candidate.accepted_with:
-        return f"accepted together with {effects_in_words(candidate.accepted_with)}"
     if candidate.accepted:
         return "accepted"
     if MOVES_NOTHING in candidate.confounded_with:

@@ -28,8 +28,8 @@ def ranking(result: Criticism) -> str:
     lines = [
         f"# {result.candidates_tried} candidate effects",
         "",
-        "| | effect | evidence | p | outcome |",
-        "|---|---|---|---|---|",
+        "| | effect | evidence | outcome |",
+        "|---|---|---|---|",
     ]
     for candidate in candidate_words.in_order(result)[:SHOWN]:
         gain = (
@@ -37,10 +37,7 @@ def ranking(result: Criticism) -> str:
             if candidate.score_gain is not None
             else "–"
         )
-        p = "–" if candidate.p_value is None else quantities.significant(candidate.p_value, 1)
-        lines.append(
-            f"| {candidate.rank or ''} | {phrases.plain(candidate.effect)} | {gain} | {p} | {_short(candidate)} |"
-        )
+        lines.append(f"| {candidate.rank or ''} | {phrases.plain(candidate.effect)} | {gain} | {_short(candidate)} |")
     lines += ["", *(f"{sentence}\n" for sentence in candidate_words.ties(result))]
     return "\n".join(lines)
 

@@ -1,6 +1,7 @@
 """report.json: the result as other programs read it, schema 1. Every number is finite; what is not known is null.
 
-The keys up to ``numerics`` are the contract's and stay as they are; the others may grow.
+The keys up to ``numerics`` are the contract's and stay as they are; the others may grow. Those of which the search has
+nothing to say any more (``p_value``, ``homogeneous``, ``rms_fall``, ``accepted_with``) stand there empty.
 """
 
 from __future__ import annotations
@@ -67,7 +68,7 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "score_gain_se": candidate.score_gain_se,
         "n_blocks": candidate.n_blocks,
         "p_value": candidate.p_value,
-        "homogeneous": candidate.homogeneous,
+        "homogeneous": None,
         # "identifiable" and "at_bound" are said of the final model only.
         "parameters": _estimates(candidate.parameters, of_the_model=False),
         "indistinguishable_from": candidate.indistinguishable_from,
@@ -75,14 +76,14 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "exclusion_limit": candidate.exclusion_limit,
         "confounded_with": candidate.confounded_with,
         "accepted": candidate.accepted,
-        "accepted_with": candidate.accepted_with,
-        "rms_fall": candidate.rms_fall,
+        "accepted_with": (),
+        "rms_fall": None,
         "refused_because": candidate.refused_because,
     }
 
 
 def _change(change: ParameterChange) -> dict[str, Any]:
-    return {**asdict(change), "values": _estimates(change.values)}
+    return {**asdict(change), "values": _estimates(change.values), "groups": ()}
 
 
 def _estimates(estimates: Mapping[str, Estimate], *, of_the_model: bool = True) -> dict[str, dict[str, Any]]:

@@ -13,9 +13,8 @@ from onlinebayes.criticism import region_words
 from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
 from onlinebayes.criticism.report.phrases import better, effects_in_words, estimate, listing, times_floor
-from onlinebayes.criticism.results import STOPPED, Criticism, ParameterChange
+from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
-from onlinebayes.identification.results import Estimate
 from onlinebayes.identification.scope import address_of
 
 VERDICTS = {
@@ -27,6 +26,8 @@ VERDICTS = {
     "unexplained": "unexplained",
     "adequate": "adequate",
 }
+
+
 SHOWN_RUNS = 8
 """How many runs' own values stand in a sentence."""
 
@@ -72,9 +73,7 @@ def headline(result: Criticism) -> str:
     if result.verdict == "unexplained" and result.changes:
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     if result.interrupted:
-        leading = [candidate.effect for candidate in result.candidates if STOPPED in candidate.refused_because][:1]
-        so_far = f"; so far {effects_in_words(leading)} leads" if leading else ""
-        return f"The model is wrong, and the search was stopped before it could say why{helped}{so_far}."
+        return f"The model is wrong, and the search was stopped before it could say why{helped}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
 
 
@@ -96,7 +95,7 @@ def improvement(result: Criticism) -> str:
     over = f"Held-out error over {quantities.exact(errors.horizon_s[signal], 's')}"
     change = f" → {now[0]} ({better(before, after)})" if now else ""
     explained = f"noise explains {noise}" if floor > 0 else "how much of it noise explains is not known"
-    return f"{over}: {was}{change}; {explained}{_starts(result, signal)}."
+    return f"{over}: {was}{change}; {explained}."
 
 
 def wiring(result: Criticism) -> str:
@@ -168,9 +167,6 @@ def changes(result: Criticism) -> list[str]:
         left = len(change.values) - SHOWN_RUNS
         shown += [f"{left} more in the report"] if left > 0 else []
         unit = next(iter(change.values.values())).unit
-        if change.groups:
-            told = "; ".join(f"{_few(group)} at {_level(change, group)}" for group in change.groups)
-            shown = [f"{told} ({len(change.groups)} groups of like values)"]
         others = f" Values of {listing(list(change.equals), 'or')} would do as well." if change.equals else ""
         sentences.append(
             f"{change.parameter} differs between runs: {listing(shown)}, where one value for all was "
@@ -178,31 +174,6 @@ def changes(result: Criticism) -> list[str]:
             f"{quantities.percent(change.rms_fall[0])}.{others}"
         )
     return sentences
-
-
-def _few(runs: Sequence[str]) -> str:
-    """``n00, n01 and 6 more``."""
-    left = len(runs) - SHOWN_RUNS // 2
-    return listing([*runs[: SHOWN_RUNS // 2], f"{left} more"] if left > 1 else list(runs))
-
-
-def _level(change: ParameterChange, runs: Sequence[str]) -> str:
-    """``0.7512 ± 0.0007 kg``: the mean over a group's runs, and their mean sd."""
-    values = [change.values[run] for run in runs]
-    columns = zip(*((v.mean, v.sd, v.q05, v.q95) for v in values), strict=True)
-    mean, sd, q05, q95 = (sum(numbers) / len(values) for numbers in columns)
-    return estimate(Estimate(mean, sd, q05, q95, values[0].unit))
-
-
-def _starts(result: Criticism, signal: str) -> str:
-    """What the error is once the windows' starts are fitted, where those as measured are what errs; else empty."""
-    left = result.fitted_starts.get(signal)
-    if left is None:
-        return ""
-    return (
-        ", the uncertain starts of the windows the rest: with those fitted, "
-        f"{quantities.times(left)} the sensor noise is left"
-    )
 
 
 def remainder(result: Criticism) -> str:
@@ -227,6 +198,4 @@ def _compared(result: Criticism) -> str:
     horizon = quantities.exact(result.heldout_error.horizon_s[signal], "s")
     if ratio <= result.selection.tolerance:
         return f"The model follows {signal} to {size} over {horizon}, as well as its noise allows."
-    if signal in result.fitted_starts and result.remainder.status == "noise":
-        return f"The model follows {signal} to {size} over {horizon}, as well as the windows' measured starts allow."
     return f"The model misses {signal} by {size} over {horizon}, {times_floor(ratio)}."

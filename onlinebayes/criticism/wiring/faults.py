@@ -5,7 +5,6 @@
 | :class:`Rescaled`       | -y, degrees for radians, mm for m; -u, mV for V       | factor times column            |
 | :class:`Offset`         | y - c, a zero that was set elsewhere                  | y + c                          |
 | :class:`Swapped`        | another joint's or actuator's column                  | the two exchanged              |
-| :class:`SwitchedOff`    | commands of an actuator that gave no force in a run   | enable = 0 there               |
 | :class:`Compensated`    | commands on top of a controller that holds the weight | the model without the weight   |
 
 A fault is discrete: nothing in it is fitted, the offset apart. What can be any number (a gain, a delay, a load) is an
@@ -17,7 +16,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -31,7 +30,6 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
 Kind = Literal["signal", "command"]
-MISPLACED = 0.1  # rad: what nobody calls an encoder's bias; a servo's horn has teeth a quarter of a radian apart
 HINGE = {math.pi / 180: "degrees for radians", 180 / math.pi: "radians for degrees"}
 SLIDE = {1e-3: "millimetres for metres", 1e3: "metres for millimetres"}
 SENSOR = {
@@ -178,12 +176,6 @@ class Offset(Fault):
         return replace(windows, start=windows.start + windows.start.new_tensor([*values, *(0.0 for _ in shown)]))
 
 
-def misplaced(offsets: Mapping[str, float]) -> Offset | None:
-    """The largest of the offsets [rad] by which encoders seem to read too much, if it is a horn put on a tooth away."""
-    signal = max(offsets, key=lambda name: abs(offsets[name]), default="")
-    return Offset(signal, -offsets[signal]) if signal and abs(offsets[signal]) >= MISPLACED else None
-
-
 @dataclass(frozen=True)
 class Swapped(Fault):
     """Columns ``first`` that hold what belongs to ``second``, and the other way round, pair by pair."""
@@ -231,33 +223,6 @@ class Swapped(Fault):
         """For each name the place of the one that it is exchanged with."""
         partner = dict(zip((*self.first, *self.second), (*self.second, *self.first), strict=True))
         return [names.index(partner.get(name, name)) for name in names]
-
-
-@dataclass(frozen=True)
-class SwitchedOff(Fault):
-    """An actuator that gave no force in whole runs."""
-
-    actuator: str
-    runs: tuple[str, ...]
-
-    @property
-    def says(self) -> str:
-        """``motor was off in run3``."""
-        return f"{self.actuator} was off in {', '.join(self.runs)}, whatever the table commands"
-
-    @property
-    def lines(self) -> str:
-        """The column that the table lacks."""
-        return f"# in the table: a column enable.{self.actuator} with 0 in every row of {', '.join(self.runs)}"
-
-    def mended(self, measurement: Measurement) -> Measurement:
-        """The actuator disabled in these runs."""
-        _, columns = _places(measurement, "command", (self.actuator,))
-        data = _copy(measurement.data, "enable")
-        for run in self.runs:
-            if run in measurement.runs:
-                data["enable"][measurement.runs.index(run), :, columns] = 0.0
-        return replace(measurement, data=data)
 
 
 @dataclass(frozen=True)

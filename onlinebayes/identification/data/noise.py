@@ -1,14 +1,13 @@
-"""How noisy the sensors are, how heavy the residual's tails are, and over how long it is correlated.
+"""How noisy the sensors are, and over how long the residual is correlated.
 
-| quantity                 | equation                                                    | code                      |
-|--------------------------|-------------------------------------------------------------|---------------------------|
-| sensor sd                | clipped RMS of fourth differences of norm 1                 | :func:`sensor_sd`         |
-| Student-t                | log t(r; s, nu), s and nu by maximum likelihood (EM over s) | :func:`student_t`         |
-| correlation time tau [s] | Delta (1 + 2 sum_k rho_k), summed until rho_k <= .02        | :func:`correlation_time`  |
+| quantity                 | equation                                               | code                     |
+|--------------------------|--------------------------------------------------------|--------------------------|
+| sensor sd                | clipped RMS of fourth differences of norm 1            | :func:`sensor_sd`        |
+| correlation time tau [s] | Delta (1 + 2 sum_k rho_k), summed until rho_k <= .02   | :func:`correlation_time` |
 
 A fourth difference d = sum_i c_i y_i, c_i = prod_{j != i} 1 / (t_i - t_j) over five measured rows in a row, scaled to
 sum c_i^2 = 1, has the noise's variance; a cubic has none. On an even clock c is (1, -4, 6, -4, 1) / sqrt(70).
-No autoregressive whitening: it would absorb the missing force. EM for the t: Liu and Rubin 1995.
+No autoregressive whitening: it would absorb the missing force.
 """
 
 from __future__ import annotations
@@ -24,9 +23,7 @@ from onlinebayes.identification.data.grid import RunGrid, row_step, run_grids
 from onlinebayes.measurements import Measurement, Signal
 
 CLIP = 4.0  # RMS, beyond which a fourth difference is an outlier
-EM_STEPS = 12
 NEGLIGIBLE = 0.02  # autocorrelation, at which the sum of the correlation time ends
-DEGREES = (2.5, 3.0, 4.0, 5.0, 7.0, 10.0, 20.0, 100.0)
 
 
 def sensor_sd(grids: Sequence[RunGrid], signal: int) -> float:
@@ -77,35 +74,6 @@ def measured_floors(measurement: Measurement) -> Float[Tensor, " S"]:
     """Noise floor of each signal of a measurement [its unit], in the measurement's dtype and on its device."""
     grids = run_grids(measurement, row_step(measurement))
     return noise_floors(measurement.signals, grids).to(measurement.data["signal"])
-
-
-def student_t(
-    residual: Float[Tensor, "F n"], weight: Float[Tensor, "F n"]
-) -> tuple[Float[Tensor, " F"], Float[Tensor, " F"]]:
-    """Scale s and degrees of freedom nu of each row of residuals.
-
-    Args:
-        residual: one row a fold, same unit as the scale.
-        weight: 0 for entries that do not belong to the fold.
-    """
-    nu = torch.tensor(DEGREES, dtype=residual.dtype, device=residual.device)[:, None, None]
-    square, count = residual.square(), weight.sum(-1).clamp_min(1.0)
-    start = (weight * square).sum(-1) / count
-    tiny = torch.finfo(residual.dtype).tiny
-    variance = start.clamp_min(tiny).expand(len(DEGREES), -1).clone()
-    for _ in range(EM_STEPS):
-        expected = (nu + 1) / (nu + square / variance[..., None])
-        variance = ((weight * expected * square).sum(-1) / count).clamp_min(tiny)
-    likelihood = (weight * log_t(residual, variance.sqrt()[..., None], nu)).sum(-1)
-    best = likelihood.argmax(0)
-    fold = torch.arange(residual.shape[0], device=residual.device)
-    return variance[best, fold].sqrt(), nu[best, 0, 0]
-
-
-def log_t(residual: Tensor, scale: Tensor, nu: Tensor) -> Tensor:
-    """Log density of the Student-t with this scale and degrees of freedom, broadcast [nats]."""
-    constant = torch.lgamma((nu + 1) / 2) - torch.lgamma(nu / 2) - 0.5 * torch.log(math.pi * nu)
-    return constant - torch.log(scale) - (nu + 1) / 2 * torch.log1p((residual / scale).square() / nu)
 
 
 FEW_PAIRS = 0.1

@@ -11,9 +11,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from onlinebayes.identification.data.windows import MEMORY, make_windows
-from onlinebayes.identification.fitting.numerics import Grounds, settled_misfit
-from onlinebayes.identification.fitting.readings import follows_far_better
+from onlinebayes.identification.fitting.numerics import settled_misfit
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -40,21 +38,3 @@ def idle_before(simulator: Identifiable, fit_runs: Measurement, horizon: float) 
         return False
     held, idle = (settled_misfit(simulator, replace(fit_runs, idle_before=one), horizon) for one in (False, True))
     return idle < held
-
-
-def starts_read_otherwise(final: Grounds, fit_runs: Measurement) -> bool:
-    """Whether a model that leaves more than noise follows the log far better with the runs' starts read the other way.
-
-    Args:
-        final: the model with all that was found.
-        fit_runs: the runs, read as they were for it.
-    """
-    if not (remembers_commands(final.fitted.simulator) and commanded_at_once(fit_runs)):
-        return False
-    return follows_far_better(final, replace(fit_runs, idle_before=not fit_runs.idle_before))
-
-
-def reread(grounds: Grounds, fit_runs: Measurement) -> Grounds:
-    """The grounds of a model that remembers no commands, which fits as it did, on runs whose starts are read anew."""
-    model, old = grounds.fitted.simulator, grounds.windows
-    return replace(grounds, windows=make_windows(model, fit_runs, old.horizon, MEMORY * old.horizon, old.noise))

@@ -72,13 +72,10 @@ def completed(simulator: Identifiable, measurement: Measurement) -> tuple[Measur
     return replace(measurement, data=more, signals=(*measurement.signals, *signals)), (note,)
 
 
-def tied_as_logged(
-    simulator: Identifiable, fit_runs: Measurement, horizon: float
-) -> tuple[Identifiable, Identifiable | None]:
-    """The simulator with rigid constraints or with its own soft ones, whichever fits the log better, and the other.
+def tied_as_logged(simulator: Identifiable, fit_runs: Measurement, horizon: float) -> Identifiable:
+    """The simulator with rigid constraints or with its own soft ones, whichever fits the log better.
 
-    There is no other where the model has no constraints that could be either. A machine is rigid where nobody said how
-    soft it is. A log that MuJoCo wrote is as soft as MuJoCo.
+    A machine is rigid where nobody said how soft it is. A log that MuJoCo wrote is as soft as MuJoCo.
 
     Args:
         simulator: the base model.
@@ -87,6 +84,6 @@ def tied_as_logged(
     """
     rigid = simulator.with_rigid_constraints()
     if rigid is simulator:
-        return simulator, None
+        return simulator
     own, stiff = (settled_misfit(one, fit_runs, horizon) for one in (simulator, rigid))
-    return (simulator, rigid) if own < stiff else (rigid, simulator)
+    return simulator if own < stiff else rigid

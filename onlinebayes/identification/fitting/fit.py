@@ -17,7 +17,7 @@ from torch import Tensor
 
 from onlinebayes.identification.data.noise import correlation_time
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.fitting.descent import MOST_STEPS, PATIENCE, bounded_step, descend, difference_steps
+from onlinebayes.identification.fitting.descent import MOST_STEPS, PATIENCE, descend, difference_steps
 from onlinebayes.identification.fitting.outlying_starts import best_starts, misfits, refit_outlying_starts
 from onlinebayes.identification.fitting.projection import Projected, project, row_weights
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
@@ -125,16 +125,6 @@ def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
             break
         found, crept = further, also
     return _descended(found, windows, hopeless, patience=MOST_STEPS)[0] if crept and found.converged else found
-
-
-def still_promised(fitted: Fit) -> float:
-    """Share of the objective by which one more step would lower it, to first order: next to nothing at a mode.
-
-    Not where a parameter stands on a kink (the instant of a ``parameter_step`` at the end of a time step): there its
-    derivative holds on one side only, and every step is refused, whatever the others have to gain.
-    """
-    _, promised = bounded_step(fitted.simulator, fitted.projected, fitted.theta, 0.0)
-    return promised / max(fitted.projected.objective, 1e-300)
 
 
 def residual_correlation_time(fitted: Fit, windows: Windows) -> float:

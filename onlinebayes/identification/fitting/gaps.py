@@ -14,8 +14,7 @@ from dataclasses import replace
 import torch
 
 from onlinebayes.identification.data.lost_rows import lost
-from onlinebayes.identification.fitting.numerics import Grounds, settled_misfit
-from onlinebayes.identification.fitting.readings import follows_far_better
+from onlinebayes.identification.fitting.numerics import settled_misfit
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -43,17 +42,3 @@ def held_over_gaps(simulator: Identifiable, fit_runs: Measurement, horizon: floa
         return False
     line, held = (settled_misfit(simulator, replace(fit_runs, held_over_gaps=one), horizon) for one in (False, True))
     return held < line
-
-
-def gaps_read_otherwise(final: Grounds, fit_runs: Measurement) -> bool:
-    """Whether a model that leaves more than noise follows the log far better with the gaps read the other way.
-
-    The base model's misfit may have hidden which reading is right.
-
-    Args:
-        final: the model with all that was found.
-        fit_runs: the runs, read as they were for it.
-    """
-    if not rows_missing(fit_runs):
-        return False
-    return follows_far_better(final, replace(fit_runs, held_over_gaps=not fit_runs.held_over_gaps))

@@ -34,7 +34,7 @@ def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
     """Jackknife covariance of theta [SI]; zero with a single block."""
     if blocks.count < 2 or not len(fitted.theta):
         return torch.zeros(len(fitted.theta), len(fitted.theta)).to(fitted.theta)
-    across = jackknife(leave_one_out(fitted, blocks, whole=True))
+    across = jackknife(leave_one_out(fitted, blocks))
     return across + own_covariance(fitted, blocks) if isinstance(fitted.simulator, ScopedSimulator) else across
 
 

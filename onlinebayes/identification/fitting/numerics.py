@@ -57,8 +57,7 @@ ROWS_MATTER_BELOW = 10.0
 class Grounds:
     """What everything is judged on: windows at one integration step, the model fitted to them, and how fine that is.
 
-    ``shift`` is by how much the step moves theta [SI]: see :func:`check`. ``as_run`` says that the model's own step is
-    used though a finer one moves the replay: see :mod:`.as_run`.
+    ``shift`` is by how much the step moves theta [SI]: see :func:`check`.
     """
 
     windows: Windows
@@ -66,7 +65,6 @@ class Grounds:
     numerics: Numerics
     rung: Rung
     shift: Float[Tensor, " P"]
-    as_run: bool = False
 
 
 def settle(
@@ -199,7 +197,7 @@ def _as_run(setup: RunSetup, grounds: Grounds) -> Grounds:
     own = _checked(setup, found.rung, found.windows, found.fitted)
     # The parameters are those of this step: what a finer one would make of them is no doubt about them.
     certain, numerics = torch.zeros_like(own.shift), replace(own.numerics, sufficient=True)
-    return replace(own, numerics=numerics, shift=certain, as_run=True)
+    return replace(own, numerics=numerics, shift=certain)
 
 
 def check(

@@ -1,13 +1,10 @@
 """Parameters with one value per run: cross-fitted, so that no value is judged on the rows it was estimated from.
 
-A run that is left out, or held out, has parameters of its own that nothing else tells. They are nuisances as its
-windows' starts are, but one for many windows, so that fitting them to the rows they are judged on would flatter the
-model. The run is cut into two halves, and each half is judged with the value that the other half gives, all shared
-parameters as they are without the run:
+A run that is held out has parameters of its own that nothing else tells. They are nuisances as its windows' starts are,
+but one for many windows, so that fitting them to the rows they are judged on would flatter the model. The run is cut
+into two halves, and each half is judged with the value that the other half gives, all shared parameters as fitted.
+Where there is no other half (a single window) the mean of the fitted runs' values stands in.
 
-    d_h = argmin over d of sum_{w in the other half} |r~_w - C~_w d|^2        (cross-fitting)
-
-Where there is no other half (a single window) the mean of the other runs' values stands in.
 The interval of an own value comes from the spread between its run's windows (sandwich, Liang and Zeger 1986):
 
     V = n / (n - 1) N^-1 (sum_w g_w g_w') N^-1,     N = sum_w C~_w' C~_w,    g_w = C~_w' r~_w
@@ -24,7 +21,6 @@ from torch import Tensor
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.blocks import Blocks
 from onlinebayes.identification.fitting.fit import Fit, fit
-from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.identification.scope import Scope, own_name
 from onlinebayes.identification.splitting import HALVES
@@ -32,48 +28,13 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
 
 
-def run_halves(windows: Windows, of: Int[Tensor, " W"]) -> Int[Tensor, " W"]:
-    """0 in the first half of each run's windows of each block ``of``, 1 in the second."""
-    half = torch.zeros_like(of)
-    for block in torch.unique(of):
-        for run in torch.unique(windows.run):
-            mine = ((of == block) & (windows.run == run)).nonzero()[:, 0]
-            half[mine[(len(mine) + 1) // 2 :]] = 1
+def run_halves(windows: Windows) -> Int[Tensor, " W"]:
+    """0 in the first half of each run's windows, 1 in the second."""
+    half = torch.zeros_like(windows.run)
+    for run in torch.unique(windows.run):
+        mine = (windows.run == run).nonzero()[:, 0]
+        half[mine[(len(mine) + 1) // 2 :]] = 1
     return half
-
-
-def lent(
-    fitted: Fit, windows: Windows, blocks: Blocks, without: Float[Tensor, "B F"]
-) -> tuple[Float[Tensor, "2 B F"], Int[Tensor, " W"]]:
-    """theta_-b for either half of every block, and the half of each window.
-
-    Args:
-        fitted: the fit to all windows.
-        windows, blocks: what was fitted, and its blocks.
-        without: theta_-b (see ``blocks.leave_one_out``), in which own values without other data stand as fitted.
-    """
-    simulator, half = fitted.simulator, run_halves(windows, blocks.of)
-    both = without.expand(2, *without.shape).clone()
-    if not isinstance(simulator, ScopedSimulator):
-        return both, half
-    C, r, space = fitted.projected.columns, fitted.projected.residual, simulator.parameters
-    informs, owner = _informs(fitted), simulator.owner_of(windows)
-    for b in range(blocks.count):
-        shared = r - C @ (without[b] - fitted.theta)
-        for who in range(len(simulator.owners)):
-            mine = simulator.own == who
-            if not bool(mine.any()) or bool(informs[blocks.train[b]][:, mine].any()):
-                continue
-            for h in (0, 1):
-                rows = (blocks.of == b) & (half != h) & (owner == who)
-                if not bool(informs[rows][:, mine].any()):
-                    both[h, b, mine] = _mean_of_others(simulator, without[b], mine)
-                    continue
-                c = C[rows][..., mine].flatten(0, 1)
-                here = without[b, mine]
-                low, high = space.low.to(here)[mine] - here, space.high.to(here)[mine] - here
-                both[h, b, mine] += bounded_least_squares(c.T @ c, c.T @ shared[rows].flatten(), low, high)
-    return both, half
 
 
 def own_covariance(fitted: Fit, blocks: Blocks) -> Float[Tensor, "F F"]:
@@ -118,7 +79,7 @@ def held_out_model(
     """
     if not isinstance(simulator, ScopedSimulator) or not any(map(simulator.free_in, windows.runs)):
         return simulator, windows, theta
-    half = run_halves(windows, torch.zeros_like(windows.run))
+    half = run_halves(windows)
     names = tuple(run + suffix for run in windows.runs for suffix in HALVES)
     begin = tuple(instant for instant in windows.begin for _ in HALVES)
     histories = tuple(one for one in windows.run_histories for _ in HALVES)
@@ -155,14 +116,3 @@ def _parts_model(
 def _informs(fitted: Fit) -> Bool[Tensor, "W F"]:
     """Which windows say something about each parameter."""
     return fitted.projected.columns.square().sum(1) > 0
-
-
-def _mean_of_others(
-    simulator: ScopedSimulator, theta: Float[Tensor, " F"], mine: Bool[Tensor, " F"]
-) -> Float[Tensor, " M"]:
-    """For each own value of a run the mean of the other runs' values of the same parameter; its own without others."""
-    values = []
-    for f in mine.nonzero()[:, 0].tolist():
-        others = (simulator.place == simulator.place[f]) & ~mine
-        values.append(theta[others].mean() if bool(others.any()) else theta[f])
-    return torch.stack(values)

@@ -103,12 +103,6 @@ class ScopedSimulator(SimulatorWrapper):
             if self.scope.owned(name) and name not in known and own_name(name, owner) not in self.parameters
         )
 
-    def owner_of(self, windows: Windows) -> Int[Tensor, " W"]:
-        """Number of each window's owner, -1 where its run has none."""
-        names = [self.scope.owner(run) for run in windows.runs]
-        number = torch.tensor([self.owners.index(name) if name in self.owners else -1 for name in names])
-        return number.to(windows.run)[windows.run]
-
     def _belongs(self, entry: int, run: str | None) -> bool:
         r = int(self.own[entry])
         return r < 0 or (run is not None and self.owners[r] in map(self.scope.owner, (run, origin(run))))
@@ -254,27 +248,14 @@ def effect_entries(simulator: Identifiable, effect: Effect) -> dict[str, str]:
     return found
 
 
-def effect_values(simulator: Identifiable, theta: Float[Tensor, " F"], effect: Effect) -> dict[str, float]:
-    """An effect's values, short name -> value [SI]; the mean over the runs where each has its own.
-
-    Args:
-        simulator: with the effect in it.
-        theta: of the simulator.
-        effect: whose values; of what is known in every run there is none.
-    """
-    found: dict[str, list[float]] = {}
-    for entry, name in effect_entries(simulator, effect).items():
-        found.setdefault(name, []).append(float(theta[simulator.parameters.index(entry)]))
-    return {name: sum(values) / len(values) for name, values in found.items()}
-
-
 def with_effect_values(
     simulator: Identifiable, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
 ) -> Float[Tensor, " F"]:
-    """Theta with an effect's values set, the same ones in every run; the inverse of :func:`effect_values`.
+    """Theta with an effect's values set, the same ones in every run.
 
     Args:
-        simulator, theta, effect: as there.
+        simulator, theta: the model with the effect, and its parameters [SI].
+        effect: one of its effects.
         values: short name -> value [SI], of all that the effect has in theta.
     """
     theta = theta.clone()

@@ -106,10 +106,6 @@ class SimulatorWrapper(Identifiable):
         """See :meth:`Simulator.with_effect`."""
         return self.around(self.physics.with_effect(effect))
 
-    def without_effect(self, key: str) -> Self:
-        """See :meth:`Identifiable.without_effect`."""
-        return self.around(self.physics.without_effect(key))
-
     def with_worlds(self, worlds: int) -> Self:
         """See :meth:`Simulator.with_worlds`."""
         return self.around(self.physics.with_worlds(worlds))

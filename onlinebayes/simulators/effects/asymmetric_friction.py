@@ -48,7 +48,6 @@ class AsymmetricFriction(Effect):
     fields = (*FIELDS, "actuator_biasprm")
     contains = ("dry_friction",)
     sum_of = ("dry_friction", "constant_load")
-    absorbs = ("frictionloss_positive", "frictionloss_negative")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "frictionloss_positive", self.frictionloss_positive)

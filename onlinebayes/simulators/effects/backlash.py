@@ -57,7 +57,6 @@ class Backlash(Effect):
     gap: Parameter
     rotor: Parameter
     name = "backlash"
-    rugged = True
     target_kind = "joint"
     needs_drive = True
     needs_servo = True

@@ -29,7 +29,6 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading, Seen
 
@@ -45,7 +44,6 @@ class Effect(ABC):
         target_kind: what ``target`` names.
         wider: other kinds that it may name: the world for all bodies, a site for a place on one.
         tried_last: criticism tries it last, where nothing else explains the data (or where it is named).
-        rugged: its misfit has several valleys, so that a refit begins at several of its starting values.
         target: name of the joint, actuator, body, geom, site or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
@@ -55,7 +53,6 @@ class Effect(ABC):
         needs_position: whether it depends on its joint's position, which must be measured then.
         contains: names of simpler effects that it becomes, at the same target, for some of its values.
         sum_of: names of effects at the same target that are, together, this one exactly.
-        absorbs: its parameters to which the magnitude of such a simpler effect adds.
         axes: the effect may act along one axis, ``target.axis``, and criticism tries each as a candidate of its own.
     """
 
@@ -63,7 +60,6 @@ class Effect(ABC):
     target_kind: ClassVar[TargetKind]
     wider: ClassVar[tuple[TargetKind, ...]] = ()
     tried_last: ClassVar[bool] = False
-    rugged: ClassVar[bool] = False
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
@@ -73,7 +69,6 @@ class Effect(ABC):
     needs_position: ClassVar[bool] = False
     contains: ClassVar[tuple[str, ...]] = ()
     sum_of: ClassVar[tuple[str, ...]] = ()
-    absorbs: ClassVar[tuple[str, ...]] = ()
     axes: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
@@ -110,10 +105,6 @@ class Effect(ABC):
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """Finite values from which screening also starts, for what is not small-signal linear; none by default."""
         return ()
-
-    def opposite(self, values: Mapping[str, float]) -> Mapping[str, float] | None:
-        """The values, if any, at which the effect is the exact opposite: of two such starts screening simulates one."""
-        return None
 
     @property
     def staged(self) -> bool:
@@ -266,14 +257,6 @@ class Effect(ABC):
                 return None
             states.append(after)
         return TensorDict.stack(states, dim=1)
-
-
-def all_but(key: str, effects: tuple[Effect, ...]) -> tuple[Effect, ...]:
-    """The effects without the one of this key; raises :class:`BadInput` where it is none of them."""
-    left = tuple(effect for effect in effects if effect.key != key)
-    if len(left) == len(effects):
-        raise BadInput(f"{key} is not part of the simulator", nearest(key, [effect.key for effect in effects]))
-    return left
 
 
 def split_axis(target: str, axes: tuple[str, ...]) -> tuple[str, str]:

@@ -44,7 +44,6 @@ class Cogging(Effect):
     phase: Parameter
     name = "cogging"
     tried_last = True
-    rugged = True
     target_kind = "joint"
     needs_position = True
 
@@ -91,10 +90,6 @@ class Cogging(Effect):
             for k in range(steps + 1)
             for phase in phases
         )
-
-    def opposite(self, values: Mapping[str, float]) -> Mapping[str, float]:
-        """Half a turn of phase back."""
-        return {**values, "phase": values["phase"] - math.pi}
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
         """A sin(n q + phase) [N, N m]."""

@@ -40,7 +40,6 @@ class StribeckFriction(Effect):
     name = "stribeck_friction"
     target_kind = "joint"
     contains = ("dry_friction",)
-    absorbs = ("coulomb", "static")
 
     def __post_init__(self) -> None:
         non_negative(self.key, "coulomb", self.coulomb)

@@ -51,7 +51,6 @@ class Wind(Effect):
     tried_last = True
     fields = (*FIELDS, "opt.wind")
     contains = ("air_drag",)
-    absorbs = ("drag",)
     axes = AXES
 
     def __post_init__(self) -> None:

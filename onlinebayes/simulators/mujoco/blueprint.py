@@ -13,7 +13,6 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.checks import refuse_twice
 from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.effects.base import all_but
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco.addresses import written_out
 from onlinebayes.simulators.mujoco.closure import rigid
@@ -69,10 +68,6 @@ class Remakable(Identifiable):
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""
         refuse_twice(effect, self.effects)
         return self._remade(effects=(*self.effects, effect))
-
-    def without_effect(self, key: str) -> Self:
-        """A new simulator without one of its effects; see :meth:`Identifiable.without_effect`."""
-        return self._remade(effects=all_but(key, self.effects))
 
     def with_worlds(self, worlds: int) -> Self:
         """A new simulator with another number of worlds, all nominal and at the default state."""

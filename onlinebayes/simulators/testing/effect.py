@@ -22,7 +22,7 @@ def check_effect(
     Checked: its parameters join the space under its key; at its neutral value it changes not a bit; elsewhere it acts;
     with it the simulator passes :func:`check_simulator`, hidden states included; its hidden states along many rows at
     once are those of one row after the other; starting values and the bounds for screening are admissible; an unknown
-    target and a second copy are refused; a simulator that can let go of it is then what it was.
+    target and a second copy are refused.
 
     Args:
         simulator: without the effect; it is not touched.
@@ -42,7 +42,6 @@ def check_effect(
     require(grown.signals == simulator.signals, f"the effect changed the signals to {grown.signals}")
     neutral = torch.tensor([effect.neutral[n] for n in effect.parameters], dtype=grown.dtype, device=grown.device)
     require(torch.equal(grown.nominal[len(simulator.parameters) :], neutral), "nominal is not neutral")
-    _check_left_out(simulator, grown, effect)
     _check_neutral(simulator, grown, steps, scale, seed)
     check_simulator(grown, steps=steps, scale=scale, atol=atol, seed=seed)
     _check_refusals(grown, simulator, effect)
@@ -85,16 +84,6 @@ def _check_along(effect: Effect, seed: int, worlds: int = 3, rows: int = 9, time
     require_same(together, walked, 1e-12, "the hidden state along rows at once against row by row")
 
 
-def _check_left_out(simulator: Identifiable, grown: Identifiable, effect: Effect) -> None:
-    """Where a simulator can let go of an effect, it is what it was."""
-    if type(grown).without_effect is Identifiable.without_effect:
-        return
-    left = grown.without_effect(effect.key)
-    require(left.effects == simulator.effects, f"without_effect leaves {left.effects}")
-    require(left.parameters.names == simulator.parameters.names, f"without_effect leaves {left.parameters.names}")
-    require(torch.equal(left.nominal, simulator.nominal), "without_effect changes nominal values")
-
-
 def _check_neutral(simulator: Identifiable, grown: Identifiable, steps: int, scale: float, seed: int) -> None:
     base = simulator.with_worlds(3)
     trial = Trial.draw(base, steps, scale, seed)
@@ -117,7 +106,6 @@ def _check_refusals(grown: Identifiable, simulator: Identifiable, effect: Effect
     for what, act in (
         ("a second copy", lambda: grown.with_effect(effect)),
         ("an unknown target", strange),
-        ("to let go of what is not there", lambda: simulator.without_effect(effect.key)),
     ):
         try:
             act()

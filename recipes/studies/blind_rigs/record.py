@@ -62,7 +62,7 @@ class Judged:
         fault: of the log or of the bounds.
         ended: empty, or why there is no answer: out of time, or the error.
         verdict, accepted: what refine said.
-        first, gain, gain_se, p: the candidate ranked first, its score gain with its standard error [nats], its p.
+        first, gain, gain_se: the candidate ranked first, its score gain with its standard error [nats].
         equal: what the first accepted effect cannot be told from.
         refused: right name -> why it was not accepted.
         widened: parameters whose bounds were widened.
@@ -88,7 +88,6 @@ class Judged:
     first: str = ""
     gain: float | None = None
     gain_se: float | None = None
-    p: float | None = None
     equal: tuple[str, ...] = ()
     refused: Mapping[str, str] = field(default_factory=dict)
     widened: tuple[str, ...] = ()

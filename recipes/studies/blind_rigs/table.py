@@ -163,8 +163,7 @@ def told(judged: Judged) -> str:
         parts.append(f"tied with {', '.join(judged.equal)}")
     if judged.first:
         gain = "" if judged.gain is None else f", gain {judged.gain:.3g} ± {judged.gain_se or 0.0:.2g}"
-        p = "" if judged.p is None else f", p {judged.p:.2g}"
-        parts.append(f"first {judged.first}{gain}{p}")
+        parts.append(f"first {judged.first}{gain}")
     parts += [f"{key} {why}{_without(judged, key)}" for key, why in judged.refused.items()]
     parts += [f"widened {', '.join(judged.widened)}"] if judged.widened else []
     parts += [f"wiring: {judged.wiring}"] if judged.wiring else []

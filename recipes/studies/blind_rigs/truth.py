@@ -20,7 +20,7 @@ from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism import grown, longer, propose
+from onlinebayes.criticism import SCALES_HORIZON, grown, propose
 from onlinebayes.identification import (
     MEMORY,
     Fit,
@@ -62,17 +62,14 @@ def true_error(
         return None
     fit_runs, _ = split(problem.measurement, problem.holdout)
     horizon = problem.selection.horizon_s
-    effects = propose(problem.simulator, make_windows(problem.simulator, fit_runs, horizon), keys) if keys else ()
+    scales = make_windows(problem.simulator, fit_runs, SCALES_HORIZON)  # as the search has it: bounds follow from them
+    effects = propose(problem.simulator, scales, keys) if keys else ()
     try:
         for name in numbers:
             stepped = stepped.with_free(name, problem.simulator.own_numbers[name])
         model = grown(stepped, effects)
         windows = make_windows(model, fit_runs, horizon, MEMORY * horizon)
         fitted = fit(model, windows, true_theta(made, model).to(windows.start))
-        while (wider := [longer(effect, fitted, windows) or effect for effect in effects]) != list(effects):
-            effects = tuple(wider)
-            model = grown(stepped, effects)
-            fitted = fit(model, windows, true_theta(made, model).to(windows.start))
         return held_error(problem, fitted, windows.noise, floor)
     except BadInput:  # at this step the true model diverges
         return None

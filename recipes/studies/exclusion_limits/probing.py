@@ -81,7 +81,6 @@ class Prober:
             verdict=result.verdict,
             accepted=result.accepted,
             first=first.effect if first else "",
-            p=first.p_value if first else None,
             equal=equal,
             refused=why_not(result.candidates, [effect]).get(effect, ""),
             seconds=seconds,

@@ -26,7 +26,7 @@ class Probe:
         effect: as the library spells it.
         limit: the size of its first parameter that the record without it excludes [that unit].
         verdict, accepted: what refine said with it.
-        first, p: the candidate ranked first and its p.
+        first: the candidate ranked first.
         equal: what the first accepted effect cannot be told from.
         refused: why the effect was not accepted.
         seconds: of processor time that refine took [s].
@@ -40,7 +40,6 @@ class Probe:
     verdict: str = ""
     accepted: tuple[str, ...] = ()
     first: str = ""
-    p: float | None = None
     equal: tuple[str, ...] = ()
     refused: str = ""
     seconds: float = 0.0

@@ -62,5 +62,5 @@ def _told(probe: Probe) -> str:
     if probe.equal:
         parts.append(f"tied with {', '.join(probe.equal)}")
     if probe.first:
-        parts.append(f"first {probe.first}" + ("" if probe.p is None else f", p {probe.p:.2g}"))
+        parts.append(f"first {probe.first}")
     return "; ".join([*parts, probe.refused] if probe.refused else parts)

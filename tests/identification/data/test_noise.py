@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from onlinebayes.identification.data.grid import RunGrid
-from onlinebayes.identification.data.noise import correlation_time, log_t, noise_floors, sensor_sd, student_t
+from onlinebayes.identification.data.noise import correlation_time, noise_floors, sensor_sd
 from onlinebayes.measurements import Signal
 
 
@@ -44,32 +44,6 @@ def test_the_floor_is_the_largest_of_what_is_known() -> None:
     assert float(given) == 5e-3
     assert float(coarse) == pytest.approx(0.1 / math.sqrt(12))
     assert float(nothing) > 0
-
-
-def test_student_t_finds_scale_and_tails() -> None:
-    # 20 000 draws: the scale is known to about 1 %.
-    normal = 3.0 * torch.randn(20_000, dtype=torch.float64)
-    heavy = 0.5 * torch.distributions.StudentT(3.0).sample((20_000,)).double()
-    scale, nu = student_t(torch.stack([normal, heavy]), torch.ones(2, 20_000, dtype=torch.float64))
-    assert scale.tolist() == pytest.approx([3.0, 0.5], rel=0.04)
-    assert float(nu[0]) >= 20.0
-    assert float(nu[1]) == 3.0
-
-
-def test_entries_without_weight_are_another_folds() -> None:
-    r = torch.randn(1, 4000, dtype=torch.float64)
-    r[:, 2000:] *= 100
-    weight = torch.ones_like(r)
-    weight[:, 2000:] = 0
-    scale, _ = student_t(r, weight)
-    assert float(scale) == pytest.approx(1.0, rel=0.1)
-
-
-def test_log_t_is_torchs() -> None:
-    r = torch.linspace(-5, 5, 11, dtype=torch.float64)
-    ours = log_t(r, torch.tensor(0.7).double(), torch.tensor(4.0).double())
-    theirs = torch.distributions.StudentT(torch.tensor(4.0).double(), 0.0, torch.tensor(0.7).double()).log_prob(r)
-    assert torch.allclose(ours, theirs)
 
 
 @pytest.mark.parametrize("phi", [0.0, 0.5, 0.8])

@@ -58,7 +58,6 @@ def recorded(more: str = "", timestep: float = 0.002) -> Measurement:
 def test_the_step_that_wrote_the_log_is_kept() -> None:
     """A finer one errs by more than four floors: see ``error_at_quarter_step``."""
     grounds = ground(simulator(), recorded(), Selection())
-    assert grounds.as_run
     assert grounds.rung.timestep == 0.002
     assert grounds.rung.method != "runge_kutta"
     assert grounds.numerics.sufficient
@@ -69,7 +68,8 @@ def test_the_step_that_wrote_the_log_is_kept() -> None:
 def test_it_is_left_where_noise_is_all_that_a_finer_one_leaves() -> None:
     smooth = ARM.replace("<worldbody>", '<option integrator="RK4"/><worldbody>', 1)
     model = MujocoSimulator(smooth.format(more=""), FREE, threads=1)
-    assert not ground(model, recorded(), Selection()).as_run  # not the step, nor a finer one: it is another method
+    # Not the step that wrote the log, nor a finer one: it is another method.
+    assert ground(model, recorded(), Selection()).rung == Rung(0.01)
 
 
 TURNING = """<mujoco><option timestep=".005"/><worldbody><body><joint name="shoulder" axis="0 1 0" damping=".05"/>
@@ -103,7 +103,7 @@ def test_the_own_step_is_fitted_where_one_step_of_theta_tells_nothing() -> None:
     """Ended as unexplained, at many floors: what one step promises is far from where a fit of such motion ends."""
     dampings = ParameterSpace({f"joint.{joint}.damping": Parameter(0.0, 1.0) for joint in ("shoulder", "elbow")})
     grounds = ground(MujocoSimulator(TURNING, dampings, threads=1), turning(), Selection())
-    assert grounds.as_run
+    assert grounds.rung == Rung(0.005)
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([0.05, 0.02], rel=1e-3)
 
@@ -170,7 +170,6 @@ def test_its_friction_is_kept_soft(timestep: float) -> None:
     """At the step that wrote the log, be it finer than the model's own; friction that sticks leaves five floors."""
     rubbing = simulator().with_effect(DryFriction("arm", Parameter(0.0, 0.5, "N m")))
     grounds = ground(rubbing, recorded(SOFT, timestep), Selection())
-    assert grounds.as_run
     assert grounds.rung == Rung(timestep, soft_friction=True)
     assert misfit(grounds.fitted.projected) < 1.1
     assert grounds.fitted.theta.tolist() == pytest.approx([1.0, 0.1, 0.03], rel=2e-3)

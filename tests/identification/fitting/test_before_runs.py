@@ -9,7 +9,8 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import refine
-from onlinebayes.identification.fitting.before_runs import idle_before, reread, starts_read_otherwise
+from onlinebayes.identification.data.windows import MEMORY, make_windows
+from onlinebayes.identification.fitting.before_runs import idle_before
 from onlinebayes.identification.fitting.numerics import settle
 from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
@@ -54,21 +55,18 @@ def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bo
     measurement, noise = log(idle), torch.tensor([NOISE], dtype=torch.float64)
     assert idle_before(delayed(), measurement, 1.0) == idle
     assert not idle_before(model(), measurement, 1.0)
-    right, wrong = (settle(delayed(), replace(measurement, idle_before=one), 1.0, noise) for one in (idle, not idle))
+    right = settle(delayed(), replace(measurement, idle_before=idle), 1.0, noise)
     assert misfit(right.fitted.projected) < 1.1
     assert right.fitted.theta[-1].item() == pytest.approx(LATE * STEP, abs=1e-3)
-    assert not starts_read_otherwise(right, replace(measurement, idle_before=idle))
-    assert starts_read_otherwise(wrong, replace(measurement, idle_before=not idle))
 
 
 def test_commands_before_a_run_are_none_or_the_first_rows() -> None:
-    held = settle(model(), log(idle=True), 1.0, torch.tensor([NOISE], dtype=torch.float64))
-    idle = reread(held, replace(log(idle=True), idle_before=True))
-    for windows, before in ((held.windows, held.windows.command[:, 0]), (idle.windows, torch.zeros(1))):
+    held, idle = (make_windows(model(), replace(log(idle=True), idle_before=one), 1.0, MEMORY) for one in (False, True))
+    for windows, before in ((held, held.command[:, 0]), (idle, torch.zeros(1))):
         first = windows.first == 0
         assert bool((windows.history[first, -1] == before[first if len(before) > 1 else 0]).all())
-        assert torch.equal(windows.history[~first, -1], held.windows.history[~first, -1])
-    assert bool(held.windows.history[held.windows.first == 0].all())
+        assert torch.equal(windows.history[~first, -1], held.history[~first, -1])
+    assert bool(held.history[held.first == 0].all())
 
 
 @pytest.mark.slow

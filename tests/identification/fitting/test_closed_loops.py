@@ -8,10 +8,7 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import compare
-from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.fitting.closed_loops import completed
-from onlinebayes.identification.fitting.numerics import settle
-from onlinebayes.identification.fitting.readings import follows_far_better
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
@@ -78,13 +75,3 @@ def test_a_log_that_mujoco_wrote_is_as_soft_as_mujoco(simulator: MujocoSimulator
     found = compare(simulator, written_by_mujoco(simulator, 4, 4.0), holdout=["r3"])
     assert found.verdict == "adequate"
     assert not any("taken as rigid" in note for note in found.notes)
-
-
-@pytest.mark.slow
-def test_constraints_are_asked_of_the_log_again(simulator: MujocoSimulator, without_shape_checks: None) -> None:
-    """What else is missing may hide it from the base model: with all that was found the other way is tried."""
-    log = written_by_mujoco(simulator, 2, 1.0)
-    rigid, noise = simulator.with_rigid_constraints(), measured_floors(log)
-    wrong, right = (settle(model, log, 0.5, noise) for model in (rigid, simulator))
-    assert follows_far_better(wrong, log, simulator)
-    assert not follows_far_better(right, log, rigid)

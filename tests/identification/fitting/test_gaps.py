@@ -1,14 +1,11 @@
 """A log that lacks rows: one that lost them and one that has none there are told apart, and neither is accused."""
 
-from dataclasses import replace
-
 import pytest
 import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import refine
-from onlinebayes.identification.fitting.gaps import gaps_read_otherwise, held_over_gaps, rows_missing
-from onlinebayes.identification.fitting.numerics import settle
+from onlinebayes.identification.fitting.gaps import held_over_gaps, rows_missing
 from onlinebayes.measurements import Measurement, Signal
 from tests.criticism.rigs import NOISE, TRUTH, commands, model
 
@@ -55,12 +52,3 @@ def test_a_right_model_is_right_whichever_way_its_log_has_gaps(held: bool) -> No
     assert (result.verdict, result.accepted) == ("adequate", ())
     (note,) = [note for note in result.notes if "missing in the log" in note]
     assert ("held until the next row" in note) == held
-
-
-@pytest.mark.long
-def test_gaps_are_read_otherwise_where_that_leaves_far_less() -> None:
-    measurement, noise = log(held=True), torch.tensor([NOISE], dtype=torch.float64)
-    wrong = settle(model(), measurement, 1.0, noise)
-    assert gaps_read_otherwise(wrong, measurement)
-    right = settle(model(), replace(measurement, held_over_gaps=True), 1.0, noise)
-    assert not gaps_read_otherwise(right, measurement)

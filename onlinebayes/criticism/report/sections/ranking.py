@@ -29,14 +29,10 @@ def _table(result: Criticism) -> Html:
     ordered = candidate_words.in_order(result)
     rows = [_row(candidate, largest) for candidate in ordered]
     kinds = ["accepted" if candidate.accepted else "" for candidate in ordered]
-    head = ("effect", "rank", "evidence", "error falls", "p", "same law", "size", "outcome")
-    note = (
-        "Evidence is the gain in log score on data left out of the fit, with its standard error. Error falls: the "
-        "cross-validated error over long and short windows. p: chance of so strong a lead among all candidates if "
-        "nothing were missing. Same law: whether one size fits all parts of the data."
-    )
+    head = ("effect", "rank", "evidence", "size", "outcome")
+    note = "Evidence is the gain in log score on data left out of the fit, with its standard error."
     title = f"Ranking of {len(rows)} candidate effects"
-    shown = table("Candidate effects, the most significant first", head, rows[:SHOWN], kinds[:SHOWN])
+    shown = table("Candidate effects, the strongest first", head, rows[:SHOWN], kinds[:SHOWN])
     rest = table("Candidate effects, the others", head, rows[SHOWN:], kinds[SHOWN:])
     more = folded(phrases.more(len(rows) - SHOWN, "candidate"), rest) if rows[SHOWN:] else ""
     return section(title, shown, more, note=note)
@@ -68,14 +64,10 @@ def _row(candidate: Candidate, largest: float) -> tuple[str, ...]:
         if gain is not None
         else Html("–")
     )
-    fall = " / ".join(quantities.percent(share) for share in candidate.rms_fall) if candidate.rms_fall else "–"
     return (
         join(phrases.plain(candidate.effect), tag("small", tag("code", breakable(candidate.effect)))),
         str(candidate.rank or "–"),
         evidence,
-        tag("span", fall, kind="number"),
-        quantities.significant(candidate.p_value, 1) if candidate.p_value is not None else "–",
-        {True: "yes", False: "no", None: "–"}[candidate.homogeneous],
         sizes([candidate], intervals=True) or "–",
         candidate_words.outcome(candidate),
     )
@@ -91,21 +83,9 @@ def _steps(result: Criticism) -> Html:
     unit, first = result.units[signal], result.steps[0].error_before[signal]
     scale = quantities.scale_for(first, unit)
     rows: list[tuple[str, ...]] = [("the base model, refitted", bar(1.0, "before", scale.text(first)))]
-    halves = {candidate.effect for candidate in result.candidates if candidate.accepted_with}
-    added: list[str] = []
     for step in result.steps:
-        added.append(step.added)
-        if step.added in halves:  # of a pair: the error falls with the other one
-            continue
-        error = step.error_after[signal]
-        what = phrases.listing([meaning for effect in added if (meaning := phrases.meaning(effect))])
-        rows.append(
-            (
-                join(f"+ {phrases.effects_in_words(added)}", tag("small", what)),
-                bar(error / first, "after", scale.text(error)),
-            )
-        )
-        added = []
+        error, what = step.error_after[signal], tag("small", phrases.meaning(step.added))
+        rows.append((join(f"+ {phrases.plain(step.added)}", what), bar(error / first, "after", scale.text(error))))
     note = f"Error of {signal} on data left out of each fit; the held-out runs had no part in it."
     return section(
         "Step by step", table("Error after each addition", ("model", "cross-validated error"), rows), note=note

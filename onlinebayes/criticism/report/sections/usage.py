@@ -35,13 +35,12 @@ GLOSSARY = {
     "anywhere within its bounds.",
     "Evidence": "how much better data that were left out of the fit are predicted with the effect than without "
     "(logarithm of the likelihood); twice its error is asked for.",
-    "p": "how often so strong a lead would come about by chance if nothing were missing.",
     "Block": "a stretch of data, or a run, that is left out in turn to see how well the rest predicts it.",
 }
 
 CHANGED = (
     "Find out what was changed between the runs. If it was meant, put the lines below into the problem file: every run "
-    "then has a value of its own, as in the refined model, or every group of runs that is named."
+    "then has a value of its own, as in the refined model."
 )
 RANK = "Run onlinebayes diagnose to rank the effects that could be missing."
 ADD = "onlinebayes refine adds it, refits, and looks for more."
@@ -118,7 +117,6 @@ def provenance(result: Criticism) -> Html:
     blocks = result.candidates[0].n_blocks if result.candidates else selection.folds
     looks = {1: "once"}.get(result.holdout_looks, f"{result.holdout_looks} times")
     noise = [f"{name} {quantities.text(sd, result.units.get(name, ''))}" for name, sd in result.sensor_sd.items()]
-    horizons = [quantities.exact(share * selection.horizon_s, "s") for share in (1.0, 0.3)]
     took = sum(timing.seconds for timing in result.timings)
     rows = [
         (
@@ -127,9 +125,8 @@ def provenance(result: Criticism) -> Html:
         ),
         ("held-out runs", phrases.listing(list(result.held_out_runs)) or "none"),
         ("held-out runs opened", f"{looks}, for the reported error only"),
-        ("windows", phrases.listing(horizons)),
+        ("windows", quantities.exact(selection.horizon_s, "s")),
         ("blocks of the cross-validation", str(blocks or "–")),
-        ("level of the screening", f"{selection.alpha:g}"),
         ("sensor noise (sd)", phrases.listing(noise)),
         ("random numbers", "fixed seeds: the same data give the same result"),
         ("machine", machine()),
