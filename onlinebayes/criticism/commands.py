@@ -140,6 +140,11 @@ def _answered(
         fault = mended(search.evaluator, search.base, task.fit_runs)
     certain = fault is not None and fault.certain
     found = searched(search, task.fit_runs, candidates if most and not certain else (), most=most, watch=watch)
+    with watch.giving_up():
+        other = None if fault is not None or quiet(found.found) else task.reread(found.model)
+        if other is not None:
+            anew = begun(other.simulator, other.fit_runs, watch)
+            task, found = other, searched(anew, other.fit_runs, candidates if most else (), most=most, watch=watch)
     if fault is None and most and not quiet(found.found):
         with watch.giving_up():
             fault = switched_off(found.evaluator, found.base, task.fit_runs)

@@ -20,6 +20,11 @@ from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
+IDLE = (
+    "the log does not say what was commanded before a run's first row; no command at all is taken: had the first row's "
+    "command been given before, too, the model would follow the log less well"
+)
+
 
 @dataclass(frozen=True)
 class Task:
@@ -43,10 +48,16 @@ class Task:
         fit_runs, held_runs = (replace(part, held_over_gaps=held) for part in (self.fit_runs, self.held_runs))
         return replace(self, fit_runs=fit_runs, held_runs=held_runs)
 
-    def begun(self, idle: bool) -> Task:
-        """The task with no command before the runs, or with the first row's."""
-        fit_runs, held_runs = (replace(part, idle_before=idle) for part in (self.fit_runs, self.held_runs))
-        return replace(self, fit_runs=fit_runs, held_runs=held_runs)
+    @property
+    def idle(self) -> Task:
+        """The task with no command before the runs, where the first row's was taken to have been given already."""
+        fit_runs, held_runs = (replace(part, idle_before=True) for part in (self.fit_runs, self.held_runs))
+        return replace(self, fit_runs=fit_runs, held_runs=held_runs, notes=(*self.notes, IDLE))
+
+    def reread(self, found: Identifiable) -> Task | None:
+        """The task read as a model asks that was found, where that remembers commands; None where it asks nothing."""
+        asks = not self.fit_runs.idle_before and idle_before(found, self.fit_runs, self.selection.horizon_s)
+        return self.idle if asks else None
 
 
 def prepare(
@@ -77,4 +88,4 @@ def prepare(
     task = Task(model, fit_runs, held_runs, used, notes)
     if held_over_gaps(stepped, fit_runs, used.horizon_s):
         task = task.with_gaps(held=True)
-    return task.begun(idle=True) if idle_before(stepped, task.fit_runs, used.horizon_s) else task
+    return task.reread(stepped) or task

@@ -10,7 +10,7 @@ from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, Fr
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, values_of
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search, quiet
 from onlinebayes.identification.data.noise import measured_floors
@@ -68,6 +68,11 @@ class Explanation:
         if base is None or found is None:
             return self
         return replace(self, base=base, found=base if self.found is self.base else found, evaluator=evaluator)
+
+    @property
+    def model(self) -> Identifiable:
+        """What was found, at the model's own step."""
+        return build(self.evaluator.given, self.found.hypothesis, self.evaluator.runs)
 
     @property
     def windows(self) -> Windows:

@@ -23,8 +23,9 @@ from torch import Tensor
 from onlinebayes.identification.data.chart import POSE
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import HorizonError, WindowError
+from onlinebayes.identification.fitting.outlying_starts import best_starts
 from onlinebayes.identification.fitting.per_run_values import held_out_model
-from onlinebayes.identification.fitting.projection import project, start_shift
+from onlinebayes.identification.fitting.projection import project, row_weights, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise_starts
 from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
 from onlinebayes.identification.results import ReplayedRun
@@ -74,12 +75,16 @@ def replay_runs(
 def begun_best(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], *, held_out: bool) -> Windows:
     """The same windows, each begun at its best start; as they are where the model diverges."""
     model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
-    starts = parts.start
+    starts, weight = parts.start, row_weights(parts, torch.ones_like(parts.noise))
     for _ in range(START_STEPS):
         lin = linearise_starts(model, parts, values, starts)
         if not lin.valid:
-            return windows
-        starts = lin.starts + start_shift(parts, lin, project(parts, lin), torch.zeros_like(values))
+            break
+        shift = start_shift(parts, lin, project(parts, lin), torch.zeros_like(values))
+        # Where friction sticks a step may lead astray: a window keeps the better of the two.
+        starts, _ = best_starts(
+            model, parts, weight, values, lin.starts + torch.stack([torch.zeros_like(shift), shift])
+        )
     return replace(windows, start=starts)
 
 

@@ -94,8 +94,8 @@ def reported(simulator: Identifiable, *fitted: Identifiable) -> Rung:
         simulator: as the user gave it.
         fitted: models that grew from it, each integrated as it was judged.
     """
-    step = min(model.timestep for model in (simulator, *fitted))
-    return Rung(step, "runge_kutta" if by_runge_kutta(simulator) else "own")
+    models = (simulator, *fitted)
+    return Rung(min(model.timestep for model in models), "runge_kutta" if any(map(by_runge_kutta, models)) else "own")
 
 
 def _whole(step: float, row: float) -> bool:
