@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench hypotheses messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -55,8 +55,6 @@ blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2300 --out $(OUT)/blind_pairs
 exclusion-limits: setup  ## effects of 1.5 times the exclusion limit, on eight rigs (an hour or two) -> docs/results/exclusion-limits.json
 	$(BIN)/python -m recipes.studies.exclusion_limits --out $(OUT)/exclusion_limits
-hypotheses: setup  ## the search on EMPS, the cart-pole and 40 blind cases (goes on where it was stopped) -> docs/results/hypotheses.json
-	$(BIN)/python -m recipes.studies.hypotheses --out $(OUT)/hypotheses
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json
 	$(BIN)/python -m recipes.studies.messy --out $(OUT)/messy
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
