@@ -3,8 +3,8 @@
     python -m recipes.cartpole [--seed S] [--kind oracle]     one run, a minute or two; Ctrl-C and again goes on
 
 Prior U[.1, 1]^2 as in Table 5.1 of the thesis (log density there: 4.66). A policy trained on the prior alone balances
-this CartPole too. With :data:`MOTOR` in place of the pole's mass it does not: what catches the pole with a weak motor
-throws it over with a strong one. ``make online`` has both.
+this CartPole too. With :data:`MOTOR` in place of the pole's mass it takes longer: what catches the pole with a weak
+motor throws it over with a strong one. ``make online`` has both.
 """
 
 from __future__ import annotations
