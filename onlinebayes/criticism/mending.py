@@ -27,8 +27,8 @@ from onlinebayes.criticism.hypotheses.rule import equally_good, halves
 from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault
-from onlinebayes.criticism.wiring.hypotheses import hypotheses
 from onlinebayes.criticism.wiring.outages import Sighting, sighted
+from onlinebayes.criticism.wiring.possible import possible_faults
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.numerics import Grounds
@@ -175,7 +175,7 @@ def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     """The faults whose replay gains most, in the order in which they are named."""
     thetas = _thetas(evaluator.given, base)
     own = _replayed(AsItStands(), evaluator, thetas, measurement)
-    faults = hypotheses(evaluator.given, measurement)
+    faults = possible_faults(evaluator.given, measurement)
     promise = {fault: own - _replayed(fault, evaluator, thetas, measurement) for fault in faults}
     best = sorted(promise.values(), reverse=True)[:REFITS]
     return [fault for fault, gain in promise.items() if gain >= max(LEAST_PROMISE, best[-1])][:REFITS]

@@ -5,7 +5,7 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.wiring.hypotheses import hypotheses
+from onlinebayes.criticism.wiring.possible import possible_faults
 from onlinebayes.identification.data.chart import positions, turns
 from onlinebayes.identification.data.coordinates import rotations, velocity
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
@@ -162,7 +162,7 @@ def test_of_an_orientation_only_the_velocity_may_be_wired_wrongly() -> None:
     runs = table(Block(), runs=1, seconds=1.0)
     runs["run0"] |= {f"qvel.pose.{k}": np.zeros(101) for k in range(3, 6)}
     measured = Measurement.from_runs(runs, commands=["thruster"])
-    lines = [fault.lines for fault in hypotheses(*charted(model(), measured))]
+    lines = [fault.lines for fault in possible_faults(*charted(model(), measured))]
     assert not any(".rx" in line or ".ry" in line or ".rz" in line for line in lines)
     assert '[signals."qpos.pose.0"]\nsign = -1' in lines
     assert "\n".join(f'[signals."qvel.pose.{k}"]\nscale = 0.0174532925' for k in range(3, 6)) in lines

@@ -35,7 +35,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 TURNS = (math.pi / 2, -math.pi / 2, math.pi)
 
 
-def hypotheses(simulator: Identifiable, measurement: Measurement) -> tuple[Fault, ...]:
+def possible_faults(simulator: Identifiable, measurement: Measurement) -> tuple[Fault, ...]:
     """Every fault to try, those of the signals first: where a command's explains as much, the signal's is named first.
 
     Args:
