@@ -41,7 +41,7 @@ def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
     problem = Problem(CartPole(space), CartPoleTask(), BoxUniform(space), settings.noise * RANGE)
     truth = hidden_truth(space, settings.seed, {name: DEFAULT[name] for name in space.names})
     objective = ppo(*problem.specs, epochs=10)
-    steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 500, 25)
+    steps, batches, simulations, epochs = (2, 2, 300, 10) if settings.short else (6, 14, 500, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
     trainer = online_trainer(
         problem,
