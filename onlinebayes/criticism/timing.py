@@ -29,7 +29,9 @@ class Stopwatch:
         self._lines: list[tuple[str, float]] = []
 
     def __call__(self, line: str) -> None:
-        """Say the line; the stage before it ends here."""
+        """Say the line; the stage before it ends here, unless it is the same."""
+        if self._lines and self._lines[-1][0] == line:
+            return
         self._lines.append((line, time.monotonic()))
         if self._say is not None:
             self._say(line)
