@@ -97,18 +97,11 @@ def _root_mean(squares: Iterable[float]) -> float:
     return math.sqrt(sum(values) / len(values))
 
 
-def refine(name: str, data: Path, out: Path = OUT, *, problem: Path | None = None) -> Refined:
-    """``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``.
-
-    Args:
-        name: of the set.
-        data: folder of the measurements.
-        out: folder of the reports.
-        problem: another problem file.
-    """
+def refine(name: str, data: Path, out: Path = OUT) -> Refined:
+    """``onlinebayes refine envs/measured/NAME/problem.toml``, as from a shell; the report goes to ``out / NAME``."""
     folder = out / name
     (folder / "report.json").unlink(missing_ok=True)
-    problem = problem or FOLDER / name / "problem.toml"
+    problem = FOLDER / name / "problem.toml"
     command = [sys.executable, "-m", "onlinebayes.cli.main", "refine", str(problem), "--out", str(folder)]
     began = time.monotonic()
     subprocess.run(command, check=True, env={**os.environ, "ONLINEBAYES_DATA": str(data)})

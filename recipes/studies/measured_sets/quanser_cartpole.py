@@ -1,4 +1,4 @@
-"""A cart with a free pole, whose problem file lies with its log: a push on the cart, and friction of the pole."""
+"""A cart with a hanging pole: a push on the cart, and friction of the pole."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MOST = {"qpos.cart": 0.5, "qpos.pole": 0.6}
 
 def judge(data: Path) -> tuple[Row, ...]:
     """Refine the problem; both must be among what is accepted, and both errors fall by what they give."""
-    refined = refine(NAME, data, problem=data / NAME / "problem.toml")
+    refined = refine(NAME, data)
     accepted = {same_as(key) for key in refined.accepted}
     named = "constant_load@cart" in accepted and bool(accepted & set(FRICTION))
     rows = list(
