@@ -208,8 +208,6 @@ def additions(
         return tuple(found)
     if len(windows.runs) > 1:
         found += [AddedEffect(effect, per_run=True) for effect in effects if effect.name in PER_RUN]
-        free = [name for name in simulator.parameters if name == address_of(name) and "@" not in name]
-        found += [OwnValues(name) for name in free if len(windows.runs) > 1]
     found += [FreedNumber(address, bounds) for address, bounds in simulator.own_numbers.items()]
     return tuple(found)
 
@@ -217,8 +215,8 @@ def additions(
 def flexible(simulator: Identifiable, measurement: Measurement) -> tuple[Addition, ...]:
     """Laws with so much freedom that they find something in whatever another law leaves.
 
-    Cogging with its period and phase, wind with the drag that it needs, and for each free parameter that is no constant
-    of nature a drift and a step in time.
+    Cogging with its period and phase, wind with the drag that it needs, for each free parameter that is no constant of
+    nature a drift and a step in time, and one value a run: that is fitted inside the run that it predicts.
     """
     windows = make_windows(simulator, measurement, SCALES_HORIZON)
     vocabulary = {**EFFECTS, **simulator.own_effects}
@@ -226,9 +224,9 @@ def flexible(simulator: Identifiable, measurement: Measurement) -> tuple[Additio
     free = [name for name in simulator.targets("parameter") if name in simulator.parameters and "@" not in name]
     changing = [kind.name for kind in vocabulary.values() if kind.tried_last and kind.target_kind == "parameter"]
     last += [f"{kind}@{name}" for name in free if not name.startswith("option.") for kind in changing]
-    return tuple(
-        AddedEffect(effect)
-        for name in last
-        for effect in propose(simulator, windows, [name])
-        if can_have(simulator, effect)
+    effects = [effect for name in last for effect in propose(simulator, windows, [name])]
+    shared = [name for name in simulator.parameters if name == address_of(name) and "@" not in name]
+    return (
+        *(AddedEffect(effect) for effect in effects if can_have(simulator, effect)),
+        *(OwnValues(name) for name in shared if len(windows.runs) > 1),
     )
