@@ -51,9 +51,9 @@ REFITS = 4
 POINTS = 6
 """Of the parameters' box, beside the fitted and the nominal values: what is wrong may have led the fit astray."""
 
-OUTAGE_WINDOWS = (1.0, 0.5)
-"""Seconds of the windows in which outages are looked for: long ones show how parameters that suit the rest fail, in
-short ones fewer are struck. What needs fewest parts is judged."""
+OUTAGE_WINDOWS = (0.25, 1.0)
+"""Seconds of the windows in which outages are looked for: those of the fit, if they are as long as the first, show edges
+best; in the second parameters that suit the rest fail long enough to be seen. What explains more is judged."""
 
 MOVING = 0.5
 """Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""
@@ -113,11 +113,10 @@ def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measuremen
     if float(base.left[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking whether an actuator was off")
-    found = _sightings(evaluator, base, measurement)
-    seen = min(found, key=lambda one: (len(one.stretches), one.left), default=None)
-    fault = None if seen is None else seen.settled
-    judged = None if fault is None else _judged(fault, evaluator, base, measurement)
-    return None if judged is None else _best([judged], evaluator, base, measurement)
+    faults = [seen.settled for seen in _sightings(evaluator, base, measurement)]
+    judged = [_judged(fault, evaluator, base, measurement) for fault in faults if fault is not None]
+    most = max(filter(None, judged), key=lambda one: one.gains[0].gain, default=None)
+    return None if most is None else _best([most], evaluator, base, measurement)
 
 
 def _best(judged: Sequence[Mended], evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
@@ -189,7 +188,8 @@ def _sightings(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     fitted, shift = as_fit(base, evaluator), torch.zeros_like(base.fitted.theta)
     grounds = Grounds(windows, fitted, Numerics(way.timestep, 0.0, True), way, shift)
     simulator = way.of(evaluator.given)
-    for horizon in OUTAGE_WINDOWS:
+    shortest, long = OUTAGE_WINDOWS
+    for horizon in dict.fromkeys((max(shortest, windows.horizon), long)):
         try:
             found = sighted(grounds, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise))
         except Stopped:

@@ -117,4 +117,4 @@ def test_a_motor_that_was_off_for_a_part_of_the_runs_is_a_problem_of_the_data() 
     assert found.wiring is not None
     said = re.match(r"motor was off from ([\d.]+) s to ([\d.]+) s in run0", found.wiring.fault)
     assert said is not None
-    assert [float(edge) for edge in said.groups()] == pytest.approx([1.0, 1.6], abs=0.1)
+    assert [float(edge) for edge in said.groups()] == pytest.approx([1.0, 1.6], abs=0.02)
