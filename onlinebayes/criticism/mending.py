@@ -52,8 +52,8 @@ POINTS = 6
 """Of the parameters' box, beside the fitted and the nominal values: what is wrong may have led the fit astray."""
 
 OUTAGE_WINDOWS = (0.25, 1.0)
-"""Seconds of the windows in which outages are looked for: those of the fit, if they are as long as the first, show edges
-best; in the second parameters that suit the rest fail long enough to be seen. What explains more is judged."""
+"""Seconds of the windows in which outages are looked for. Those of the fit, of the first length at least, show edges
+best; in the second, parameters that suit the rest fail long enough to be seen. What explains more is judged."""
 
 MOVING = 0.5
 """Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""

@@ -12,9 +12,10 @@ from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
-from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search, quiet
+from onlinebayes.criticism.hypotheses.search import AT_FLOOR, MOST_ADDITIONS, Round, Search, quiet
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
 from onlinebayes.identification.fitting.closed_loops import completed
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
@@ -58,16 +59,34 @@ class Explanation:
         return replace(self, before=before, after=after)
 
     def on_all_windows(self, fit_runs: Measurement) -> Explanation:
-        """With both fitted once more to all windows, where the search looked at a part of them."""
-        known = self.evaluator.windows
-        windows = all_windows(self.evaluator.given, fit_runs, known.horizon, known.noise)
-        if windows.count == known.count:
-            return self
+        """With both fitted once more to all windows, where the search looked at a part of them.
+
+        They are doubled as long as seven are left and what was found leaves no more over them: a longer window says far
+        more of the parameters, and where more is left there, something is missing that the search has not seen.
+        """
+        known, best = self.evaluator.windows, self
+        for times in (1, 2, 4, 8, 16):
+            windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
+            if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
+                break
+            longer = best if windows.count == known.count and times == 1 else best._over(windows)
+            if longer is None or (times > 1 and not longer._leaves_no_more(best)):
+                break
+            best = longer
+        return best
+
+    def _over(self, windows: Windows) -> Explanation | None:
+        """With both fitted to other windows; None where one of them diverges."""
         evaluator = replace(self.evaluator, windows=windows, known={})
         base, found = (evaluator.evaluate(one.hypothesis, [one.values]) for one in (self.base, self.found))
         if base is None or found is None:
-            return self
+            return None
         return replace(self, base=base, found=base if self.found is self.base else found, evaluator=evaluator)
+
+    def _leaves_no_more(self, other: Explanation) -> bool:
+        """Whether what was found leaves noise here, or no more than there."""
+        here, there = (one.found.left[0].rms for one in (self, other))
+        return bool((here <= there.clamp_min(AT_FLOOR)).all())
 
     @property
     def model(self) -> Identifiable:
