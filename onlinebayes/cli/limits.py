@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from onlinebayes.cli.section import Section
-from onlinebayes.criticism.experiment import Allowed, Payload
+from onlinebayes.criticism import Allowed, Payload
 from onlinebayes.identification import joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable

@@ -12,7 +12,7 @@ from onlinebayes.cli.outputs import check_apart, writable
 from onlinebayes.cli.problem import load_problem, read_toml
 from onlinebayes.cli.section import Section
 from onlinebayes.cli.work import criticise, title_of
-from onlinebayes.criticism.experiment import Plan, next_experiment
+from onlinebayes.criticism import Plan, next_experiment
 from onlinebayes.criticism.report import PLAN_FILES, plan_words, write_plan
 from onlinebayes.identification import split
 from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line

@@ -7,6 +7,7 @@ them until the model predicts held-out runs as well as it can. All take built ob
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.commands import compare, diagnose, refine
+from onlinebayes.criticism.experiment import Allowed, Payload, Plan, next_experiment
 from onlinebayes.criticism.hypotheses.additions import Addition, wider_bounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import (
@@ -42,6 +43,7 @@ from onlinebayes.identification.scope import Scope
 __all__ = [
     "SCALES_HORIZON",
     "Addition",
+    "Allowed",
     "Candidate",
     "Criticism",
     "Detail",
@@ -56,6 +58,8 @@ __all__ = [
     "Hypothesis",
     "Numerics",
     "ParameterChange",
+    "Payload",
+    "Plan",
     "Profile",
     "Remainder",
     "ReplayedRun",
@@ -78,6 +82,7 @@ __all__ = [
     "grown",
     "grown_theta",
     "held_out_errors",
+    "next_experiment",
     "prepare",
     "propose",
     "refine",

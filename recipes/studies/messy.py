@@ -40,13 +40,12 @@ from onlinebayes.criticism import (
     flexible,
     held_out_errors,
     prepare,
-    refine,
     wider_bounds,
 )
 from onlinebayes.runs import BadInput, Progress, ResultTable, one_torch_thread, write_atomic
-from recipes.studies.blind_rigs.judging import loaded
+from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
-from recipes.studies.blind_rigs.table import Goal, wilson
+from recipes.studies.blind_rigs.table import Goal, add_share
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.exits import status
 from recipes.studies.json_line import line, parsed
@@ -204,14 +203,7 @@ def ask(name: str) -> Found:
         began = time.process_time()
         try:
             problem = loaded(made)
-            result = refine(
-                problem.simulator,
-                problem.measurement,
-                holdout=problem.holdout,
-                selection=problem.selection,
-                candidates=problem.candidates,
-                scope=problem.scope,
-            )
+            result = refined(problem)
         except BadInput as error:
             return Found(name, hidden, small, ended=str(error).splitlines()[0], seconds=time.process_time() - began)
         return judged(Found(name, hidden, small, seconds=time.process_time() - began), made, problem, result)
@@ -364,18 +356,7 @@ def read(text: str) -> Found:
 def _share(
     table: ResultTable, name: str, of: Sequence[Found], rule: Callable[[Found], bool], goal: Goal | None = None
 ) -> None:
-    if not of:
-        return
-    right, total = sum(map(rule, of)), len(of)
-    low, high = wilson(right, total)
-    table.add(
-        name,
-        right / total,
-        spread=f"{low:.2f} to {high:.2f}",
-        unit=f"{right} of {total}",
-        goal=None if goal is None else str(goal),
-        holds=None if goal is None else goal.holds(right / total),
-    )
+    add_share(table, name, sum(map(rule, of)), len(of), goal)
 
 
 if __name__ == "__main__":

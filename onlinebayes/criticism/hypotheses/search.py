@@ -7,7 +7,7 @@ Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.evaluating`), 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.hypotheses.additions import Addition, WiderBounds
@@ -135,29 +135,31 @@ class Search:
 
     def pair(self, here: Evaluation, alone: Round) -> tuple[Round, Round] | None:
         """Two additions at once where each hides the other: the pair that gains most, as two rounds; None without."""
-        enough: list[tuple[Trial, Trial, Round]] = []
-        by_gain = sorted(alone.tried, key=lambda trial: -trial.least)
-        free = [trial for trial in by_gain if trial.addition in self.flexible][:1]
-        firsts = [trial for trial in by_gain if trial.addition not in self.flexible][:PAIRED]
-        for first in [*firsts, *free] if self.most > 1 else ():
-            beside = self.tried_all(first.evaluation)
-            for second in beside.tried:
-                both = replace(second, gains=second.evaluation.gains(here))
-                believed = first not in free or quiet(both.evaluation)
-                if believed and preferred(both.gains, here.gains(self.base)[0]):
-                    enough.append((first, both, beside))
+        enough = list(self.pairs(here, alone)) if self.most > 1 else []
         if not enough:
             return None
         best = max((both for _, both, _ in enough), key=lambda both: both.least)
         equal = [one for one in enough if one[1] is best or _equal(best, one[1])]
         first, both, beside = min(equal, key=lambda one: (_parameters(one[1])[0], one[0].addition.rank, -one[1].least))
-        others = {one.addition: one for one, _, _ in equal if one is not first}
         second = next(trial for trial in beside.tried if trial.addition == both.addition)
-        seconds = [one for _, one, of in equal if of is beside and one is not both]
-        return (
-            replace(alone, added=first, equal=tuple(others.values())),
-            replace(beside, added=second, equal=tuple(seconds)),
-        )
+        firsts = tuple({one.addition: one for one, _, _ in equal if one is not first}.values())
+        seconds = tuple(one for _, one, of in equal if of is beside and one is not both)
+        return replace(alone, added=first, equal=firsts), replace(beside, added=second, equal=seconds)
+
+    def pairs(self, here: Evaluation, alone: Round) -> Iterator[tuple[Trial, Trial, Round]]:
+        """Every pair that is preferred: the first addition, both with what they gain, and the round beside the first.
+
+        A law of much freedom may be the first one, too, where both together leave noise.
+        """
+        by_gain = sorted(alone.tried, key=lambda trial: -trial.least)
+        free = [trial for trial in by_gain if trial.addition in self.flexible][:1]
+        for first in (*[trial for trial in by_gain if trial.addition not in self.flexible][:PAIRED], *free):
+            beside = self.tried_all(first.evaluation)
+            for second in beside.tried:
+                both = replace(second, gains=second.evaluation.gains(here))
+                believed = first not in free or quiet(both.evaluation)
+                if believed and preferred(both.gains, here.gains(self.base)[0]):
+                    yield first, both, beside
 
     def evaluated_from(self, richer: Evaluation, hypothesis: Hypothesis) -> Evaluation:
         """A simpler hypothesis, fitted from where a richer one ended too; the richer one where it cannot be."""

@@ -41,13 +41,7 @@ class Judge:
         made = case(job.rig, job.kind, job.seed)
         problem = loaded(made)
         began = time.process_time()  # one thread: what other work beside the study takes is not counted
-        result = refine(
-            problem.simulator,
-            problem.measurement,
-            holdout=problem.holdout,
-            selection=problem.selection,
-            candidates=self.candidates or problem.candidates,
-        )
+        result = refined(replace(problem, candidates=self.candidates or problem.candidates))
         return judged(made, problem, result, time.process_time() - began, self.code)
 
 
@@ -58,6 +52,18 @@ def loaded(made: BlindCase) -> Problem:
     assert isinstance(problem.simulator, MujocoSimulator)
     simulator = MujocoSimulator(problem.simulator.spec, problem.simulator.parameters, threads=1)
     return replace(problem, simulator=simulator)
+
+
+def refined(problem: Problem) -> Criticism:
+    """What refine says of a problem."""
+    return refine(
+        problem.simulator,
+        problem.measurement,
+        holdout=problem.holdout,
+        selection=problem.selection,
+        candidates=problem.candidates,
+        scope=problem.scope,
+    )
 
 
 def unanswered(job: Job, why: str, seconds: float, code: str) -> Judged:

@@ -121,10 +121,14 @@ def _share(table: ResultTable, name: str, of: Sequence[Judged], rule: Rule) -> N
 
 
 def _count(table: ResultTable, name: str, right: int, total: int) -> None:
+    add_share(table, name, right, total, GOALS.get(name))
+
+
+def add_share(table: ResultTable, name: str, right: int, total: int, goal: Goal | None = None) -> None:
+    """A row with a share and its interval; none of nothing."""
     if not total:
         return
-    value, goal = right / total, GOALS.get(name)
-    low, high = wilson(right, total)
+    value, (low, high) = right / total, wilson(right, total)
     holds = None if goal is None else goal.holds(value)
     goal_text = None if goal is None else str(goal)
     table.add(name, value, spread=f"{low:.2f} to {high:.2f}", unit=f"{right} of {total}", goal=goal_text, holds=holds)

@@ -17,10 +17,10 @@ import torch
 
 from envs.rigs import RIGS, BlindCase, HiddenEffect, Rig, sized_case
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism import Criticism, propose, refine
+from onlinebayes.criticism import Criticism, propose
 from onlinebayes.identification import make_windows, split
 from onlinebayes.simulators.effects import EFFECTS
-from recipes.studies.blind_rigs.judging import loaded, why_not
+from recipes.studies.blind_rigs.judging import loaded, refined, why_not
 from recipes.studies.blind_rigs.names import spelt
 from recipes.studies.exclusion_limits.record import TIMES, Probe, Record
 from recipes.studies.job import Job
@@ -120,11 +120,5 @@ def _scale(effect: HiddenEffect, problem: Problem, limits: Mapping[str, float]) 
 def _refined(problem: Problem) -> tuple[Criticism, float]:
     """What refine says, and its processor time [s]."""
     began = time.process_time()
-    result = refine(
-        problem.simulator,
-        problem.measurement,
-        holdout=problem.holdout,
-        selection=problem.selection,
-        candidates=problem.candidates,
-    )
+    result = refined(problem)
     return result, time.process_time() - began

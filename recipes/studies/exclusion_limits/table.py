@@ -6,7 +6,7 @@ import statistics
 from collections.abc import Sequence
 
 from onlinebayes.runs import ResultTable
-from recipes.studies.blind_rigs.table import wilson
+from recipes.studies.blind_rigs.table import Goal, add_share
 from recipes.studies.exclusion_limits.record import TIMES, Probe, Record
 
 GOAL = 0.9
@@ -43,17 +43,8 @@ def _law(probe: Probe) -> str:
 
 
 def _share(table: ResultTable, name: str, probes: Sequence[Probe], goal: float | None = None) -> None:
-    if not probes:
-        return
-    found, total = sum(probe.found for probe in probes), len(probes)
-    low, high = wilson(found, total)
-    table.add(
-        name,
-        found / total,
-        spread=f"{low:.2f} to {high:.2f}",
-        unit=f"{found} of {total}",
-        goal=None if goal is None else f">= {goal:g}",
-        holds=None if goal is None else found / total >= goal,
+    add_share(
+        table, name, sum(probe.found for probe in probes), len(probes), None if goal is None else Goal(least=goal)
     )
 
 
