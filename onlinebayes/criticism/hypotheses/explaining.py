@@ -69,24 +69,26 @@ class Explanation:
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
-            longer = best if windows.count == known.count and times == 1 else best._over(windows)
-            if longer is None or (times > 1 and not longer._leaves_no_more(best)):
+            longer = best if windows.count == known.count and times == 1 else best._over(windows, quieter=times > 1)
+            if longer is None:
                 break
             best = longer
         return best
 
-    def _over(self, windows: Windows) -> Explanation | None:
-        """With both fitted to other windows; None where one of them diverges."""
-        evaluator = replace(self.evaluator, windows=windows, known={})
-        base, found = (evaluator.evaluate(one.hypothesis, [one.values]) for one in (self.base, self.found))
-        if base is None or found is None:
-            return None
-        return replace(self, base=base, found=base if self.found is self.base else found, evaluator=evaluator)
+    def _over(self, windows: Windows, *, quieter: bool) -> Explanation | None:
+        """With both fitted to other windows; None where one diverges, or what was found has to leave no more and does.
 
-    def _leaves_no_more(self, other: Explanation) -> bool:
-        """Whether what was found leaves noise here, or no more than there."""
-        here, there = (one.found.left[0].rms for one in (self, other))
-        return bool((here <= there.clamp_min(AT_FLOOR)).all())
+        The base model is fitted last: it is not asked where the windows are refused.
+        """
+        evaluator = replace(self.evaluator, windows=windows, known={})
+        found = evaluator.evaluate(self.found.hypothesis, [self.found.values])
+        if found is not None and (finer := evaluator.refined(found)) is not evaluator:
+            # Over a longer window a step errs by more.
+            evaluator, found = finer, finer.evaluate(self.found.hypothesis, [found.values], found.fitted.lin.starts)
+        if found is None or (quieter and not _leaves_no_more(found, self.found)):
+            return None
+        base = found if self.found is self.base else evaluator.evaluate(self.base.hypothesis, [self.base.values])
+        return None if base is None else replace(self, base=base, found=found, evaluator=evaluator)
 
     @property
     def model(self) -> Identifiable:
@@ -97,6 +99,11 @@ class Explanation:
     def windows(self) -> Windows:
         """On which it was judged."""
         return self.evaluator.windows
+
+
+def _leaves_no_more(found: Evaluation, before: Evaluation) -> bool:
+    """Whether it leaves noise, or no more than it did before."""
+    return bool((found.left[0].rms <= before.left[0].rms.clamp_min(AT_FLOOR)).all())
 
 
 def explain(

@@ -59,12 +59,13 @@ def fitted_model(
     fit = as_fit(evaluation, evaluator)
     blocks = make_blocks(evaluator.windows, residual_correlation_time(fit, evaluator.windows), folds)
     model = rung.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
+    quick = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, evaluator.runs)
     theta = theta_of(model, evaluation.values)
     covariance = covariance_of(fit, blocks)
     values = estimates(fit, covariance, blocks.count, flat_of(fit, evaluator.windows))
     replays = [
         run
         for part, held in windows
-        for run in replay_runs(model, begun_best(model, part, theta, held_out=held), theta, held)
+        for run in replay_runs(model, begun_best(quick, part, theta, held_out=held), theta, held)
     ]
     return FittedModel(model, theta, covariance, values, tuple(effect.key for effect in model.effects), tuple(replays))

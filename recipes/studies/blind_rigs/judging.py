@@ -81,7 +81,9 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
     error = result.heldout_error
     truth = true_values(made, result.final.simulator)
     asked = replace(problem, selection=result.selection)
-    reference = true_error(made, asked, result.base.simulator, error.noise_floor)
+    after, found = in_floors(error.after, error.noise_floor), bool(hidden) and set(accepted) == set(hidden)
+    # Where the truth was found, the final model is the reference: no second fit of the same model is needed.
+    reference = after if found else true_error(made, asked, result.base.simulator, error.noise_floor)
     # Of a miswired log or of a second's motion the parameters are nobody's.
     meant = made.kind in ("effect", "null") and set(accepted) == set(hidden)
     covered, intervals = _coverage(result, truth) if meant else (0, 0)
@@ -97,7 +99,7 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
         widened=tuple(result.widened),
         wiring=result.wiring.fault if result.wiring else "",
         before=in_floors(error.before, error.noise_floor),
-        after=in_floors(error.after, error.noise_floor),
+        after=after,
         reference=reference,
         beside=_beside(made, asked, result, reference),
         covered=covered,

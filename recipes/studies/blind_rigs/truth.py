@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -20,21 +19,16 @@ from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
 from onlinebayes.cli.problem import Problem
-from onlinebayes.criticism import SCALES_HORIZON, grown, propose
+from onlinebayes.criticism import SCALES_HORIZON, compare, grown, propose
 from onlinebayes.identification import (
     MEMORY,
     Fit,
     begun_best,
     fit,
-    in_step,
     make_windows,
-    measured_floors,
     replay_error,
     replay_runs,
-    reported,
-    settle,
     split,
-    steady,
     windows_to_replay,
 )
 from onlinebayes.runs import BadInput
@@ -77,24 +71,24 @@ def true_error(
 
 def base_error(problem: Problem) -> float:
     """Held-out error of the base model, fitted [floors]."""
-    fit_runs, _ = split(problem.measurement, problem.holdout)
-    simulator = in_step(problem.simulator, fit_runs)
-    problem = replace(problem, selection=steady(simulator, fit_runs, problem.selection))
-    grounds = settle(simulator, fit_runs, problem.selection.horizon_s, measured_floors(fit_runs))
-    model = reported(simulator, grounds.fitted.simulator).of(grounds.fitted.simulator)
-    return held_error(problem, replace(grounds.fitted, simulator=model), grounds.windows.noise)
+    error = compare(
+        problem.simulator,
+        problem.measurement,
+        holdout=problem.holdout,
+        selection=problem.selection,
+        scope=problem.scope,
+    ).heldout_error
+    return in_floors(error.before, error.noise_floor)
 
 
-def held_error(
-    problem: Problem, fitted: Fit, noise: Float[Tensor, " S"], floor: Mapping[str, float] | None = None
-) -> float:
+def held_error(problem: Problem, fitted: Fit, noise: Float[Tensor, " S"], floor: Mapping[str, float]) -> float:
     """RMS over the held-out windows of a fitted model, as the report counts it [floors].
 
     Args:
         problem: gives the runs.
         fitted: the model.
         noise: of each signal [SI].
-        floor: signal -> floor; that of the fitted model when not given.
+        floor: signal -> floor.
     """
     model, theta, horizon = fitted.simulator, fitted.theta, problem.selection.horizon_s
     _, held = split(problem.measurement, problem.holdout)
@@ -102,7 +96,7 @@ def held_error(
     windows = windows_to_replay(model, held, theta, horizon, noise)
     windows = begun_best(model, windows, theta, held_out=True)
     error = replay_error(replay_runs(model, windows, theta, held_out=True), signals)
-    return in_floors(error, floor or dict(zip(signals, noise.tolist(), strict=True)))
+    return in_floors(error, floor)
 
 
 def in_floors(error: Mapping[str, float], floor: Mapping[str, float]) -> float:
