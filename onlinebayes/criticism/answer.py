@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.criticism.findings.localise import failures
@@ -57,10 +58,13 @@ def answered(
     stopwatch("opening the held-out runs")
     base_model, final_model, held = _opened(task, explanation)
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
+    doubted = tuple(doubts(explanation, error))
     return Criticism(
         command=question,
         verdict=(
-            decide(explanation, numerics, before, after, task.selection.tolerance, enough=not asked)
+            decide(
+                explanation, numerics, before, after, task.selection.tolerance, enough=not asked, doubted=bool(doubted)
+            )
             if fault is None
             else "data_problem"
         ),
@@ -83,7 +87,9 @@ def answered(
         units=units,
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
-        notes=(*task.notes, *notes_on(explanation, numerics, final_model.parameters)) if fault is None else task.notes,
+        notes=(*doubted, *task.notes, *notes_on(explanation, numerics, final_model.parameters))
+        if fault is None
+        else task.notes,
         widened=_widened(found, final_model.parameters),
         detail=detail,
         timings=stopwatch.timings(),

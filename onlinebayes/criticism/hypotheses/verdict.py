@@ -1,10 +1,10 @@
 """The verdict in one word.
 
-In this order: insufficient_data (nothing moves, or fewer than seven windows do), unexplained where the integrator errs
-by too much to judge, and, where what was added takes away half of the squared error above the noise, or all of it:
-bounds_exclude_truth (what was added first widens a bound: no law does as well with less), tie (it cannot be told from
-another law), bounds_exclude_truth (it frees a number that the model has fixed), missing_effect. Without any, adequate
-(no more than the tolerance is left) or unexplained.
+In this order: insufficient_data (nothing moves, or fewer than seven windows do); unexplained where the integrator errs
+by too much to judge, where the held-out runs contradict what was added, or where that leaves more than half of the
+squared error above the noise; bounds_exclude_truth (what was added first widens a bound: no law does as well with
+less), tie (it cannot be told from another law), bounds_exclude_truth (it frees a number that the model has fixed),
+missing_effect. Without any addition, adequate (no more than the tolerance is left) or unexplained.
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ def decide(
     after: Mapping[str, float],
     tolerance: float,
     enough: bool,
+    doubted: bool,
 ) -> Verdict:
     """The first verdict that applies.
 
@@ -41,6 +42,7 @@ def decide(
         before, after: RMS over the floor of the base and the final model, by signal.
         tolerance: RMS over the floor up to which a model is adequate.
         enough: whether the data are, see :func:`what_to_record`.
+        doubted: whether what was found is not to be relied on, see :mod:`..findings.doubts`.
     """
     worst = max(after.values(), default=0.0)
     if not enough:
@@ -51,7 +53,7 @@ def decide(
         return "adequate" if quiet else "unexplained"
     if not kept:
         return "adequate" if worst <= tolerance else "unexplained"
-    if not (halves(before.values(), after.values()) or worst <= AT_FLOOR):
+    if doubted or not (halves(before.values(), after.values()) or worst <= AT_FLOOR):
         return "unexplained"
     named = [one for one in kept if not isinstance(one, OwnValues)]
     if not named:

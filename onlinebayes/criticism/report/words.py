@@ -10,6 +10,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from onlinebayes.criticism import region_words
+from onlinebayes.criticism.findings.doubts import held_out_gain
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
 from onlinebayes.criticism.report.phrases import better, effects_in_words, estimate, listing, times_floor
@@ -68,13 +70,20 @@ def headline(result: Criticism) -> str:
     if result.verdict == "data_problem":
         fault = f" ({result.wiring.fault})" if result.wiring else ""
         return f"The data themselves explain the misfit better than any missing physics{fault}."
-    does = "helps" if len(result.accepted) == 1 else "help"
-    helped = f"; {effects} {does}, but not enough" if result.accepted else ""
+    helped = f"; {effects} {_does(result)}" if result.accepted else ""
     if result.verdict == "unexplained" and result.changes:
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     if result.interrupted:
         return f"The model is wrong, and the search was stopped before it could say why{helped}."
     return f"The model is wrong, and no effect that was tried explains it{helped}."
+
+
+def _does(result: Criticism) -> str:
+    """What effects do that were added and explain too little."""
+    one = len(result.accepted) == 1
+    if held_out_gain(result.heldout_error) < LEAST_GAIN:
+        return f"{'fits the runs it was' if one else 'fit the runs they were'} fitted to, and not the held-out ones"
+    return f"{'helps' if one else 'help'}, but not enough"
 
 
 def _not_all(result: Criticism) -> str:
