@@ -22,6 +22,7 @@ from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import same_as
 from onlinebayes.criticism.hypotheses.search import Search
+from onlinebayes.criticism.mixture import ModelMixture, worlds_of
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
@@ -31,6 +32,7 @@ from onlinebayes.criticism.results import (
     Remainder,
     Step,
     Verdict,
+    WeightedModel,
     WidenedBounds,
     Wiring,
 )
@@ -56,6 +58,7 @@ __all__ = [
     "HeldOutError",
     "HorizonError",
     "Hypothesis",
+    "ModelMixture",
     "Numerics",
     "ParameterChange",
     "Payload",
@@ -70,6 +73,7 @@ __all__ = [
     "Timing",
     "Trial",
     "Verdict",
+    "WeightedModel",
     "WidenedBounds",
     "WindowError",
     "Wiring",
@@ -90,4 +94,5 @@ __all__ = [
     "target_scales",
     "trials",
     "wider_bounds",
+    "worlds_of",
 ]

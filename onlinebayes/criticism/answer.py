@@ -12,7 +12,7 @@ from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.criticism.findings.localise import failures
-from onlinebayes.criticism.findings.notes import notes_on
+from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.own_values import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
@@ -22,8 +22,9 @@ from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_o
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
+from onlinebayes.criticism.hypotheses.weighing import weighted
 from onlinebayes.criticism.mending import Mended
-from onlinebayes.criticism.results import Criticism, Question, Remainder, WidenedBounds, Wiring
+from onlinebayes.criticism.results import Criticism, Question, Remainder, WeightedModel, WidenedBounds, Wiring
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
@@ -59,6 +60,7 @@ def answered(
     base_model, final_model, held = _opened(task, explanation)
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
     doubted = tuple(doubts(explanation, error))
+    hypotheses = _hypotheses(explanation, task, final_model)
     return Criticism(
         command=question,
         verdict=(
@@ -87,7 +89,7 @@ def answered(
         units=units,
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
-        notes=(*doubted, *task.notes, *notes_on(explanation, numerics, final_model.parameters))
+        notes=(*doubted, *task.notes, *notes_on(explanation, numerics, final_model.parameters), *weights(hypotheses))
         if fault is None
         else task.notes,
         widened=_widened(found, final_model.parameters),
@@ -96,6 +98,7 @@ def answered(
         changes=parameter_changes(explanation, final_model.parameters),
         wiring=None if fault is None else _wiring(fault, base),
         mended=None if fault is None else _mended(fault, task),
+        hypotheses=hypotheses,
     )
 
 
@@ -111,6 +114,21 @@ def _mended(fault: Mended, task: Task) -> FittedModel:
     evaluation, evaluator = fault.evaluation, fault.evaluator
     rung = _shown(evaluator, evaluator.given, evaluation)
     return fitted_model(evaluation, evaluator, task.selection.folds, rung, ())
+
+
+def _hypotheses(explanation: Explanation, task: Task, final: FittedModel) -> tuple[WeightedModel, ...]:
+    """The final model, and those that the data cannot tell from it."""
+    evaluator, (found, *others) = explanation.evaluator, weighted(explanation)
+    models = [
+        fitted_model(
+            one.evaluation, evaluator, task.selection.folds, _shown(evaluator, task.simulator, one.evaluation), ()
+        )
+        for one in others
+    ]
+    return tuple(
+        WeightedModel(one.weight, laws(one.evaluation.hypothesis), model)
+        for one, model in zip((found, *others), (final, *models), strict=True)
+    )
 
 
 def _opened(task: Task, explanation: Explanation) -> tuple[FittedModel, FittedModel, Windows]:

@@ -170,6 +170,21 @@ class ParameterChange:
 
 
 @dataclass(frozen=True)
+class WeightedModel:
+    """A hypothesis that the data leave open, fitted.
+
+    Args:
+        weight: how far it is to be believed, between 0 and 1; those of all hypotheses add up to 1.
+        accepted: what it adds to the base model.
+        model: without replays, but for the final one.
+    """
+
+    weight: float
+    accepted: tuple[str, ...]
+    model: FittedModel
+
+
+@dataclass(frozen=True)
 class Criticism:
     """The answer of ``compare``, ``diagnose`` or ``refine``; the fields up to ``numerics`` are report.json's.
 
@@ -202,6 +217,7 @@ class Criticism:
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         mended: with ``data_problem``, the base model fitted to the mended table, without replays.
+        hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
     """
 
     command: Question
@@ -233,6 +249,7 @@ class Criticism:
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
     mended: FittedModel | None = None
+    hypotheses: tuple[WeightedModel, ...] = ()
 
     @property
     def only_compared(self) -> bool:

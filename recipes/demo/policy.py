@@ -51,10 +51,16 @@ def training_worlds(simulator: Identifiable, how: Training, period: float) -> Mu
 
 def learner(simulator: Identifiable, worlds_from: Belief, how: Training, seed: int) -> tuple[Problem, PPO]:
     """The balance task in worlds of ``simulator`` with parameters from ``worlds_from``, and who is to learn it."""
-    torch.manual_seed(seed)
-    task, frames = BalanceTask(), how.worlds * how.steps
+    task = BalanceTask()
     problem = Problem(training_worlds(simulator, how, task.period), task, worlds_from)
-    objective = ppo(
+    return problem, balance_ppo(problem, how, seed)
+
+
+def balance_ppo(problem: Problem, how: Training, seed: int) -> PPO:
+    """PPO for the balance task, nothing learnt yet."""
+    torch.manual_seed(seed)
+    frames = how.worlds * how.steps
+    return ppo(
         *problem.specs,
         frames_per_batch=frames,
         minibatch=frames // 4,
@@ -63,7 +69,6 @@ def learner(simulator: Identifiable, worlds_from: Belief, how: Training, seed: i
         lmbda=0.9,
         entropy=0.002,
     )
-    return problem, objective
 
 
 def train(problem: Problem, objective: PPO, how: Training, seed: int, told: Told) -> None:

@@ -9,7 +9,18 @@ from pathlib import Path
 import pytest
 
 from onlinebayes.runs import BadInput
-from recipes import acrobot, cartpole, custom_gym, custom_loop, dm_control, from_logs, mountain_car, pendulum, reach
+from recipes import (
+    acrobot,
+    cartpole,
+    custom_gym,
+    custom_loop,
+    dm_control,
+    from_logs,
+    mountain_car,
+    pendulum,
+    reach,
+    tie,
+)
 from recipes.common import Options, Settings, run, written
 from recipes.studies import survival
 from recipes.studies.online import Study, _frames_to, tabulate
@@ -83,6 +94,17 @@ def test_a_log_becomes_a_policy(tmp_path: Path, capsys: Capture) -> None:
     assert [rows[0]["seconds/refine"] > "0", rows[1]["seconds/belief"] > "0"] == [True, True]
     assert float(rows[-1]["figure/return"]) > float(rows[0]["figure/return"])
     assert (folder / "checkpoint-000001.pt").exists()
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_tie_becomes_a_policy_for_both(tmp_path: Path, capsys: Capture) -> None:
+    assert tie.main(Options(short=True, out=str(tmp_path))) == 0
+    said = capsys.readouterr().out
+    assert "actuator_delay@motor: believed to" in said
+    assert "actuator_lag@motor: believed to" in said
+    assert "return of 100, policy for all of them" in said
+    assert len(left(tmp_path / "tie-0-short", said)) == 4
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.results import WeightedModel
 from onlinebayes.identification import quantities
 from onlinebayes.identification.results import Estimate, Numerics
 from onlinebayes.parameters import ParameterSpace
@@ -27,6 +28,13 @@ def notes_on(explanation: Explanation, numerics: Numerics, fitted: Mapping[str, 
         *_of_bounds(simulator.parameters, fitted),
         *_of_sums(simulator.effects),
     )
+
+
+def weights(hypotheses: Sequence[WeightedModel]) -> Iterator[str]:
+    """How far each of several hypotheses is to be believed."""
+    if len(hypotheses) > 1:
+        told = ", ".join(f"{' + '.join(one.accepted)} {quantities.percent(one.weight)}" for one in hypotheses)
+        yield f"how far each model that the data leave open is to be believed: {told}"
 
 
 def _of_the_step(found: Evaluation, evaluator: Evaluator, numerics: Numerics) -> Iterator[str]:

@@ -64,6 +64,11 @@ def steps(explanation: Explanation) -> tuple[Step, ...]:
 
 
 def equals(found: Round) -> tuple[str, ...]:
+    """Keys of what cannot be told from what a round added, and is another law."""
+    return tuple(dict.fromkeys(other.key for other in rivals(found)))
+
+
+def rivals(found: Round) -> tuple[Addition, ...]:
     """What cannot be told from what a round added, and is another law.
 
     An own number is the effect that moves it, and a law that contains what was added is no rival of it.
@@ -71,7 +76,7 @@ def equals(found: Round) -> tuple[str, ...]:
     assert found.added is not None
     mine = found.added.addition
     others = (other for other in found.equals if not contains(other, mine))
-    return tuple(dict.fromkeys(other.key for other in others if same_as(other.key) != same_as(mine.key)))
+    return tuple(other for other in others if same_as(other.key) != same_as(mine.key))
 
 
 def contains(richer: Addition, simpler: Addition) -> bool:

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from onlinebayes.criticism.results import Candidate, Criticism, ParameterChange
+from onlinebayes.criticism.results import Candidate, Criticism, ParameterChange, WeightedModel
 from onlinebayes.identification.results import Estimate
 from onlinebayes.runs.results import machine, versions
 
@@ -56,6 +56,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "timings": [asdict(timing) for timing in result.timings],
         "wiring": None if result.wiring is None else asdict(result.wiring),
         "changes": [_change(change) for change in result.changes],
+        "hypotheses": [_hypothesis(one) for one in result.hypotheses],
         "machine": machine(),
     }
 
@@ -80,6 +81,10 @@ def _candidate(candidate: Candidate) -> dict[str, Any]:
         "rms_fall": None,
         "refused_because": candidate.refused_because,
     }
+
+
+def _hypothesis(one: WeightedModel) -> dict[str, Any]:
+    return {"weight": one.weight, "accepted": one.accepted, "parameters": _estimates(one.model.parameters)}
 
 
 def _change(change: ParameterChange) -> dict[str, Any]:

@@ -1,0 +1,128 @@
+"""Worlds to train a policy in: all hypotheses that the logs leave open, as one simulator and draws of its parameters.
+
+    theta ~ sum_k w_k N(mean_k, covariance_k),     cut off at the bounds
+
+The simulator has the additions of all hypotheses. In a world of one of them, those of the others are neutral. A
+parameter that differs between runs is drawn around the mean of its values, with their spread.
+
+    result = refine(...)
+    worlds = worlds_of(result)
+    env = TransformedEnv(SimulatorEnv(worlds.simulator.with_worlds(64), task), ParameterRandomization(worlds))
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.criticism.results import Criticism
+from onlinebayes.identification.replaying.scoped import unscoped
+from onlinebayes.identification.results import FittedModel
+from onlinebayes.identification.scope import address_of
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.identifiable import Identifiable
+
+
+@dataclass(frozen=True, eq=False)
+class ModelMixture:
+    """K weighted models in one simulator.
+
+    Args:
+        simulator: with the additions of all.
+        names: what each model adds.
+        weight: w.
+        mean: of theta [SI].
+        covariance: of theta [SI].
+    """
+
+    simulator: Identifiable
+    names: tuple[str, ...]
+    weight: Float[Tensor, " K"]
+    mean: Float[Tensor, "K P"]
+    covariance: Float[Tensor, "K P P"]
+
+    @property
+    def space(self) -> ParameterSpace:
+        """The parameters."""
+        return self.simulator.parameters
+
+    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
+        """Draws of theta (*shape, P), float64 [SI]."""
+        number = int(torch.Size(shape).numel())
+        which = torch.multinomial(self.weight, number, replacement=True, generator=generator)
+        normal = torch.randn(number, self.mean.shape[1], generator=generator, dtype=torch.float64)
+        drawn = self.mean[which] + (_roots(self.covariance)[which] @ normal[..., None])[..., 0]
+        return self.space.clamp(drawn).reshape(*shape, -1)
+
+    def alone(self, k: int) -> ModelMixture:
+        """The worlds of one of the models."""
+        only = slice(k, k + 1)
+        weight = torch.ones(1, dtype=torch.float64)
+        return ModelMixture(self.simulator, self.names[only], weight, self.mean[only], self.covariance[only])
+
+
+def worlds_of(result: Criticism) -> ModelMixture:
+    """The worlds of a result: of its final model, and of those that the data cannot tell from it.
+
+    Raises:
+        BadInput: the additions of two hypotheses cannot stand beside each other in one simulator.
+    """
+    believed = result.hypotheses
+    simulator = _with_all(unscoped(result.base.simulator), [one.model for one in believed])
+    parts = [_embedded(simulator, one.model) for one in believed]
+    return ModelMixture(
+        simulator,
+        tuple(" + ".join(one.accepted) or "the model as it is" for one in believed),
+        torch.tensor([one.weight for one in believed], dtype=torch.float64),
+        torch.stack([mean for mean, _ in parts]),
+        torch.stack([covariance for _, covariance in parts]),
+    )
+
+
+def _with_all(simulator: Identifiable, models: Sequence[FittedModel]) -> Identifiable:
+    """The simulator with the effects, the free numbers and the widest bounds of all models."""
+    for model in map(unscoped, (one.simulator for one in models)):
+        present = {effect.key for effect in simulator.effects}
+        for effect in model.effects:
+            if effect.key not in present:
+                simulator = simulator.with_effect(effect)
+        for name, bounds in model.parameters.items():
+            if name not in simulator.parameters:
+                simulator = simulator.with_free(name, bounds)
+            elif (wide := _wider(simulator.parameters[name], bounds)) != simulator.parameters[name]:
+                simulator = simulator.with_bounds(name, wide)
+    return simulator
+
+
+def _wider(one: Parameter, other: Parameter) -> Parameter:
+    return Parameter(min(one.low, other.low), max(one.high, other.high), one.unit, one.scale)
+
+
+def _embedded(simulator: Identifiable, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:
+    """Mean and covariance of a model in the parameters of all; the others' additions are neutral and certain."""
+    mean, move = simulator.nominal.to(torch.float64).clone(), torch.zeros(len(simulator.parameters), len(model.theta))
+    move, spread = move.to(torch.float64), torch.zeros(len(mean), dtype=torch.float64)
+    for i, columns in _places(simulator, model):
+        own = model.theta[columns].to(torch.float64)
+        move[i, columns] = 1 / len(columns)
+        mean[i], spread[i] = own.mean(), own.var(correction=0)
+    covariance = move @ model.covariance.to(torch.float64) @ move.T + torch.diag(spread)
+    return simulator.parameters.clamp(mean), covariance
+
+
+def _places(simulator: Identifiable, model: FittedModel) -> Iterator[tuple[int, list[int]]]:
+    """Each parameter that a model has, and the columns of its theta that hold values of it."""
+    of = [address_of(name) for name in model.simulator.parameters]
+    for i, name in enumerate(simulator.parameters):
+        if columns := [k for k, address in enumerate(of) if address == name]:
+            yield i, columns
+
+
+def _roots(covariance: Float[Tensor, "K P P"]) -> Float[Tensor, "K P P"]:
+    """Square roots, of singular matrices too."""
+    values, vectors = torch.linalg.eigh(covariance)
+    return vectors * values.clamp_min(0).sqrt()[:, None, :]

@@ -1,0 +1,40 @@
+"""Weights of hypotheses: equal for equal predictions, all for what predicts every fold better."""
+
+from __future__ import annotations
+
+import torch
+
+from onlinebayes.criticism.hypotheses.scoring import LeftOut
+from onlinebayes.criticism.hypotheses.weighing import weights_of
+
+FOLDS, BANDS = 8, 3
+
+
+def predicting(rms: torch.Tensor) -> LeftOut:
+    """Left-out squares of a hypothesis with this RMS in each fold [floors]."""
+    counts = torch.full((FOLDS, BANDS, 1), 50.0, dtype=torch.float64)
+    return LeftOut(counts * rms.double().square()[:, None, None], counts)
+
+
+BASE = predicting(torch.full((FOLDS,), 10.0))
+
+
+def test_equal_predictions_share_the_belief() -> None:
+    same = predicting(torch.linspace(1, 2, FOLDS))
+    torch.testing.assert_close(weights_of([same, same], BASE), torch.tensor([0.5, 0.5], dtype=torch.float64))
+
+
+def test_what_predicts_every_fold_better_is_believed_alone() -> None:
+    good, poor = predicting(torch.full((FOLDS,), 1.0)), predicting(torch.full((FOLDS,), 5.0))
+    assert weights_of([good, poor], BASE).tolist() == [1.0, 0.0]
+
+
+def test_what_predicts_half_of_the_folds_better_is_believed_by_half() -> None:
+    rms = torch.tensor([1.0, 6.0]).repeat(FOLDS // 2)
+    weights = weights_of([predicting(rms), predicting(rms.flip(0))], BASE)
+    assert float(weights.sum()) == 1.0
+    assert float((weights - 0.5).abs().max()) < 0.05
+
+
+def test_one_hypothesis_has_all_the_weight() -> None:
+    assert weights_of([BASE], BASE).tolist() == [1.0]
