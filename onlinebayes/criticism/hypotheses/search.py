@@ -208,10 +208,8 @@ class Search:
         evaluator = self.evaluator.refined(here)
         if evaluator is self.evaluator:
             return here
-        base = evaluator.evaluate(Hypothesis(), [self.base.values], self.base.fitted.lin.starts)
-        again = (
-            base if here is self.base else evaluator.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
-        )
+        base = evaluator.anew(self.base, self.evaluator)
+        again = base if here is self.base else evaluator.anew(here, self.evaluator)
         if base is None or again is None:
             return here
         self.evaluator, self.base, self.here = evaluator, base, again
