@@ -97,7 +97,7 @@ def test_refine_names_dry_friction_and_its_files_work(folder: Path, capsys):
     (folder / "carriage.toml").write_text(PROBLEM)
     out = folder / "out"
     assert main(["refine", str(folder / "carriage.toml"), "--out", str(out)]) == 0
-    assert "added:     dry_friction@carriage" in capsys.readouterr().out
+    assert "missing:   dry_friction@carriage" in capsys.readouterr().out
     report = json.loads((out / "report.json").read_text())
     assert report["accepted"] == ["dry_friction@carriage"]
     error = report["heldout_error"]

@@ -43,7 +43,7 @@ def test_a_command_writes_its_files_and_says_what_it_found(folder, capsys, monke
     assert str(out / "report.html") in printed.out
     assert ("verdict:   missing_effect" in printed.out) == (command != "compare")
     assert ("verdict:   unexplained (with dry_friction@carriage," in printed.out) == (command == "compare")
-    assert "   1 dry_friction@carriage" in printed.out
+    assert "missing:   dry_friction@carriage" in printed.out
     assert json.loads((out / "report.json").read_text())["holdout_looks"] == result.holdout_looks
 
 

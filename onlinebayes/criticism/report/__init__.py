@@ -4,6 +4,7 @@ The sentences of a report are in ``words``, ``candidate_words`` and ``plan_words
 """
 
 from onlinebayes.criticism.report import candidate_words, plan_words, words
+from onlinebayes.criticism.report.first_screen import first_screen
 from onlinebayes.criticism.report.picture import write_picture
 from onlinebayes.criticism.report.plan import FILES as PLAN_FILES
 from onlinebayes.criticism.report.plan import write_plan
@@ -21,6 +22,7 @@ __all__ = [
     "Panel",
     "candidate_words",
     "chart",
+    "first_screen",
     "left_out",
     "noted",
     "plan_words",
