@@ -24,7 +24,7 @@ from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
 from onlinebayes.criticism.mending import Mended
-from onlinebayes.criticism.results import Criticism, Question, Remainder, WeightedModel, WidenedBounds, Wiring
+from onlinebayes.criticism.results import Criticism, Question, Remainder, Verdict, WeightedModel, WidenedBounds, Wiring
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
@@ -59,17 +59,20 @@ def answered(
     stopwatch("opening the held-out runs")
     base_model, final_model, held = _opened(task, explanation)
     error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
-    doubted = tuple(doubts(explanation, error))
     hypotheses = _hypotheses(explanation, task, final_model)
+    verdict: Verdict = "data_problem"
+    doubted: tuple[str, ...] = ()
+    said: tuple[str, ...] = ()
+    if fault is None:
+        doubted = tuple(doubts(explanation, error))
+        verdict = decide(
+            explanation, numerics, before, after, task.selection.tolerance, enough=not asked, doubted=bool(doubted)
+        )
+        beliefs = weights(hypotheses) if verdict == "tie" else ()
+        said = (*notes_on(explanation, numerics, final_model.parameters), *beliefs)
     return Criticism(
         command=question,
-        verdict=(
-            decide(
-                explanation, numerics, before, after, task.selection.tolerance, enough=not asked, doubted=bool(doubted)
-            )
-            if fault is None
-            else "data_problem"
-        ),
+        verdict=verdict,
         what_to_record=asked if fault is None else "",
         accepted=laws(found.hypothesis),
         remainder=_remainder(fit, explanation, after, units, task.selection.tolerance),
@@ -89,9 +92,7 @@ def answered(
         units=units,
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
-        notes=(*doubted, *task.notes, *notes_on(explanation, numerics, final_model.parameters), *weights(hypotheses))
-        if fault is None
-        else task.notes,
+        notes=(*doubted, *task.notes, *said),
         widened=_widened(found, final_model.parameters),
         detail=detail,
         timings=stopwatch.timings(),

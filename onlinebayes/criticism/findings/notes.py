@@ -12,6 +12,9 @@ from onlinebayes.identification.results import Estimate, Numerics
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.simulators.effects import EFFECTS, Effect
 
+TOLD = 3
+"""Hypotheses whose weights are told each."""
+
 
 def notes_on(explanation: Explanation, numerics: Numerics, fitted: Mapping[str, Estimate]) -> tuple[str, ...]:
     """A sentence for each such thing.
@@ -31,10 +34,13 @@ def notes_on(explanation: Explanation, numerics: Numerics, fitted: Mapping[str, 
 
 
 def weights(hypotheses: Sequence[WeightedModel]) -> Iterator[str]:
-    """How far each of several hypotheses is to be believed."""
+    """How far each of several hypotheses is to be believed, the likeliest first."""
     if len(hypotheses) > 1:
-        told = ", ".join(f"{' + '.join(one.accepted)} {quantities.percent(one.weight)}" for one in hypotheses)
-        yield f"how far each model that the data leave open is to be believed: {told}"
+        ordered = sorted(hypotheses, key=lambda one: -one.weight)
+        told = [f"{' + '.join(one.accepted)} {quantities.percent(one.weight)}" for one in ordered[:TOLD]]
+        rest = sum(one.weight for one in ordered[TOLD:])
+        told += [f"{len(ordered) - TOLD} others {quantities.percent(rest)} together"] if rest else []
+        yield f"how far each model that the data leave open is to be believed: {', '.join(told)}"
 
 
 def _of_the_step(found: Evaluation, evaluator: Evaluator, numerics: Numerics) -> Iterator[str]:

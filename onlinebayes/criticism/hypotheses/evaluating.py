@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, fine_enough
-from onlinebayes.criticism.hypotheses.fitting import SETTLED, Fitted, best_theta, fit
+from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS, SETTLED, Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
 from onlinebayes.criticism.hypotheses.lengths import FEWEST_WINDOWS, within_budget
 from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
@@ -66,6 +66,8 @@ class Evaluator:
         hypothesis: Hypothesis,
         begun: Sequence[Mapping[str, float]],
         starts: Float[Tensor, "W J2"] | None = None,
+        *,
+        most: int = MOST_STEPS,
     ) -> Evaluation | None:
         """The best fit of the hypothesis so far, after one more from the best of some values.
 
@@ -73,18 +75,23 @@ class Evaluator:
             hypothesis: what is fitted.
             begun: values by name from which the fit may begin, nominal ones for those that are missing [SI].
             starts: where the windows' starts begin; the smoothed ones when None.
+            most: steps of the fit; 0 to judge it where it begins.
 
         Returns:
             None where the simulator cannot carry or follow it.
         """
         key = frozenset(hypothesis.keys)
-        known, found = self.known.get(key), self._fitted(hypothesis, begun, starts)
+        known, found = self.known.get(key), self._fitted(hypothesis, begun, starts, most)
         if known is None or (found is not None and found.fitted.score < known.fitted.score - SETTLED):
             self.known[key] = found
         return self.known[key]
 
     def _fitted(
-        self, hypothesis: Hypothesis, begun: Sequence[Mapping[str, float]], starts: Float[Tensor, "W J2"] | None
+        self,
+        hypothesis: Hypothesis,
+        begun: Sequence[Mapping[str, float]],
+        starts: Float[Tensor, "W J2"] | None,
+        most: int,
     ) -> Evaluation | None:
         self.watch(f"fitting {hypothesis}")
         try:
@@ -93,7 +100,7 @@ class Evaluator:
             rough = build(ways.derivatives.of(self.given), hypothesis, self.runs)
             thetas = torch.stack([theta_of(simulator, values) for values in begun])
             theta = best_theta(simulator, self.windows, thetas, starts)
-            fitted = fit(simulator, self.windows, theta, starts, rough=rough)
+            fitted = fit(simulator, self.windows, theta, starts, rough=rough, most=most)
             model = LinearModel.of(fitted)
             left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
             return Evaluation(hypothesis, fitted, left)

@@ -9,6 +9,7 @@ from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
@@ -78,7 +79,7 @@ class Explanation:
     def _over(self, windows: Windows, *, quieter: bool) -> Explanation | None:
         """With both fitted to other windows; None where one diverges, or what was found has to leave no more and does.
 
-        The base model is fitted last: it is not asked where the windows are refused.
+        The base model comes last: it is not asked where the windows are refused.
         """
         evaluator = replace(self.evaluator, windows=windows, known={})
         found = evaluator.evaluate(self.found.hypothesis, [self.found.values])
@@ -87,7 +88,11 @@ class Explanation:
             evaluator, found = finer, finer.anew(found, evaluator)
         if found is None or (quieter and not _leaves_no_more(found, self.found)):
             return None
-        base = found if self.found is self.base else evaluator.evaluate(self.base.hypothesis, [self.base.values])
+        if self.found is self.base:
+            return replace(self, base=found, found=found, evaluator=evaluator)
+        # Over longer windows a wrong model fits worse: it would be made out worse than it is.
+        most = 0 if quieter else MOST_STEPS
+        base = evaluator.evaluate(self.base.hypothesis, [self.base.values], most=most)
         return None if base is None else replace(self, base=base, found=found, evaluator=evaluator)
 
     @property

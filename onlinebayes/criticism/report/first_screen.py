@@ -32,7 +32,8 @@ Line = tuple[str, str]
 
 def first_screen(result: Criticism) -> Iterator[Line]:
     """Label and text of each line."""
-    yield "wrong", _wrong(result)
+    if not result.only_compared:  # the headline says that already
+        yield "wrong", _wrong(result)
     yield from (("missing" if k == 0 else "", text) for k, text in enumerate(_missing(result)))
     if result.changed:
         yield "better", _better(result)
@@ -111,6 +112,8 @@ def _next(result: Criticism) -> str:
         return result.what_to_record
     if result.command == "compare":
         return "onlinebayes diagnose asks which effect is missing" if result.only_compared else ""
+    if result.command == "diagnose" and result.accepted:
+        return "onlinebayes refine adds it and asks what else is missing"
     if result.verdict == "tie":
         return f"{NEXT['tie']} ({phrases.effects_in_words(tie_members(result), 'or')})"
     return NEXT.get(result.verdict, "")
