@@ -49,10 +49,10 @@ bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed
 blind: setup     ## hidden effects and null sets -> docs/results/blind.json
 	$(BIN)/python -m recipes.studies.blind
-blind-rigs: setup  ## the same on eight rigs (hours; goes on where it was stopped) -> docs/results/blind-rigs.json
+blind-rigs: setup  ## the same on eight rigs (an hour; goes on where it was stopped) -> docs/results/blind-rigs.json
 	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
 blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two) -> docs/results/blind-pairs.json
-	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 2300 --out $(OUT)/blind_pairs
+	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 9100 --out $(OUT)/blind_pairs
 exclusion-limits: setup  ## effects of 1.5 times the exclusion limit, on eight rigs (an hour or two) -> docs/results/exclusion-limits.json
 	$(BIN)/python -m recipes.studies.exclusion_limits --out $(OUT)/exclusion_limits
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json

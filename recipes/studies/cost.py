@@ -3,6 +3,7 @@
 | part       | what is run                                                                                 |
 |------------|---------------------------------------------------------------------------------------------|
 | arm        | two links, 40 s at 200 Hz, dry friction hidden in the elbow: ``refine``                       |
+| long log   | the same arm, 500 s at 200 Hz, 100 000 rows: ``refine``                                      |
 | six joints | six joints under feedback, 60 s at 200 Hz, dry friction hidden in joint 2: ``compare``, ``refine`` |
 | growth     | the arm's ``diagnose`` with 1, 2 and 4 times the data, and with a quarter, half and all candidates |
 
@@ -33,7 +34,7 @@ from envs.rigs import RIGS, Rig, sized_case, write_case
 from onlinebayes.runs import BadInput, ResultTable
 from recipes.studies.exits import status
 
-Part = Literal["arm", "growth", "six joints"]
+Part = Literal["arm", "long log", "growth", "six joints"]
 MEMORY = 4.0  # GB
 SEED = 0
 
@@ -47,7 +48,7 @@ class Study:
         results: folder of the table.
     """
 
-    parts: tuple[Part, ...] = ("arm", "growth", "six joints")
+    parts: tuple[Part, ...] = ("arm", "long log", "growth", "six joints")
     results: Path = Path("docs/results")
 
 
@@ -57,11 +58,13 @@ class Cost:
 
     Args:
         seconds: wall time, start-up included [s].
+        processor: processor time of all threads [s].
         memory: largest resident set [GB].
         report: its report.json.
     """
 
     seconds: float
+    processor: float
     memory: float
     report: dict[str, Any]
 
@@ -98,13 +101,19 @@ def spent(command: str, problem_file: Path) -> Cost:
     if process.returncode:
         raise BadInput(f"onlinebayes {command} {problem_file} ended with {process.returncode}", "run it by hand")
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
-    return Cost(seconds, usage.ru_maxrss / 1024**2, report)
+    return Cost(seconds, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024**2, report)
 
 
 def arm(results: ResultTable, folder: Path) -> None:
     """A two-link arm with 40 s of data."""
     file = problem(lengthened(RIGS["two_link_arm"], 8, 5.0), "dry_friction@elbow", folder / "arm")
-    add(results, "two-link arm, 40 s at 200 Hz, refine", spent("refine", file), 120.0)
+    add(results, "two-link arm, 40 s at 200 Hz, refine", spent("refine", file), 15.0)
+
+
+def long_log(results: ResultTable, folder: Path) -> None:
+    """The same arm with 100 000 rows."""
+    file = problem(lengthened(RIGS["two_link_arm"], 100, 5.0), "dry_friction@elbow", folder / "long")
+    add(results, "two-link arm, 100 000 rows, refine", spent("refine", file), 60.0)
 
 
 def six_joints(results: ResultTable, folder: Path) -> None:
@@ -112,14 +121,16 @@ def six_joints(results: ResultTable, folder: Path) -> None:
     file = problem(lengthened(RIGS["six_joint_arm"], 15, 4.0), "dry_friction@j2", folder / "six")
     add(results, "six joints, 60 s at 200 Hz, compare", spent("compare", file), 10.0)
     refined = spent("refine", file)
-    add(results, "six joints, 60 s at 200 Hz, refine", refined, 600.0)
+    add(results, "six joints, 60 s at 200 Hz, refine", refined, 90.0)
     tried = refined.report["candidates_tried"]
     results.add("six joints: candidates tried", tried, goal="150 or more", holds=tried >= 150)
 
 
 def add(results: ResultTable, name: str, cost: Cost, limit: float) -> None:
     """Rows of a command's time and memory."""
-    results.add(name, cost.seconds, unit="s", goal=f"under {limit:g} on 2 cores", holds=cost.seconds < limit)
+    spent = cost.processor
+    results.add(f"{name}, processor time", spent, unit="s", goal=f"at most {limit:g}", holds=spent <= limit)
+    results.add(f"{name}, wall time", cost.seconds, unit="s")
     results.add(f"{name}, memory", cost.memory, unit="GB", goal=f"under {MEMORY:g}", holds=cost.memory < MEMORY)
     named = ", ".join(cost.report["accepted"]) or "nothing"
     results.add(f"{name}, what it named", named)
@@ -158,7 +169,7 @@ def add_slope(results: ResultTable, name: str, sizes: Sequence[float], times: Se
 
 def main(study: Study) -> None:
     """Time the parts and write the table."""
-    parts = {"arm": arm, "growth": growth, "six joints": six_joints}
+    parts = {"arm": arm, "long log": long_log, "growth": growth, "six joints": six_joints}
     some = "" if set(study.parts) == set(parts) else f" ({', '.join(study.parts)})"
     results = ResultTable("cost", f"make cost{some}", [SEED])
     with tempfile.TemporaryDirectory() as folder:

@@ -5,7 +5,7 @@ and rigs advance together, so that the table of a part, which says of how many, 
 
     python -m recipes.studies.blind_rigs                               all cases -> docs/results/blind-rigs.json
     python -m recipes.studies.blind_rigs --published docs/results/blind-rigs-cases.jsonl      those not judged yet
-    python -m recipes.studies.blind_rigs --pairs 5 --first 2300        two effects only -> docs/results/blind-pairs.json
+    python -m recipes.studies.blind_rigs --pairs 5 --first 9100        two effects only -> docs/results/blind-pairs.json
     python -m recipes.studies.blind_rigs --rigs swing --effects 3 --null 1 --others 0 --first 0 --results /tmp/rigs
 """
 
@@ -54,9 +54,9 @@ class Study:
         published: such a file, of a part of the study that was judged elsewhere; its cases are not judged again.
     """
 
-    effects: int = 27
-    null: int = 13
-    others: int = 4
+    effects: int = 4
+    null: int = 1
+    others: int = 1
     pairs: int = 0
     rigs: tuple[str, ...] = tuple(RIGS)
     first: int = REPORTED
