@@ -24,7 +24,7 @@ from onlinebayes.criticism.experiment.deciding import PARTED, accepted_from, res
 from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload, find_limits
 from onlinebayes.criticism.experiment.plan import Plan, Remedy, Rivalry, Tried
-from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
+from onlinebayes.criticism.experiment.play import FixedModel, admissible, play
 from onlinebayes.criticism.experiment.postures import postures
 from onlinebayes.criticism.experiment.remedies import loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
@@ -275,7 +275,7 @@ def _table(inputs: Inputs, measurement: Measurement) -> tuple[Float[Tensor, " T"
     return time, _between(command, inputs.step, time)
 
 
-def _track(hypothesis: Hypothesis, inputs: Inputs, rivals: Rivals, time: Tensor) -> Float[Tensor, "T S"]:
+def _track(hypothesis: FixedModel, inputs: Inputs, rivals: Rivals, time: Tensor) -> Float[Tensor, "T S"]:
     simulator = hypothesis.simulator
     signals = simulator.read(play(hypothesis, inputs))[0][:, list(rivals.windows.columns)]
     return _between(signals, inputs.step, time)

@@ -24,7 +24,7 @@ SHRINK, TIMES = 0.7, 12
 
 
 @dataclass(frozen=True)
-class Hypothesis:
+class FixedModel:
     """One thing that may be true: a model at one theta.
 
     Args:
@@ -38,7 +38,7 @@ class Hypothesis:
     theta: Float[Tensor, " P"]
 
 
-def play(hypothesis: Hypothesis, inputs: Inputs) -> TensorDict:
+def play(hypothesis: FixedModel, inputs: Inputs) -> TensorDict:
     """The trajectories under every input, batch size (N, K): row 0 is the posture, at rest; ``"valid"`` beside it."""
     N, K, _ = inputs.command.shape
     theta = hypothesis.theta.expand(N, -1)
@@ -91,7 +91,7 @@ def keeps(trajectory: TensorDict, limits: Limits) -> Bool[Tensor, " N"]:
     return (inside & trajectory["valid"]).all(-1)
 
 
-def admissible(hypotheses: Sequence[Hypothesis], inputs: Inputs, limits: Limits) -> Inputs:
+def admissible(hypotheses: Sequence[FixedModel], inputs: Inputs, limits: Limits) -> Inputs:
     """The inputs that keep to the limits whichever hypothesis is true, scaled down where that is needed.
 
     Args:
@@ -116,7 +116,7 @@ def admissible(hypotheses: Sequence[Hypothesis], inputs: Inputs, limits: Limits)
 
 
 def predicted(
-    hypothesis: Hypothesis, inputs: Inputs, signals: Sequence[Signal], commands: Sequence[str]
+    hypothesis: FixedModel, inputs: Inputs, signals: Sequence[Signal], commands: Sequence[str]
 ) -> Measurement:
     """What a noise-free sensor would measure: one run an input, named by its number.
 

@@ -20,7 +20,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.experiment.inputs import Posture
 from onlinebayes.criticism.experiment.limits import Limits
-from onlinebayes.criticism.experiment.play import Hypothesis, at_rest
+from onlinebayes.criticism.experiment.play import FixedModel, at_rest
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.identifiable import Identifiable
@@ -42,7 +42,7 @@ class _Held:
     stays: Bool[Tensor, " R"]
 
 
-def postures(windows: Windows, limits: Limits, model: Hypothesis) -> list[Posture]:
+def postures(windows: Windows, limits: Limits, model: FixedModel) -> list[Posture]:
     """The first posture that is held, and those that differ from it most.
 
     Args:
@@ -80,7 +80,7 @@ def _apart(q: Float[Tensor, "R J"], limits: Limits) -> list[int]:
 
 
 def _holding(
-    model: Hypothesis, q: Float[Tensor, "R J"], logged: Float[Tensor, "R U"], limits: Limits, windows: Windows
+    model: FixedModel, q: Float[Tensor, "R J"], logged: Float[Tensor, "R U"], limits: Limits, windows: Windows
 ) -> _Held:
     """From the command without force, and from the log's where that does not end in one that holds."""
     found = []
@@ -114,7 +114,7 @@ def _without_force(
 
 
 def _balanced(
-    model: Hypothesis, q: Float[Tensor, "R J"], u: Float[Tensor, "R U"], limits: Limits, windows: Windows
+    model: FixedModel, q: Float[Tensor, "R J"], u: Float[Tensor, "R U"], limits: Limits, windows: Windows
 ) -> Float[Tensor, "R U"]:
     """Gauss and Newton on the speed after one step, the smallest change of the commands that does it."""
     R, U = u.shape
@@ -137,14 +137,14 @@ def _balanced(
 
 
 def _speed(
-    model: Hypothesis, q: Float[Tensor, "N J"], u: Float[Tensor, "N U"], limits: Limits, windows: Windows
+    model: FixedModel, q: Float[Tensor, "N J"], u: Float[Tensor, "N U"], limits: Limits, windows: Windows
 ) -> Float[Tensor, "N J"]:
     """Speed after one integration step from rest [travel/s]."""
     return _played(model, q, u, windows, [model.simulator.timestep])["qvel"][:, -1] / _width(limits)
 
 
 def _stay(
-    model: Hypothesis, q: Float[Tensor, "R J"], u: Float[Tensor, "R U"], limits: Limits, windows: Windows
+    model: FixedModel, q: Float[Tensor, "R J"], u: Float[Tensor, "R U"], limits: Limits, windows: Windows
 ) -> Bool[Tensor, " R"]:
     """Whether each world is finite and near its posture for a horizon."""
     times = [windows.step * k for k in range(1, windows.rows + 1)]
@@ -154,7 +154,7 @@ def _stay(
 
 
 def _played(
-    model: Hypothesis, q: Float[Tensor, "N J"], u: Float[Tensor, "N U"], windows: Windows, times: Sequence[float]
+    model: FixedModel, q: Float[Tensor, "N J"], u: Float[Tensor, "N U"], windows: Windows, times: Sequence[float]
 ) -> TensorDict:
     """Under a constant command that was there before, too."""
     theta = model.theta.expand(len(q), -1)

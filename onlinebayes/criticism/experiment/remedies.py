@@ -17,7 +17,7 @@ from onlinebayes.criticism.experiment.deciding import PARTED
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.limits import Limits, Payload
 from onlinebayes.criticism.experiment.plan import Remedy
-from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
+from onlinebayes.criticism.experiment.play import FixedModel, admissible, play
 from onlinebayes.criticism.experiment.rivals import Pair
 from onlinebayes.criticism.experiment.separation import separations
 from onlinebayes.identification.data.windows import Windows
@@ -45,7 +45,7 @@ def remedies(
     return tuple(sorted((r for r in found if r.sigma >= PARTED), key=lambda r: -r.sigma))
 
 
-def loaded(hypothesis: Hypothesis, payload: Payload | None) -> Hypothesis:
+def loaded(hypothesis: FixedModel, payload: Payload | None) -> FixedModel:
     """The same with the payload fixed to it; its parameters keep their values."""
     if payload is None:
         return hypothesis

@@ -23,7 +23,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import grown, propose, trials
 from onlinebayes.criticism.experiment.adapted import adapted
-from onlinebayes.criticism.experiment.play import Hypothesis
+from onlinebayes.criticism.experiment.play import FixedModel
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.identification.data.windows import Windows
@@ -44,7 +44,7 @@ AS_IT_IS = "the model as it is"
 
 
 @dataclass(frozen=True)
-class Explanation:
+class AdaptableModel:
     """A fitted model that may adapt its parameters to what another one would do.
 
     Args:
@@ -54,7 +54,7 @@ class Explanation:
         tau: correlation time of its residual [s].
     """
 
-    hypothesis: Hypothesis
+    hypothesis: FixedModel
     fitted: Fit
     information: Float[Tensor, "P P"]
     tau: float
@@ -75,8 +75,8 @@ class Pair:
         added: where ``truth`` is ``other`` with one effect more, which must then be accepted: its size; else None.
     """
 
-    truth: Hypothesis
-    other: Explanation
+    truth: FixedModel
+    other: AdaptableModel
     added: Size | None = None
 
 
@@ -97,7 +97,7 @@ class Rivals:
     windows: Windows
 
     @property
-    def hypotheses(self) -> tuple[Hypothesis, ...]:
+    def hypotheses(self) -> tuple[FixedModel, ...]:
         """All that may be true, each once, the present model first."""
         every = [h for pair in self.pairs for h in (pair.truth, pair.other.hypothesis)]
         once = {hypothesis.name: hypothesis for hypothesis in every}
@@ -171,7 +171,7 @@ def find_rivals(
     return Rivals(pairs, grounds.windows)
 
 
-def explanation(name: str, fitted: Fit, windows: Windows) -> Explanation:
+def explanation(name: str, fitted: Fit, windows: Windows) -> AdaptableModel:
     """A fit with what it knows, each signal weighed by its residual."""
     weight = _refreshed_weight(windows, fitted)
     fitted = fit(fitted.simulator, windows, fitted.theta, weight, fitted.lin.starts)
@@ -179,14 +179,14 @@ def explanation(name: str, fitted: Fit, windows: Windows) -> Explanation:
     correlation = residual_correlation_time(fitted, windows)
     share = windows.bin_step / correlation
     C = long.columns.flatten(0, 1)
-    return Explanation(Hypothesis(name, fitted.simulator, fitted.theta), fitted, share * (C.T @ C), correlation)
+    return AdaptableModel(FixedModel(name, fitted.simulator, fitted.theta), fitted, share * (C.T @ C), correlation)
 
 
 def _swaps(
     result: Criticism,
     simulator: Identifiable,
     grounds: Grounds,
-    final: Explanation,
+    final: AdaptableModel,
     accepted: Sequence[Effect],
     found: dict[str, Effect],
 ) -> tuple[Pair, ...]:
@@ -220,7 +220,7 @@ def _contained(effect: Effect) -> set[str]:
 
 
 def _fitted(
-    simulator: Identifiable, grounds: Grounds, final: Explanation, kept: Sequence[Effect], effect: Effect
+    simulator: Identifiable, grounds: Grounds, final: AdaptableModel, kept: Sequence[Effect], effect: Effect
 ) -> Fit | None:
     """The best of the fits from each point where screening would try the effect; None where all diverge."""
     model = grounds.rung.of(grown(simulator, [*kept, effect]))
@@ -235,7 +235,7 @@ def _fitted(
     return min(fits, key=lambda fitted: fitted.projected.objective, default=None)
 
 
-def _excluded(result: Criticism, grounds: Grounds, base: Explanation, found: dict[str, Effect]) -> tuple[Pair, ...]:
+def _excluded(result: Criticism, grounds: Grounds, base: AdaptableModel, found: dict[str, Effect]) -> tuple[Pair, ...]:
     """The base model against each effect at the size that the data leave possible."""
     open_ = [c for c in result.candidates if c.effect in found and not c.confounded_with]
     pairs = []
@@ -248,7 +248,7 @@ def _excluded(result: Criticism, grounds: Grounds, base: Explanation, found: dic
         theta = adapted(model, grounds.windows, begin, free, base.fitted.lin.starts, base.weight)
         added = Size(values[0], effect.neutral[effect.magnitude], effect.parameters[effect.magnitude].unit)
         name = f"{effect.key} = {added.value:.3g} {added.unit}".rstrip()
-        pairs.append(Pair(Hypothesis(name, model, theta), base, added))
+        pairs.append(Pair(FixedModel(name, model, theta), base, added))
     return tuple(pairs)
 
 

@@ -28,7 +28,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.play import predicted
-from onlinebayes.criticism.experiment.rivals import Explanation, Pair, rows_of
+from onlinebayes.criticism.experiment.rivals import AdaptableModel, Pair, rows_of
 from onlinebayes.identification.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.identification.fitting.descent import difference_steps
 from onlinebayes.identification.fitting.fit import fit
@@ -100,7 +100,7 @@ def separations(
 
 
 def _step(
-    r: Float[Tensor, " m"], C: Float[Tensor, "m P"], share: float, other: Explanation, plays: int = 1
+    r: Float[Tensor, " m"], C: Float[Tensor, "m P"], share: float, other: AdaptableModel, plays: int = 1
 ) -> Float[Tensor, " P"]:
     """How the other model's parameters adapt to so many equal recordings, kept by what the present data say."""
     space, theta = other.hypothesis.simulator.parameters, other.hypothesis.theta
@@ -108,7 +108,9 @@ def _step(
     return bounded_least_squares(normal, gradient, space.low.to(theta) - theta, space.high.to(theta) - theta)
 
 
-def _fall(new: Projected, mine: Int[Tensor, " V"], share: float, other: Explanation, plays: int) -> Float[Tensor, ""]:
+def _fall(
+    new: Projected, mine: Int[Tensor, " V"], share: float, other: AdaptableModel, plays: int
+) -> Float[Tensor, ""]:
     """Fall of the error, in noise units as acceptance takes it: what the other model misses beyond noise goes."""
     r, C = rows_of(new, mine)
     step, old = _step(r, C, share, other, plays), other.fitted.projected

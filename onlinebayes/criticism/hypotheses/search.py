@@ -149,7 +149,7 @@ class Search:
     def pairs(self, here: Evaluation, alone: Round) -> Iterator[tuple[Trial, Trial, Round]]:
         """Every pair that is preferred: the first addition, both with what they gain, and the round beside the first.
 
-        A law of much freedom may be the first one, too, where both together leave noise.
+        A flexible law may be the first one, too, where both together leave noise.
         """
         by_gain = sorted(alone.tried, key=lambda trial: -trial.least)
         free = [trial for trial in by_gain if trial.addition in self.flexible][:1]

@@ -15,7 +15,7 @@ from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.deciding import strength
 from onlinebayes.criticism.experiment.inputs import Posture, admissible_inputs
 from onlinebayes.criticism.experiment.limits import find_limits
-from onlinebayes.criticism.experiment.play import Hypothesis
+from onlinebayes.criticism.experiment.play import FixedModel
 from onlinebayes.criticism.experiment.rivals import Pair, Size, explanation, find_rivals
 from onlinebayes.criticism.experiment.separation import predicted_windows, refitted, separations
 from onlinebayes.criticism.results import Wiring
@@ -70,7 +70,7 @@ def load_pair() -> tuple[Pair, Measurement, tuple]:
         .select(torch.tensor([0, 5, 9]))
         .scaled(torch.full((3,), 0.05, dtype=torch.float64))
     )
-    truth = Hypothesis("friction", model.with_effect(ViscousFriction("rail", Parameter(0, 9.0))), base.hypothesis.theta)
+    truth = FixedModel("friction", model.with_effect(ViscousFriction("rail", Parameter(0, 9.0))), base.hypothesis.theta)
     return Pair(truth, base), measured, (windows, inputs)
 
 
@@ -94,7 +94,7 @@ def test_first_order_agrees_with_refitting_where_the_model_is_nearly_linear(load
     pair, measured, (windows, inputs) = load_pair
     model = sprung.model().with_effect(sprung.LOAD)
     theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
-    true = Pair(Hypothesis("load", model, theta), pair.other)
+    true = Pair(FixedModel("load", model, theta), pair.other)
     quick = separations(true, inputs, windows, measured.signals).sigma
     slow = [refitted(true, inputs.select(torch.tensor([n])), windows, measured.signals) for n in range(3)]
     torch.testing.assert_close(quick, quick.new_tensor(slow), rtol=0.1, atol=0.1)
@@ -108,7 +108,7 @@ def test_a_sensor_is_as_slow_in_the_next_recording_as_in_the_present_one(load_pa
     """
     pair, measured, (windows, inputs) = load_pair
     theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
-    true = Pair(Hypothesis("load", sprung.model().with_effect(sprung.LOAD), theta), pair.other)
+    true = Pair(FixedModel("load", sprung.model().with_effect(sprung.LOAD), theta), pair.other)
     fourth = (torch.arange(windows.rows) % 4 == 3)[:, None]
     slow = replace(windows, measured=windows.measured & fourth, observed=windows.observed & fourth)
     new = predicted_windows(true, inputs, slow, measured.signals, windows.noise)
@@ -124,7 +124,7 @@ def test_the_fall_of_the_error_is_that_of_a_refit(load_pair: tuple) -> None:
     one, falls = inputs.select(torch.tensor([1])), []
     for size in (0.003, 0.006):
         theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([size], dtype=torch.float64)])
-        true = Pair(Hypothesis("load", model, theta), pair.other, Size(size, 0.0, "N"))
+        true = Pair(FixedModel("load", model, theta), pair.other, Size(size, 0.0, "N"))
         falls.append(float(separations(true, one, windows, measured.signals).fall))
         new = predicted_windows(true, one, windows, measured.signals, windows.noise)
         noise = pair.other.fitted.projected.objective * (1 + new.count / windows.count)
@@ -140,7 +140,7 @@ def test_more_recordings_lower_the_error_by_more(load_pair: tuple) -> None:
     """The present data, which show nothing, count for less."""
     pair, measured, (windows, inputs) = load_pair
     theta = torch.cat([pair.other.hypothesis.theta, torch.tensor([0.003], dtype=torch.float64)])
-    true = Pair(Hypothesis("load", sprung.model().with_effect(sprung.LOAD), theta), pair.other, Size(0.003, 0.0, "N"))
+    true = Pair(FixedModel("load", sprung.model().with_effect(sprung.LOAD), theta), pair.other, Size(0.003, 0.0, "N"))
     once, often = (separations(true, inputs, windows, measured.signals, plays=n) for n in (1, 4))
     assert bool((often.fall > once.fall).all())
     torch.testing.assert_close(often.sigma, once.sigma)

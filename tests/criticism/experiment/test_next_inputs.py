@@ -9,7 +9,7 @@ import torch
 
 from onlinebayes.criticism.experiment.inputs import Inputs, Posture, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, find_limits
-from onlinebayes.criticism.experiment.play import Hypothesis, admissible, play
+from onlinebayes.criticism.experiment.play import FixedModel, admissible, play
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.runs import BadInput
 from tests.criticism import sprung
@@ -81,7 +81,7 @@ def test_balanced_inputs_bring_a_free_mass_back_to_rest(windows: Windows) -> Non
 def test_inputs_that_leave_travel_or_speed_are_scaled_down(inputs: Inputs, limits: Limits) -> None:
     """What remains keeps to the limits under every hypothesis, and is the larger for being as large as it can."""
     model = sprung.model()
-    pair = [Hypothesis(str(k), model, torch.tensor([k, 9.0], dtype=torch.float64)) for k in (2.0, 4.0)]
+    pair = [FixedModel(str(k), model, torch.tensor([k, 9.0], dtype=torch.float64)) for k in (2.0, 4.0)]
     safe = admissible(pair, inputs, limits)
     paths = torch.stack([play(hypothesis, safe)["qpos"] for hypothesis in pair])
     speeds = torch.stack([play(hypothesis, safe)["qvel"] for hypothesis in pair])

@@ -10,7 +10,7 @@ import torch
 from onlinebayes.criticism.experiment.check import check_table
 from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
 from onlinebayes.criticism.experiment.limits import Limits
-from onlinebayes.criticism.experiment.play import Hypothesis, play
+from onlinebayes.criticism.experiment.play import FixedModel, play
 from onlinebayes.criticism.experiment.postures import postures
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
@@ -30,11 +30,11 @@ WEIGHT = 0.5 * 9.81 * 0.2  # m g l [N m]
 SPACE = ParameterSpace({"joint.hinge.damping": Parameter(0.0, 1.0)})
 
 
-def hypothesis(actuator: str) -> Hypothesis:
-    return Hypothesis("arm", MujocoSimulator(ARM.format(actuator), SPACE, threads=1), torch.tensor([0.05]).double())
+def hypothesis(actuator: str) -> FixedModel:
+    return FixedModel("arm", MujocoSimulator(ARM.format(actuator), SPACE, threads=1), torch.tensor([0.05]).double())
 
 
-def windows_from(model: Hypothesis, starts: tuple[float, ...], first: float) -> Windows:
+def windows_from(model: FixedModel, starts: tuple[float, ...], first: float) -> Windows:
     """Runs at rest in these postures by their positions, whose tables begin with a command that does not hold them."""
     time = torch.arange(101, dtype=torch.float64) * 0.01
     runs = {
@@ -100,7 +100,7 @@ def test_a_posture_that_no_command_holds_is_refused() -> None:
         '<body name="b"><joint name="free" type="slide" axis="1 0 0"/><geom size=".1"/></body></worldbody>',
     )
     text = ARM.format('<motor name="m1" joint="free"/>').replace(*other)
-    model = Hypothesis("arm", MujocoSimulator(text, SPACE, threads=1), torch.tensor([0.05]).double())
+    model = FixedModel("arm", MujocoSimulator(text, SPACE, threads=1), torch.tensor([0.05]).double())
     q = {"time": torch.arange(101).numpy() * 0.01, "ctrl.m1": torch.sin(torch.arange(101) * 0.1).numpy()}
     run = {**q, "qpos.hinge": (1.0 + 0.05 * torch.arange(101) ** 0.5).numpy(), "qpos.free": q["ctrl.m1"]}
     signals = [Signal("qpos.hinge", "rad", sd=1e-5), Signal("qpos.free", "m", sd=1e-5)]
@@ -115,7 +115,7 @@ def test_a_delayed_command_was_there_before() -> None:
     """The buffer of a delay holds what is held: under it alone nothing moves."""
     model = hypothesis(MOTOR)
     slow = model.simulator.with_effect(ActuatorDelay("m1", Parameter(0.0, 0.1)))
-    late = Hypothesis("late", slow, torch.tensor([0.05, 0.06]).double())
+    late = FixedModel("late", slow, torch.tensor([0.05, 0.06]).double())
     start = torch.tensor([[1.0]]).double()
     held = WEIGHT * torch.sin(start)
     still = Inputs(("still",), 0.01, held[:, None].expand(1, 40, 1), start, held, torch.ones(1).double())
