@@ -47,6 +47,10 @@ class Trace:
         return found
 
 
+GAP = 3.0
+"""Times the usual distance between a signal's rows: a longer one is a gap, and breaks a line."""
+
+
 def traces(result: Criticism, signal: str) -> list[Trace]:
     """One signal in all runs, held-out runs first."""
     column = result.signals.index(signal)
@@ -82,7 +86,7 @@ def _trace(before: ReplayedRun, after: ReplayedRun, column: int) -> Trace:
     def array(values: object) -> Array:
         return np.asarray(values, dtype=np.float64)
 
-    return Trace(
+    trace = Trace(
         run=before.run,
         held_out=before.held_out,
         time=array(before.time.cpu()),
@@ -91,3 +95,13 @@ def _trace(before: ReplayedRun, after: ReplayedRun, column: int) -> Trace:
         after=array(after.simulated[:, column].cpu()),
         window=np.asarray(before.window.cpu(), dtype=np.int64),
     )
+    return trace.rows(_drawn(trace.time, np.isfinite(trace.measured)))
+
+
+def _drawn(time: Array, seen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Rows with a measurement, and those in gaps; the model may have rows between the log's, where a line goes on."""
+    if seen.sum() < 2:
+        return np.ones_like(seen)
+    rows = time[seen]
+    place = np.searchsorted(rows, time).clip(1, len(rows) - 1)
+    return seen | (rows[place] - rows[place - 1] > GAP * np.median(np.diff(rows)))
