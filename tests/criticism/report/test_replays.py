@@ -1,4 +1,4 @@
-"""What is drawn of a replay: lines go on where the model has rows between the log's, and break in the gaps of the log."""
+"""What is drawn of a replay: lines go on where the model has rows between those of the log, and break in its gaps."""
 
 from __future__ import annotations
 
