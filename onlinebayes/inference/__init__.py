@@ -30,6 +30,7 @@ from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.posterior import Posterior
+from onlinebayes.inference.rejection import RejectionABC
 from onlinebayes.inference.residual import residual_estimator
 from onlinebayes.inference.trajectories import TrajectoryKeys
 
@@ -46,6 +47,7 @@ __all__ = [
     "NeuralPosteriorLoss",
     "Posterior",
     "PosteriorEstimator",
+    "RejectionABC",
     "TrajectoryKeys",
     "TruncatedMixture",
     "calibration",
