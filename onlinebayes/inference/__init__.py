@@ -26,9 +26,11 @@ from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEsti
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.fit import fit
+from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
+from onlinebayes.inference.population import Population, PopulationABC
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.rejection import RejectionABC
 from onlinebayes.inference.residual import residual_estimator
@@ -41,10 +43,13 @@ __all__ = [
     "Decision",
     "Density",
     "FitReport",
+    "FourierFeatures",
     "Gate",
     "MixtureEstimator",
     "NeuralEstimator",
     "NeuralPosteriorLoss",
+    "Population",
+    "PopulationABC",
     "Posterior",
     "PosteriorEstimator",
     "RejectionABC",

@@ -37,6 +37,7 @@ class MixtureEstimator(TensorDictModuleBase):
         embedding: length E of the embedding's vector.
         components: number K of Gaussians.
         hidden: width of the two hidden layers.
+        trunk: in their place, a module from the embedding to ``hidden`` numbers: ``FourierFeatures``, for example.
         box: where the simulations were drawn, the proposal's box; the whole prior's by default.
 
     Attributes:
@@ -46,7 +47,14 @@ class MixtureEstimator(TensorDictModuleBase):
     widening: Tensor
 
     def __init__(
-        self, space: ParameterSpace, embedding: int, *, components: int = 5, hidden: int = 128, box: Box | None = None
+        self,
+        space: ParameterSpace,
+        embedding: int,
+        *,
+        components: int = 5,
+        hidden: int = 128,
+        trunk: nn.Module | None = None,
+        box: Box | None = None,
     ) -> None:
         super().__init__()
         self.in_keys = ["embedding"]
@@ -56,7 +64,8 @@ class MixtureEstimator(TensorDictModuleBase):
         size = len(space)
         self.register_buffer("widening", torch.ones(()))
         self._below = torch.tril_indices(size, size, offset=-1)
-        self.trunk = nn.Sequential(nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
+        layers = (nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
+        self.trunk = nn.Sequential(*layers) if trunk is None else trunk
         self.logits = nn.Linear(hidden, components)
         self.mean = nn.Linear(hidden, components * size)
         self.straight = nn.Linear(embedding, components * size, bias=False)
