@@ -9,6 +9,9 @@ from tensordict import TensorDictBase
 from tensordict.utils import NestedKey
 from torch import Tensor
 
+ELSEWHERE: tuple[NestedKey, ...] = (("collector", "mask"), "masks")
+"""Where TorchRL's collectors and ``tensordict.pad_sequence`` put the mask."""
+
 
 @dataclass(frozen=True)
 class TrajectoryKeys:
@@ -18,7 +21,8 @@ class TrajectoryKeys:
         observation: (B, T, O).
         action: (B, T, A), float or one-hot.
         following: the next observation (B, T, O).
-        mask: (B, T) bool, False in the padding at the end; all True where the key is absent.
+        mask: (B, T) bool, False in the padding at the end. Where the key is absent, what TorchRL's collectors
+            (``split_trajs=True``) and ``tensordict.pad_sequence`` write instead; without that, all True.
         theta: (B, P), or (B, T, P) constant in time.
     """
 
@@ -42,10 +46,7 @@ class TrajectoryKeys:
                     f"the trajectories have no key {key!r}; they have {sorted(map(str, trajectories.keys(True)))}"
                 )
             values.append(value.to(like))
-        mask = trajectories.get(self.mask, None)
-        if mask is None:
-            mask = torch.ones(values[0].shape[:2], dtype=torch.bool, device=like.device)
-        mask = mask.to(like.device)
+        mask = self._mask(trajectories, values[0].shape[:2]).to(like.device)
         for index, value in enumerate(values):
             wrong = mask & ~torch.isfinite(value).all(-1)
             if bool(wrong.any()):
@@ -54,6 +55,19 @@ class TrajectoryKeys:
                 raise ValueError(f"{key!r} is not finite in trajectory {row}, step {step}; set its mask to False there")
             values[index] = torch.where(mask.unsqueeze(-1), value, torch.zeros_like(value))
         return values[0], values[1], values[2], mask
+
+    def _mask(self, trajectories: TensorDictBase, shape: torch.Size) -> Tensor:
+        for key in (self.mask, *ELSEWHERE):
+            found = trajectories.get(key, None)
+            if found is None:
+                continue
+            # pad_sequence gives every entry a mask of its own.
+            leaves = list(found.values(True, True)) if isinstance(found, TensorDictBase) else [found]
+            if any(leaf.dtype != torch.bool or leaf.squeeze(-1).shape != shape for leaf in leaves):
+                told = ", ".join(f"{leaf.dtype} {tuple(leaf.shape)}" for leaf in leaves)
+                raise ValueError(f"the mask under {key!r} is {told}; trajectories of shape {tuple(shape)} need bool")
+            return torch.stack([leaf.reshape(shape) for leaf in leaves]).all(0)
+        return torch.ones(shape, dtype=torch.bool)
 
     def read_theta(self, trajectories: TensorDictBase) -> Tensor:
         """Theta (B, P) in its own dtype."""

@@ -6,7 +6,7 @@ import math
 
 import pytest
 import torch
-from tensordict import TensorDict
+from tensordict import TensorDict, pad_sequence
 
 from onlinebayes.embeddings import JoinedEmbedding, LSTMEmbedding, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import (
@@ -84,6 +84,37 @@ def test_theta_may_be_carried_in_every_step_and_mask_left_out() -> None:
     data["theta"] = data["theta"].unsqueeze(1).expand(-1, 4, -1)
     data["mask"] = torch.ones(60, 4, dtype=torch.bool)
     torch.testing.assert_close(loss(data)["loss_posterior"], expected)
+
+
+def test_masks_are_read_where_torchrl_and_tensordict_put_them() -> None:
+    loss, data = _loss(TWO), _data(TWO)
+    mask = torch.arange(4) < torch.tensor([2, 3, 4])[torch.arange(60) % 3, None]
+    expected = loss(data.clone().set("mask", mask))["loss_posterior"]
+    split = data.clone().set(("collector", "mask"), mask)
+    torch.testing.assert_close(loss(split)["loss_posterior"], expected)
+    # Values of the padding must not matter: a collector pads with zeros.
+    split["observation"] = torch.where(mask[..., None], split["observation"], 7.0)
+    torch.testing.assert_close(loss(split)["loss_posterior"], expected)
+
+
+@pytest.mark.parametrize("under", [True, "mask"])
+def test_padded_sequences_are_read_without_their_padding(under: bool | str) -> None:
+    loss, data = _loss(TWO), _data(TWO)
+    lengths = [2 + k % 3 for k in range(60)]
+    rows = data.select("observation", "action", ("next", "observation"))
+    each = []
+    for k, length in enumerate(lengths):
+        one = TensorDict({key: rows[k].get(key)[:length] for key in rows.keys(True, True)}, batch_size=[length])
+        each.append(one.set("theta", data["theta"][k].expand(length, -1)))
+    padded = pad_sequence(each, return_mask=under)
+    mask = torch.arange(4) < torch.tensor(lengths)[:, None]
+    assert torch.equal(loss.prepare(padded)["mask"], mask)
+
+
+def test_a_mask_of_another_shape_is_refused() -> None:
+    loss, data = _loss(TWO), _data(TWO)
+    with pytest.raises(ValueError, match=r"the mask under 'mask' is torch.float32 \(60, 4\)"):
+        loss(data.set("mask", torch.ones(60, 4)))
 
 
 def test_a_value_that_is_not_finite_is_named_unless_masked() -> None:
