@@ -6,6 +6,11 @@
 averaged over theta_i from the prior and x_i from the simulator (Hermans et al. 2022, "A trust crisis in
 simulation-based inference"). Below the level: overconfident. The ranks of the truth among posterior draws, parameter
 by parameter, are uniform for an exact posterior (simulation-based calibration, Talts et al. 2018).
+
+    beta_i = P_{q_i}( |theta' - r_i| < |theta_i - r_i| )    credibility of the ball about a random point r_i
+
+is uniform, too, and needs draws only (TARP, Lemos, Coogan, Hezaveh and Perreault-Levasseur 2023). A
+posterior that is the prior passes all three, unless the reference points depend on the trajectories.
 """
 
 from __future__ import annotations
@@ -18,6 +23,7 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from onlinebayes.inference.base import Density
+from onlinebayes.parameters import ParameterSpace
 
 LEVELS = (0.05, 0.15, 0.25, 0.35, 0.45, 0.55, 0.65, 0.75, 0.85, 0.95)
 
@@ -88,3 +94,33 @@ def ranks(
     """
     draws = posterior_for(trajectories).sample((samples,), generator)
     return (draws < thetas.to(draws)).sum(0)
+
+
+def tarp(
+    posterior_for: PosteriorFor,
+    thetas: Float[Tensor, "B P"],
+    trajectories: TensorDictBase,
+    space: ParameterSpace,
+    levels: Sequence[float] = LEVELS,
+    *,
+    references: Float[Tensor, "B P"] | None = None,
+    samples: int = 1000,
+    generator: torch.Generator | None = None,
+) -> Float[Tensor, " L"]:
+    """Share of truths inside the ball of each level about a random point; equal to the level when calibrated.
+
+    Args:
+        space: the parameters; distances are counted in its unit cube.
+        levels: of the balls.
+        references: the points [units]; uniform in the space when None. Points that depend on the trajectories (another
+            estimator's means, say) also catch a posterior that ignores them.
+
+    The other arguments are those of :func:`credibility`.
+    """
+    draws = space.to_unit(posterior_for(trajectories).sample((samples,), generator).double())
+    u = torch.rand(draws.shape[1:], dtype=draws.dtype, device=draws.device, generator=generator)
+    centre = u if references is None else space.to_unit(references.to(draws))
+    farther = (space.to_unit(thetas.to(draws)) - centre).norm(dim=-1)
+    beta = ((draws - centre).norm(dim=-1) < farther).double().mean(0)
+    level = torch.as_tensor(levels, dtype=beta.dtype, device=beta.device)
+    return (beta.unsqueeze(0) <= level.unsqueeze(1)).double().mean(1)

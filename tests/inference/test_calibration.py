@@ -56,3 +56,34 @@ def test_ranks_are_uniform_when_calibrated() -> None:
     assert kstest(uniform.numpy(), "uniform").pvalue > 1e-3
     narrow = (calibration.ranks(_posterior_for(0.02), theta, data)[:, 0].double() + torch.rand(ROWS)) / 100
     assert kstest(narrow.numpy(), "uniform").pvalue < 1e-3
+
+
+def test_balls_about_random_points_hold_the_truth_as_often_as_they_say() -> None:
+    theta, data = _pairs()
+    level = torch.tensor(calibration.LEVELS).double()
+    generator = torch.Generator().manual_seed(0)
+
+    def error(scale: float) -> float:
+        found = calibration.tarp(_posterior_for(scale), theta, data, ONE, generator=generator)
+        return float((found - level).abs().max())
+
+    # The largest of ten correlated levels, each with a standard error of at most .025: four of them.
+    assert error(0.05) < 0.1
+    assert error(0.015) > 0.15
+    assert error(0.2) > 0.15
+
+
+def test_a_posterior_that_ignores_the_data_is_caught_by_points_that_do_not() -> None:
+    theta, data = _pairs()
+    deaf = TruncatedMixture(
+        torch.zeros(ROWS, 1).double(),
+        torch.full((ROWS, 1, 1), 0.5).double(),
+        torch.full((ROWS, 1, 1, 1), 10.0).double(),
+        Box(ONE, torch.tensor([0.3]).double(), torch.tensor([0.7]).double()),
+    )
+    level = torch.tensor(calibration.LEVELS).double()
+    generator = torch.Generator().manual_seed(0)
+    informed = calibration.tarp(
+        lambda _: deaf, theta, data, ONE, references=ONE.from_unit(data["x"]), generator=generator
+    )
+    assert float((informed - level).abs().max()) > 0.3
