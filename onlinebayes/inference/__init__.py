@@ -22,6 +22,7 @@ Every name is a part on its own; none knows of a trainer.
 """
 
 from onlinebayes.inference import calibration, proposals
+from onlinebayes.inference.alarm import Alarm, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
@@ -37,6 +38,7 @@ from onlinebayes.inference.residual import residual_estimator
 from onlinebayes.inference.trajectories import TrajectoryKeys
 
 __all__ = [
+    "Alarm",
     "Belief",
     "Box",
     "BoxUniform",
@@ -53,6 +55,7 @@ __all__ = [
     "Posterior",
     "PosteriorEstimator",
     "RejectionABC",
+    "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",
     "calibration",
