@@ -13,7 +13,8 @@ Step by step, equal to the above (for collectors):
 """
 
 from onlinebayes.embeddings.base import Embedding
-from onlinebayes.embeddings.features import Reference, TransitionFeatures
+from onlinebayes.embeddings.features import RawTransitions, Reference, TransitionFeatures
+from onlinebayes.embeddings.filtered import FilteredEmbedding
 from onlinebayes.embeddings.joined import JoinedEmbedding
 from onlinebayes.embeddings.lstm import LSTMEmbedding
 from onlinebayes.embeddings.reference import SimulatorReference
@@ -21,8 +22,10 @@ from onlinebayes.embeddings.summary import SummaryEmbedding
 
 __all__ = [
     "Embedding",
+    "FilteredEmbedding",
     "JoinedEmbedding",
     "LSTMEmbedding",
+    "RawTransitions",
     "Reference",
     "SimulatorReference",
     "SummaryEmbedding",

@@ -8,7 +8,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from onlinebayes.embeddings.features import TransitionFeatures
+from onlinebayes.embeddings.features import RawTransitions, TransitionFeatures
 
 
 class Embedding(nn.Module, ABC):
@@ -26,7 +26,7 @@ class Embedding(nn.Module, ABC):
     state_size: int
     _like: Tensor
 
-    def __init__(self, features: TransitionFeatures) -> None:
+    def __init__(self, features: TransitionFeatures | RawTransitions) -> None:
         super().__init__()
         self.features = features
         # Follows the module's dtype and device, for modules without weights too.

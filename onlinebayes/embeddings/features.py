@@ -138,5 +138,30 @@ class TransitionFeatures(nn.Module):
         return torch.cat(parts, dim=-1), residual, jacobian
 
 
+class RawTransitions(nn.Module):
+    """(o, a, o') side by side, for embeddings that make their own of them.
+
+    Args:
+        observation: number of observed values O.
+        action: number of action values A.
+    """
+
+    def __init__(self, observation: int, action: int) -> None:
+        super().__init__()
+        self.size = 2 * observation + action
+
+    def fit(self, observation: Tensor, action: Tensor, following: Tensor, mask: Tensor | None = None) -> None:
+        """Nothing to set."""
+
+    def forward(
+        self,
+        observation: Float[Tensor, "*batch O"],
+        action: Float[Tensor, "*batch A"],
+        following: Float[Tensor, "*batch O"],
+    ) -> Float[Tensor, "*batch F"]:
+        """The rows."""
+        return torch.cat([observation, action, following], dim=-1)
+
+
 def _products(action: Tensor, change: Tensor) -> Tensor:
     return (action.unsqueeze(-1) * change.unsqueeze(-2)).flatten(-2)

@@ -35,6 +35,7 @@ class SummaryEmbedding(Embedding):
         ValueError: neither averages nor sensitivities.
     """
 
+    features: TransitionFeatures
     centre: Tensor
     spread: Tensor
 
