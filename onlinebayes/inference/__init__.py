@@ -26,6 +26,7 @@ from onlinebayes.inference.alarm import Alarm, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
+from onlinebayes.inference.filtered import filtered_estimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
@@ -59,6 +60,7 @@ __all__ = [
     "TrajectoryKeys",
     "TruncatedMixture",
     "calibration",
+    "filtered_estimator",
     "fit",
     "proposals",
     "residual_estimator",
