@@ -11,7 +11,7 @@ it does not dominate, and the case is counted in no row but the first two and th
 Every case is kept in a file of its own, so that a study that was stopped goes on. Seeds of 8900 and more were looked at
 while the machines were made.
 
-    python -m recipes.studies.messy --first 8000 --cases 100
+    python -m recipes.studies.messy --first 8000 --cases 48
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Study:
 
     first: int = 8000
     """seed of the first case"""
-    cases: int = 100
+    cases: int = 48
     """how many; the rigs take turns"""
     out: Path = Path("out/messy")
     """a file for each finished case goes here"""
