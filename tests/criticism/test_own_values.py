@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import refine
+from onlinebayes.criticism import Scope, refine
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.effects import ConstantLoad
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.criticism.rigs import NOISE, SLIDE, commands
+from tests.criticism.rigs import NOISE, SLIDE, commands, measure
 
 MASSES = (2.0, 2.2, 2.4, 2.6, 2.8, 3.0, 2.1, 2.9, 2.5)
 FREE = ParameterSpace({"body.cart.mass": Parameter(0.5, 8.0, "kg")})
@@ -46,3 +49,20 @@ def test_a_load_that_differs_between_runs_is_sized_in_each() -> None:
     assert found.remainder.status == "noise"
     assert found.heldout_error.after["qpos.rail"] < 0.1 * found.heldout_error.before["qpos.rail"]
     assert change.lines.endswith('"body.cart.mass" = { low = 0.5, high = 8, scope = "per_run" }')
+
+
+def test_a_force_that_groups_of_runs_share_is_sized_in_each_group() -> None:
+    """Three specimens, three runs of each; the last run of each is held out."""
+    model, loads = MujocoSimulator(SLIDE, FREE, threads=1), (-0.4, 0.1, 0.6)
+    load = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
+    parts = [measure({load: (size,)}, runs=3, seed=k, truth=(2.4, 1.0)) for k, size in enumerate(loads)]
+    names = [f"{'abc'[k]}-{r}" for k in range(3) for r in range(3)]
+    data = torch.cat([part.data for part in parts])
+    measured = replace(parts[0], data=data, runs=tuple(names))
+    scope = Scope(per_run=("constant_load@rail",), groups=("a-*", "b-*", "c-*"))
+    found = refine(model, measured, holdout=["a-2", "b-2", "c-2"], candidates=["constant_load"], scope=scope)
+    assert found.accepted == ("constant_load@rail",)
+    for group, size in zip("abc", loads, strict=True):
+        (value,) = [v for name, v in found.parameters.items() if f"[run {group}-*]" in name]
+        assert abs(value.mean - size) < 0.03
+    assert found.remainder.status == "noise"

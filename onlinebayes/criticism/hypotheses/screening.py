@@ -28,7 +28,9 @@ from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.scoring import LinearModel, left_out
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.simulators.identifiable import Identifiable
 
 FEW = 8
 """Windows at least, and a quarter of all, that show which candidates promise most: those that err most."""
@@ -172,7 +174,7 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
         farthest = max(abs(start.low), abs(start.high))
         if not float(column.norm()) * farthest > SILENT * float(fitted.rows.residual.norm()):
             continue
-        grown = bench.model.grown(*_sizes(windows, column, start))
+        grown = bench.model.grown(*_sizes(simulator, windows, column, start))
         sizes = grown.whole()[len(bench.model.low) :].tolist()
         scaled = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
         left = column.flatten() - bench.basis @ (bench.basis.T @ column.flatten())
@@ -215,13 +217,12 @@ def _imitators(fitted: Fitted, column: Float[Tensor, "W m"]) -> tuple[str, ...]:
 
 
 def _sizes(
-    windows: Windows, column: Float[Tensor, "W m"], start: Start
+    simulator: Identifiable, windows: Windows, column: Float[Tensor, "W m"], start: Start
 ) -> tuple[Float[Tensor, "W m K"], Float[Tensor, " K"], Float[Tensor, " K"]]:
-    """Columns of a candidate's size, or of one in each run, and their bounds."""
-    if len(start.sized) != len(windows.runs):
-        columns = column[..., None]
-    else:
-        number = torch.arange(len(start.sized), device=windows.run.device)
-        columns = column[..., None] * (windows.run[:, None] == number).to(column)[:, None, :]
+    """Columns of a candidate's size, or of one in each run or group of runs, and their bounds."""
+    columns = column[..., None]
+    if isinstance(simulator, ScopedSimulator) and len(start.sized) > 1:
+        own = [simulator.parameters.index(name) for name in start.sized]
+        columns = columns * simulator.touches(windows)[own].T.to(column)[:, None, :]
     low, high = (column.new_full((columns.shape[-1],), end) for end in (start.low, start.high))
     return columns, low, high
