@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.additions import Addition
+from onlinebayes.criticism.hypotheses.additions import Addition, OwnValues
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
@@ -28,7 +28,7 @@ DRAWS = 2000
 """The standard error of a weight is about a hundredth."""
 
 MOST = 3
-"""Rivals of each addition that are fitted: those that did best."""
+"""Rivals that are fitted: those that did best."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +40,10 @@ class Weighted:
 
 
 def weighted(explanation: Explanation) -> tuple[Weighted, ...]:
-    """What was found, first, and the same with each addition replaced by one that cannot be told from it."""
+    """What was found, first, and the same with its first addition replaced by one that cannot be told from it.
+
+    The first addition explains most, and the verdict is about it; rivals of later ones are named in the report.
+    """
     evaluations = [explanation.found, *_others(explanation)]
     ways = zip(*(one.left for one in evaluations), strict=True)
     weights = torch.stack(
@@ -71,16 +74,16 @@ def _scores(left: LeftOut, u: Float[Tensor, "D F"]) -> Float[Tensor, " D"]:
 
 def _others(explanation: Explanation) -> Iterator[Evaluation]:
     hypothesis, evaluator = explanation.found.hypothesis, explanation.evaluator
+    first = next((one for one in hypothesis.additions if not isinstance(one, OwnValues)), None)
     for found in explanation.rounds:
-        added = found.added
-        if added is None or added.addition not in hypothesis.additions:
+        if first is None or found.added is None or found.added.addition != first:
             continue
         known = {trial.addition.key: trial.evaluation.values for trial in found.tried}
         begun = {one.addition.key: one.begun for one in found.screened}
         for other in rivals(found)[:MOST]:
             values = explanation.found.values
             starts = [known[other.key]] if other.key in known else [{**values, **one} for one in begun[other.key]]
-            evaluation = evaluator.evaluate(_replaced(hypothesis, added.addition, other), [*starts, values])
+            evaluation = evaluator.evaluate(_replaced(hypothesis, first, other), [*starts, values])
             if evaluation is not None:
                 yield evaluation
 

@@ -82,7 +82,9 @@ def _missing(result: Criticism) -> Iterator[str]:
 
 
 def _addition(row: Candidate | None, key: str, share: float | None) -> str:
-    size = next(iter(row.parameters.values()), None) if row is not None else None
+    sizes = [] if row is None else list(row.parameters.items())
+    # One size a run stands in the report: a single one would mislead here.
+    size = sizes[0][1] if sizes and "[run " not in sizes[0][0] else None
     named = f"{key} {phrases.estimate(size)}" if size is not None else key
     told = [] if share is None else [f"explains {quantities.percent(share)}"]
     if row is not None and row.score_gain is not None:
