@@ -12,7 +12,6 @@ from torch import Tensor
 from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, fine_enough
 from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS, SETTLED, Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
-from onlinebayes.criticism.hypotheses.lengths import FEWEST_WINDOWS, within_budget
 from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.runs import BadInput, Stopped
@@ -119,10 +118,8 @@ class Evaluator:
             return self
         way = discretisation.values
         self.watch(f"integrating by {way.method} in steps of {way.timestep:g} s")
-        windows = within_budget(self.windows, self.given, way, fewest=FEWEST_WINDOWS)
-        return replace(self, windows=windows, discretisation=discretisation, known={})
+        return replace(self, discretisation=discretisation, known={})
 
-    def anew(self, here: Evaluation, before: Evaluator) -> Evaluation | None:
-        """A hypothesis that another evaluator has fitted, from where it ended there; None as in :meth:`evaluate`."""
-        starts = here.fitted.lin.starts if self.windows is before.windows else None
-        return self.evaluate(here.hypothesis, [here.values], starts)
+    def anew(self, here: Evaluation) -> Evaluation | None:
+        """A hypothesis that was integrated otherwise, from where it ended; None as in :meth:`evaluate`."""
+        return self.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)

@@ -85,7 +85,7 @@ class Explanation:
         found = evaluator.evaluate(self.found.hypothesis, [self.found.values])
         if found is not None and (finer := evaluator.refined(found)) is not evaluator:
             # Over a longer window a step errs by more.
-            evaluator, found = finer, finer.anew(found, evaluator)
+            evaluator, found = finer, finer.anew(found)
         if found is None or (quieter and not _leaves_no_more(found, self.found)):
             return None
         if self.found is self.base:

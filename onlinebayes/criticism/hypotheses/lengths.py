@@ -113,13 +113,9 @@ def windows_of(
     given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"], discretisation: Rung
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
-    return within_budget(all_windows(given, measurement, horizon, noise), given, discretisation)
-
-
-def within_budget(windows: Windows, given: Identifiable, discretisation: Rung, fewest: int = 1) -> Windows:
-    """As many of the windows as the budget of evaluations allows, or the fewest; itself where it allows all."""
+    windows = all_windows(given, measurement, horizon, noise)
     rows = min(MOST_ROWS, MOST_EVALUATIONS / cost(given, discretisation, windows.step))
-    return thinned(windows, max(fewest, int(rows / windows.rows)))
+    return thinned(windows, max(1, int(rows / windows.rows)))
 
 
 def all_windows(given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"]) -> Windows:

@@ -208,8 +208,8 @@ class Search:
         evaluator = self.evaluator.refined(here)
         if evaluator is self.evaluator:
             return here
-        base = evaluator.anew(self.base, self.evaluator)
-        again = base if here is self.base else evaluator.anew(here, self.evaluator)
+        base = evaluator.anew(self.base)
+        again = base if here is self.base else evaluator.anew(here)
         if base is None or again is None:
             return here
         self.evaluator, self.base, self.here = evaluator, base, again
