@@ -158,4 +158,4 @@ def _answered(
     notes = result.notes
     if spent:
         notes += (f"the budget of {budget_s:g} s of processor time was spent: this is the best found until then",)
-    return replace(result, interrupted=stopped, notes=notes)
+    return replace(result, interrupted=stopped and not spent, notes=notes)

@@ -256,3 +256,10 @@ def test_an_effect_of_one_and_a_half_times_the_exclusion_limit_is_found(null, ef
     one_second = Selection(fixed_horizon=True)
     less = measure({hidden: (0.3 * limit,)}, runs=10, seed=5)
     assert refine(model(), less, holdout=held, selection=one_second, candidates=FEW).accepted == ()
+
+
+def test_a_spent_budget_is_an_answer_and_no_interruption() -> None:
+    result = refine(model(), measure({LOAD: (0.5,)}, runs=8), candidates=("constant_load",), budget_s=1e-3)
+    assert not result.interrupted
+    assert result.accepted == ()
+    assert any("budget of 0.001 s" in note for note in result.notes)

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from onlinebayes.criticism.experiment.inputs import Inputs
-from onlinebayes.criticism.experiment.play import Hypothesis, play
+from onlinebayes.criticism.experiment.play import FixedModel, play
 from onlinebayes.identification.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.identification.replaying.commanded import commanded
 from onlinebayes.identification.replaying.replay import history_rows, replay, rollout
@@ -115,6 +115,6 @@ def test_without_activations_windows_begin_where_runs_do() -> None:
 def test_a_planned_motion_begins_under_the_settled_command() -> None:
     simulator, command = rig("filterexact"), torch.full((1, 3, 1), 2.0).double()
     inputs = Inputs(("held",), STEP, command, torch.zeros(1, 1).double(), command[:, 0], torch.ones(1).double())
-    path = play(Hypothesis("it", simulator, THETA[0]), inputs)
-    plain = play(Hypothesis("it", model(), THETA[0]), inputs)
+    path = play(FixedModel("it", simulator, THETA[0]), inputs)
+    plain = play(FixedModel("it", model(), THETA[0]), inputs)
     torch.testing.assert_close(path["qvel"], plain["qvel"], rtol=1e-9, atol=0)
