@@ -175,29 +175,50 @@ def _promise(windows: Windows, here: Fitted) -> float:
 def _stepped(windows: Windows, here: Fitted, enough: float) -> Fitted:
     """One step on, damped where the undamped one does not reach ``enough``; itself where none lowers the score."""
     there = min(here, _best_of(windows, here, (0.0,)), key=_score)
-    return there if there.score <= enough else min(there, _best_of(windows, here, DAMPINGS), key=_score)
+    if there.score > enough:
+        there = min(there, _best_of(windows, here, DAMPINGS), key=_score)
+    # One window whose start a kink leads astray refuses the step of all: each may keep the start that it had.
+    return there if there is not here else min(here, _best_of(windows, here, (0.0, *DAMPINGS), kept=True), key=_score)
 
 
 def _score(fitted: Fitted) -> float:
     return fitted.score
 
 
-def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float]) -> Fitted:
-    """The best of some steps, each with the starts that go with it; itself where none lowers the misfit."""
+def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float], *, kept: bool = False) -> Fitted:
+    """The best of some steps, each with the starts that go with it; itself where none lowers the misfit.
+
+    With ``kept`` each window's start is the best of that, of where it is, and of the smoothed one.
+    """
     simulator, lin, rows = here.simulator, here.lin, here.rows
     steps = torch.stack([bounded_step(simulator, rows, lin.theta, damping) for damping in dampings])
-    starts = lin.starts + start_shift(windows, lin, rows, steps)
+    moved = lin.starts + start_shift(windows, lin, rows, steps)
     theta = simulator.parameters.clamp(lin.theta + steps)
     scale = per_noise(windows) * rows.weight
-    binned, valid = replay_binned(simulator, windows, theta, starts)
-    misfit = ((windows.bin(windows.value) - binned) * scale).square().sum((1, 2, 3))
-    misfit = torch.where(valid.all(1), misfit, torch.full_like(misfit, math.inf))
-    best = int(misfit.argmin())
-    if not bool(misfit[best] < (lin.residual * scale).square().sum()):
+    options = [moved, *(one.expand_as(moved) for one in (lin.starts, windows.start))] if kept else [moved]
+    played = [_replayed(simulator, windows, theta, starts, scale) for starts in options]
+    misfit, which = torch.stack([one for _, one in played]).min(0)
+    best = int(misfit.sum(1).argmin())
+    if not bool(misfit[best].sum() < (lin.residual * scale).square().sum()):
         return here
-    residual = windows.bin(windows.value) - binned[best]
-    moved = replace(lin, theta=theta[best], starts=starts[best], residual=residual)
-    return _weighed(simulator, here.rough, windows, moved)
+    chosen, window = which[best], torch.arange(windows.count, device=misfit.device)
+    starts = torch.stack([one[best] for one in options])[chosen, window]
+    binned = torch.stack([one[best] for one, _ in played])[chosen, window]
+    residual = windows.bin(windows.value) - binned
+    return _weighed(simulator, here.rough, windows, replace(lin, theta=theta[best], starts=starts, residual=residual))
+
+
+def _replayed(
+    simulator: Identifiable,
+    windows: Windows,
+    theta: Float[Tensor, "D P"],
+    starts: Float[Tensor, "D W J2"],
+    scale: Float[Tensor, "W n S"],
+) -> tuple[Float[Tensor, "D W n S"], Float[Tensor, "D W"]]:
+    """The replays, and the misfit of every window; infinite where it diverged."""
+    binned, valid = replay_binned(simulator, windows, theta, starts)
+    misfit = ((windows.bin(windows.value) - binned) * scale).square().sum((2, 3))
+    return binned, torch.where(valid, misfit, torch.full_like(misfit, math.inf))
 
 
 def bounded_step(
