@@ -12,6 +12,7 @@ from dataclasses import replace
 from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.hypotheses.explaining import begun, searched
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, quiet
+from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.results import Criticism, Question
 from onlinebayes.criticism.task import Task, prepare
@@ -152,7 +153,7 @@ def _answered(
         fault = None  # where no law was asked, only what leaves noise is believed
     with watch.giving_up():
         watch.say("fitting to all windows")
-        found = found.on_all_windows(task.fit_runs)
+        found = settled(found.on_all_windows(task.fit_runs))
     stopped, spent = watch.stopped, watch.spent
     result = answered(question, task, found, fault, stopwatch)
     notes = result.notes

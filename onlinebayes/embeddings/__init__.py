@@ -12,7 +12,7 @@ Step by step, equal to the above (for collectors):
     vector, state = embedding.step(embedding.features(observation, action, following), state)
 """
 
-from onlinebayes.embeddings.base import Embedding
+from onlinebayes.embeddings.base import Embedding, StepwiseEmbedding
 from onlinebayes.embeddings.features import RawTransitions, Reference, TransitionFeatures
 from onlinebayes.embeddings.filtered import FilteredEmbedding
 from onlinebayes.embeddings.joined import JoinedEmbedding
@@ -28,6 +28,7 @@ __all__ = [
     "RawTransitions",
     "Reference",
     "SimulatorReference",
+    "StepwiseEmbedding",
     "SummaryEmbedding",
     "TransitionFeatures",
 ]

@@ -19,11 +19,9 @@ class Embedding(nn.Module, ABC):
 
     Attributes:
         size: length E of the vector.
-        state_size: length S of the hidden row that :meth:`step` carries.
     """
 
     size: int
-    state_size: int
     _like: Tensor
 
     def __init__(self, features: TransitionFeatures | RawTransitions) -> None:
@@ -75,6 +73,16 @@ class Embedding(nn.Module, ABC):
         Raises:
             ValueError: a mask with a gap, a recorded step behind a padded one.
         """
+
+
+class StepwiseEmbedding(Embedding):
+    """An embedding that can also follow a trajectory while it is made, step by step, equal to the whole.
+
+    Attributes:
+        state_size: length S of the hidden row that :meth:`step` carries.
+    """
+
+    state_size: int
 
     def initial(self, batch: int) -> Float[Tensor, "B S"]:
         """The hidden rows before the first step: zeros."""

@@ -91,7 +91,7 @@ class FilteredEmbedding(Embedding):
         self._state, self._command, self._observe = state, command, observe
         self._observation, self._action = observation, action
         P = len(simulator.parameters)
-        self.size, self.state_size = 2 * P + P * (P - 1) // 2 + observation, 0
+        self.size = 2 * P + P * (P - 1) // 2 + observation
         one = torch.ones(observation, dtype=torch.float64)
         self.register_buffer("noise", FIRST_NOISE * one)
         self.register_buffer("scale_of", one.clone())
@@ -118,16 +118,6 @@ class FilteredEmbedding(Embedding):
         x = (self._raw(features, mask) - self.centre) / self.spread
         vector = (STRAIGHT * torch.asinh(x / STRAIGHT)).to(features.dtype)
         return torch.where(mask.any(1, keepdim=True), vector, torch.zeros_like(vector))
-
-    def step(
-        self, features: Float[Tensor, "B F"], state: Float[Tensor, "B S"]
-    ) -> tuple[Float[Tensor, "B E"], Float[Tensor, "B S"]]:
-        """Not to be had: the filter passes over whole trajectories.
-
-        Raises:
-            NotImplementedError: always.
-        """
-        raise NotImplementedError("a FilteredEmbedding reads whole trajectories; use a SummaryEmbedding step by step")
 
     def _raw(self, features: Tensor, mask: Tensor) -> Float[Tensor, "B E"]:
         z, covariance, ratio = self._filtered(features, mask)

@@ -9,10 +9,10 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from onlinebayes.embeddings.base import Embedding
+from onlinebayes.embeddings.base import StepwiseEmbedding
 
 
-class JoinedEmbedding(Embedding):
+class JoinedEmbedding(StepwiseEmbedding):
     """The vectors of several embeddings, one behind the other.
 
     Args:
@@ -22,7 +22,7 @@ class JoinedEmbedding(Embedding):
         ValueError: no member, or members over different features.
     """
 
-    def __init__(self, members: Iterable[Embedding]) -> None:
+    def __init__(self, members: Iterable[StepwiseEmbedding]) -> None:
         members = tuple(members)
         if not members or any(member.features is not members[0].features for member in members):
             raise ValueError("join at least one embedding, all built over the same features object")
@@ -43,10 +43,10 @@ class JoinedEmbedding(Embedding):
     def step(
         self, features: Float[Tensor, "B F"], state: Float[Tensor, "B S"]
     ) -> tuple[Float[Tensor, "B E"], Float[Tensor, "B S"]]:
-        """One more transition; see :meth:`Embedding.step`."""
+        """One more transition; see :meth:`StepwiseEmbedding.step`."""
         parts = state.split([member.state_size for member in self._members()], dim=-1)
         results = [member.step(features, part) for member, part in zip(self._members(), parts, strict=True)]
         return torch.cat([r[0] for r in results], dim=-1), torch.cat([r[1] for r in results], dim=-1)
 
-    def _members(self) -> list[Embedding]:
-        return [cast(Embedding, member) for member in self.members]
+    def _members(self) -> list[StepwiseEmbedding]:
+        return [cast(StepwiseEmbedding, member) for member in self.members]

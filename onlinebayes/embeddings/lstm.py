@@ -12,11 +12,11 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from onlinebayes.embeddings.base import Embedding, check_padding, cleared
+from onlinebayes.embeddings.base import StepwiseEmbedding, check_padding, cleared
 from onlinebayes.embeddings.features import TransitionFeatures
 
 
-class LSTMEmbedding(Embedding):
+class LSTMEmbedding(StepwiseEmbedding):
     """Masked LSTM over the features z of a trajectory.
 
     Args:
@@ -48,7 +48,7 @@ class LSTMEmbedding(Embedding):
     def step(
         self, features: Float[Tensor, "B F"], state: Float[Tensor, "B S"]
     ) -> tuple[Float[Tensor, "B E"], Float[Tensor, "B S"]]:
-        """One more transition; see :meth:`Embedding.step`."""
+        """One more transition; see :meth:`StepwiseEmbedding.step`."""
         h, c, total, count = state.split([self.hidden] * 3 + [1], dim=-1)
         z = features[..., : self.features.signals]
         output, (h_new, c_new) = self.lstm(z.unsqueeze(1), (h.unsqueeze(0).contiguous(), c.unsqueeze(0).contiguous()))

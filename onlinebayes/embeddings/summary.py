@@ -15,7 +15,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.embeddings.base import Embedding, check_padding, cleared
+from onlinebayes.embeddings.base import StepwiseEmbedding, check_padding, cleared
 from onlinebayes.embeddings.features import TransitionFeatures
 
 RIDGE = 1e-6
@@ -24,7 +24,7 @@ STRAIGHT = 3.0
 """Standard deviations up to which a summary is passed on straight."""
 
 
-class SummaryEmbedding(Embedding):
+class SummaryEmbedding(StepwiseEmbedding):
     """Standardised averages of a trajectory, and its least-squares step where the features have sensitivities.
 
     Args:
@@ -65,7 +65,7 @@ class SummaryEmbedding(Embedding):
     def step(
         self, features: Float[Tensor, "B F"], state: Float[Tensor, "B S"]
     ) -> tuple[Float[Tensor, "B E"], Float[Tensor, "B S"]]:
-        """One more transition; see :meth:`Embedding.step`."""
+        """One more transition; see :meth:`StepwiseEmbedding.step`."""
         total = state[..., :-1] + features[..., self.features.signals :].to(state)
         count = state[..., -1:] + 1
         vector = self._vector(total.double() / count)

@@ -12,7 +12,6 @@ no use for actions and observations that the simulator does not explain.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from tensordict import TensorDict, TensorDictBase
@@ -20,13 +19,8 @@ from torch import Tensor
 
 from onlinebayes.embeddings import FilteredEmbedding
 from onlinebayes.inference.base import Belief, PosteriorEstimator
-from onlinebayes.inference.estimator import MixtureEstimator
-from onlinebayes.inference.fit import fit
-from onlinebayes.inference.loss import NeuralPosteriorLoss
-from onlinebayes.inference.neural import Fit, NeuralEstimator
+from onlinebayes.inference.neural import TRAIN, Fit, mixture_of
 from onlinebayes.simulators import Simulator, Task
-
-TRAIN: Fit = partial(fit, epochs=25, batch_size=50, learning_rate=4e-3)
 
 
 def filtered_estimator(
@@ -39,16 +33,10 @@ def filtered_estimator(
 ) -> Callable[[Belief], PosteriorEstimator]:
     """What a trainer asks for: proposal -> a fresh estimator in the proposal's box.
 
-    Args:
-        simulator: whose parameters are inferred.
-        task: what is commanded and observed.
-        state: observations (M, O) -> complete states (M,).
-        observe: the inverse of ``state``, for a task that gives several observations; the task's own without it.
-        train: how a loss is trained.
+    Arguments as for :func:`~onlinebayes.inference.residual_estimator`.
     """
 
     def estimator(proposal: Belief) -> PosteriorEstimator:
-        space = simulator.parameters
         embedding = FilteredEmbedding(
             simulator,
             proposal.box,
@@ -58,8 +46,6 @@ def filtered_estimator(
             command=task.command,
             observe=observe or task.observe,
         )
-        return NeuralEstimator(
-            NeuralPosteriorLoss(embedding, MixtureEstimator(space, embedding.size, box=proposal.box)), train
-        )
+        return mixture_of(embedding, proposal, train)
 
     return estimator

@@ -13,12 +13,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import partial
 
 import torch
 from tensordict import TensorDictBase
 
-from onlinebayes.inference.base import DensityBatch, FitReport
+from onlinebayes.embeddings import Embedding
+from onlinebayes.inference.base import Belief, DensityBatch, FitReport
 from onlinebayes.inference.calibration import credibility_of
+from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.posterior import Posterior
@@ -31,6 +34,9 @@ LEVEL = 0.95
 
 Fit = Callable[..., FitReport]
 """(loss, simulations, generator=...) -> report; :func:`~onlinebayes.inference.fit` with its arguments bound."""
+
+TRAIN: Fit = partial(fit, epochs=25, batch_size=50, learning_rate=4e-3)
+"""Enough for a thousand simulations of one round."""
 
 
 class NeuralEstimator:
@@ -92,3 +98,9 @@ class NeuralEstimator:
         if len(singles) == 1:
             return singles[0]
         return estimator.united(singles) if math.isinf(factor) else estimator.multiplied(singles, factor)
+
+
+def mixture_of(embedding: Embedding, proposal: Belief, train: Fit = TRAIN) -> NeuralEstimator:
+    """A mixture density network behind an embedding, in the box of a proposal."""
+    network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)

@@ -11,7 +11,6 @@ Every part can be put together by hand; ``recipes/custom_gym.py`` has an estimat
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from tensordict import TensorDict, TensorDictBase
@@ -19,13 +18,8 @@ from torch import Tensor
 
 from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference.base import Belief, PosteriorEstimator
-from onlinebayes.inference.estimator import MixtureEstimator
-from onlinebayes.inference.fit import fit
-from onlinebayes.inference.loss import NeuralPosteriorLoss
-from onlinebayes.inference.neural import Fit, NeuralEstimator
+from onlinebayes.inference.neural import TRAIN, Fit, mixture_of
 from onlinebayes.simulators import Simulator, Task
-
-TRAIN: Fit = partial(fit, epochs=25, batch_size=50, learning_rate=4e-3)
 
 
 def residual_estimator(
@@ -54,9 +48,6 @@ def residual_estimator(
         features = TransitionFeatures(
             task.observation_size, task.action_spec.shape[-1], reference=reference, sensitivities=len(space)
         )
-        embedding = SummaryEmbedding(features)
-        return NeuralEstimator(
-            NeuralPosteriorLoss(embedding, MixtureEstimator(space, embedding.size, box=proposal.box)), train
-        )
+        return mixture_of(SummaryEmbedding(features), proposal, train)
 
     return estimator

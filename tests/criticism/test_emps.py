@@ -16,10 +16,7 @@ def test_dry_friction_then_a_constant_load(data: Path) -> None:
     reader = TableReader([Signal(name) for name in simulator.signals], simulator.commands)
     measurement = reader.read([data / "emps" / "emps.csv"])
     result = refine(simulator, measurement, holdout=["pulses"])
-    # On this drive friction that grows with the load looks much like friction that does not; left-out data tell.
-    assert result.verdict in ("missing_effect", "tie")
-    assert result.hypotheses[0].weight > 0.9
-    assert {one.accepted[0] for one in result.hypotheses[1:]} <= {"load_dependent_friction@carriage"}
+    assert result.verdict == "missing_effect"
     assert result.accepted == ("dry_friction@carriage", "constant_load@carriage")
     before, after = (e["qpos.carriage"] for e in (result.heldout_error.before, result.heldout_error.after))
     assert after < 2.2e-3

@@ -5,7 +5,13 @@ from __future__ import annotations
 import pytest
 import torch
 
-from onlinebayes.embeddings import Embedding, JoinedEmbedding, LSTMEmbedding, SummaryEmbedding, TransitionFeatures
+from onlinebayes.embeddings import (
+    JoinedEmbedding,
+    LSTMEmbedding,
+    StepwiseEmbedding,
+    SummaryEmbedding,
+    TransitionFeatures,
+)
 
 LENGTHS = torch.tensor([7, 1, 4, 0])
 KINDS = ["lstm", "summary", "joined"]
@@ -16,7 +22,7 @@ def _reference(o: torch.Tensor, a: torch.Tensor) -> torch.Tensor:
     return torch.stack([o, o + 0.3 * o[..., :1], o - 0.3 * o[..., :1]])
 
 
-def _embedding(kind: str, dtype: torch.dtype = torch.float64) -> Embedding:
+def _embedding(kind: str, dtype: torch.dtype = torch.float64) -> StepwiseEmbedding:
     features = TransitionFeatures(3, 2, reference=_reference, sensitivities=1)
     lstm, summary = LSTMEmbedding(features, hidden=8), SummaryEmbedding(features)
     made = {"lstm": lstm, "summary": summary, "joined": JoinedEmbedding([lstm, summary])}[kind].to(dtype)

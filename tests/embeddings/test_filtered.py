@@ -116,9 +116,3 @@ def test_padding_is_not_read() -> None:
     alone = made(observation[2:3, :7], action[2:3, :7], following[2:3, :7])
     torch.testing.assert_close(alone, short[2:3])
     assert bool((short[-1] == 0).all())
-
-
-def test_it_reads_whole_trajectories_only() -> None:
-    made = embedding()
-    with pytest.raises(NotImplementedError, match="reads whole trajectories"):
-        made.step(torch.zeros(1, 5).double(), made.initial(1))

@@ -44,6 +44,7 @@ class Explanation:
         base, found: the model as it is, and the hypothesis of which no neighbour is preferred.
         rounds: of the search.
         evaluator: by which both were fitted and judged.
+        rivals: what was found with another law in the place of its first addition, as good beside all else.
         before, after: RMS of each signal over runs that were not fitted [its unit]; empty where none was held out.
     """
 
@@ -51,6 +52,7 @@ class Explanation:
     found: Evaluation
     rounds: tuple[Round, ...]
     evaluator: Evaluator
+    rivals: tuple[Evaluation, ...] = ()
     before: Mapping[str, float] = field(default_factory=dict)
     after: Mapping[str, float] = field(default_factory=dict)
 

@@ -1,4 +1,7 @@
-"""How far each of the hypotheses that the data cannot tell apart is to be believed.
+"""Which other hypotheses the data leave open beside what was found, and how far each is to be believed.
+
+An addition had equals when it entered. Whether it still has is asked once more at the end, beside all that came later
+and over all windows: the same hypothesis with the equal in its place is fitted, and judged by the one rule.
 
     w_k = share of draws in which h_k predicts the left-out data best,      folds weighed by u ~ Dir(1, ... 1) in each
 
@@ -9,8 +12,8 @@ so near to the best one share the draw. The weights are means over all ways in w
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -21,8 +24,9 @@ from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import rivals
-from onlinebayes.criticism.hypotheses.rule import SHARE_OF_GAINED
+from onlinebayes.criticism.hypotheses.rule import SHARE_OF_GAINED, equally_good
 from onlinebayes.criticism.hypotheses.scoring import LeftOut
+from onlinebayes.criticism.hypotheses.search import Round
 
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""
@@ -39,12 +43,33 @@ class Weighted:
     weight: float
 
 
-def weighted(explanation: Explanation) -> tuple[Weighted, ...]:
-    """What was found, first, and the same with its first addition replaced by one that cannot be told from it.
+def settled(explanation: Explanation) -> Explanation:
+    """With those rivals of its first addition alone that are still as good beside all else.
 
     The first addition explains most, and the verdict is about it; rivals of later ones are named in the report.
     """
-    evaluations = [explanation.found, *_others(explanation)]
+    hypothesis = explanation.found.hypothesis
+    first = next((one for one in hypothesis.additions if not isinstance(one, OwnValues)), None)
+    rounds, open_ = list(explanation.rounds), list[Evaluation]()
+    for k, found in enumerate(rounds):
+        if first is None or found.added is None or found.added.addition != first:
+            continue
+        gone = set[str]()
+        for rival in rivals(found)[:MOST]:
+            evaluation = _in_its_place(explanation, found, rival)
+            if evaluation is None or not _as_good(explanation, evaluation):
+                gone.add(rival.key)
+            else:
+                open_.append(evaluation)
+        equal = tuple(trial for trial in found.equal if trial.addition.key not in gone)
+        alike = tuple(one for one in found.alike if one.key not in gone)
+        rounds[k] = replace(found, equal=equal, alike=alike)
+    return replace(explanation, rounds=tuple(rounds), rivals=tuple(open_))
+
+
+def weighted(explanation: Explanation) -> tuple[Weighted, ...]:
+    """What was found, first, and its rivals."""
+    evaluations = [explanation.found, *explanation.rivals]
     ways = zip(*(one.left for one in evaluations), strict=True)
     weights = torch.stack(
         [weights_of(left, base) for left, base in zip(ways, explanation.base.left, strict=True)]
@@ -72,21 +97,18 @@ def _scores(left: LeftOut, u: Float[Tensor, "D F"]) -> Float[Tensor, " D"]:
     return LeftOut(squares, counts).fold_scores
 
 
-def _others(explanation: Explanation) -> Iterator[Evaluation]:
-    hypothesis, evaluator = explanation.found.hypothesis, explanation.evaluator
-    first = next((one for one in hypothesis.additions if not isinstance(one, OwnValues)), None)
-    for found in explanation.rounds:
-        if first is None or found.added is None or found.added.addition != first:
-            continue
-        known = {trial.addition.key: trial.evaluation.values for trial in found.tried}
-        begun = {one.addition.key: one.begun for one in found.screened}
-        for other in rivals(found)[:MOST]:
-            values = explanation.found.values
-            starts = [known[other.key]] if other.key in known else [{**values, **one} for one in begun[other.key]]
-            evaluation = evaluator.evaluate(_replaced(hypothesis, first, other), [*starts, values])
-            if evaluation is not None:
-                yield evaluation
+def _in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Evaluation | None:
+    """What was found with a rival in the place of what a round added; None where it cannot be followed."""
+    assert found.added is not None
+    tried = {trial.addition.key: trial.evaluation.values for trial in found.tried}
+    screened = {one.addition.key: one.begun for one in found.screened}
+    values, first = explanation.found.values, found.added.addition
+    starts = [tried[rival.key]] if rival.key in tried else [{**values, **one} for one in screened[rival.key]]
+    hypothesis = explanation.found.hypothesis
+    other = Hypothesis(tuple(rival if addition == first else addition for addition in hypothesis.additions))
+    return explanation.evaluator.evaluate(other, [*starts, values])
 
 
-def _replaced(hypothesis: Hypothesis, one: Addition, other: Addition) -> Hypothesis:
-    return Hypothesis(tuple(other if addition == one else addition for addition in hypothesis.additions))
+def _as_good(explanation: Explanation, rival: Evaluation) -> bool:
+    won = [one.gain for one in explanation.found.gains(explanation.base)]
+    return equally_good(explanation.found.gains(rival), won)
