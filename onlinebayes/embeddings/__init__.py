@@ -12,10 +12,12 @@ Step by step, equal to the above (for collectors):
     vector, state = embedding.step(embedding.features(observation, action, following), state)
 """
 
-from onlinebayes.embeddings.base import Embedding, StepwiseEmbedding
+from onlinebayes.embeddings.base import Embedding, SetEmbedding, StepwiseEmbedding
 from onlinebayes.embeddings.features import RawTransitions, Reference, TransitionFeatures
 from onlinebayes.embeddings.filtered import FilteredEmbedding
 from onlinebayes.embeddings.joined import JoinedEmbedding
+from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
+from onlinebayes.embeddings.likeliest import likeliest
 from onlinebayes.embeddings.lstm import LSTMEmbedding
 from onlinebayes.embeddings.reference import SimulatorReference
 from onlinebayes.embeddings.summary import SummaryEmbedding
@@ -27,8 +29,12 @@ __all__ = [
     "LSTMEmbedding",
     "RawTransitions",
     "Reference",
+    "Rows",
+    "SetEmbedding",
+    "SimulatorFilter",
     "SimulatorReference",
     "StepwiseEmbedding",
     "SummaryEmbedding",
     "TransitionFeatures",
+    "likeliest",
 ]

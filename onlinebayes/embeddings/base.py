@@ -75,6 +75,29 @@ class Embedding(nn.Module, ABC):
         """
 
 
+class SetEmbedding(Embedding):
+    """An embedding of several trajectories of one system at once, in whatever order: a single one is a set of one.
+
+    Attributes:
+        located: whether e ends with a place z (P) and a scale L (the lower triangle, row by row) in the box's
+            coordinates, about which an estimator speaks.
+    """
+
+    located: bool = False
+
+    @abstractmethod
+    def encode_set(self, features: Float[Tensor, "G n T F"], mask: Bool[Tensor, "G n T"]) -> Float[Tensor, "G E"]:
+        """Embed sets of features made before; a trajectory without a recorded step says nothing.
+
+        Raises:
+            ValueError: a mask with a gap, a recorded step behind a padded one.
+        """
+
+    def encode(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B E"]:
+        """Embed sets of one."""
+        return self.encode_set(features.unsqueeze(1), mask.unsqueeze(1))
+
+
 class StepwiseEmbedding(Embedding):
     """An embedding that can also follow a trajectory while it is made, step by step, equal to the whole.
 

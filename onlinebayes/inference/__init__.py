@@ -30,6 +30,7 @@ from onlinebayes.inference.filtered import filtered_estimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
+from onlinebayes.inference.likelihood import LikelihoodEstimator, WeightedPosterior
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.population import Population, PopulationABC
@@ -48,6 +49,7 @@ __all__ = [
     "FitReport",
     "FourierFeatures",
     "Gate",
+    "LikelihoodEstimator",
     "MixtureEstimator",
     "NeuralEstimator",
     "NeuralPosteriorLoss",
@@ -59,6 +61,7 @@ __all__ = [
     "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",
+    "WeightedPosterior",
     "calibration",
     "filtered_estimator",
     "fit",

@@ -4,13 +4,21 @@
     q(theta | x) = sum_k w_k N(z(theta); mu_k, L_k L_k^T) 1[z in box] / Z
 
 with a full covariance a component, as in Papamakarios and Murray (2016) and BayesSim (Ramos, Possas and Fox 2019).
-The means are held within a quarter of the box's width around it and the scales above ``SHARPEST``: a component can
-reach over an edge, and cannot run away from the box, where it would be nothing but its own tail.
+The means are held within a quarter of the box's width around it and the scales above a ten-thousandth of it: a
+component can reach over an edge, and cannot run away from the box, where it would be nothing but its own tail.
+
+An embedding that is *located* ends with a place c and a scale C of its own (a filter's estimate and its covariance):
+
+    mu = c + C m,    L = C S
+
+so that the network says (m, S) in units of what is known already, and a mode a thousandth of the box wide is no harder
+to say than one that fills it. The first component still speaks of the box: it stays where the place is wrong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import torch
 from jaxtyping import Float
@@ -22,8 +30,20 @@ from onlinebayes.inference.distributions import Box, TruncatedMixture
 from onlinebayes.inference.distributions.algebra import doubled, product, union, widened
 from onlinebayes.parameters import ParameterSpace
 
-SHARPEST, BROADEST, REACH = 1e-4, 2.0, 0.75
-"""Smallest and largest scale, and farthest mean from the centre, in widths of the box."""
+
+class Limits(NamedTuple):
+    """Smallest and largest scale, and farthest mean from the centre."""
+
+    sharpest: float
+    broadest: float
+    reach: float
+
+
+IN_BOX = Limits(1e-4, 2.0, 0.75)
+"""In widths of the box."""
+
+LOCATED = Limits(0.02, 8.0, 8.0)
+"""In units of C: a scale begins at one, and a mean comes to the edge of what the filter thinks possible."""
 
 
 class MixtureEstimator(TensorDictModuleBase):
@@ -39,6 +59,7 @@ class MixtureEstimator(TensorDictModuleBase):
         hidden: width of the two hidden layers.
         trunk: in their place, a module from the embedding to ``hidden`` numbers: ``FourierFeatures``, for example.
         box: where the simulations were drawn, the proposal's box; the whole prior's by default.
+        located: the embedding ends with c and C, see ``SetEmbedding``.
 
     Attributes:
         widening: factor on every scale, 1 during training; see :func:`~onlinebayes.inference.fit`.
@@ -55,6 +76,7 @@ class MixtureEstimator(TensorDictModuleBase):
         hidden: int = 128,
         trunk: nn.Module | None = None,
         box: Box | None = None,
+        located: bool = False,
     ) -> None:
         super().__init__()
         self.in_keys = ["embedding"]
@@ -62,6 +84,10 @@ class MixtureEstimator(TensorDictModuleBase):
         self.space, self.components = space, components
         self.box = box if box is not None else Box.whole(space)
         size = len(space)
+        limits = torch.tensor([IN_BOX] + [LOCATED if located else IN_BOX] * (components - 1))
+        self.register_buffer("_limits", limits, persistent=False)
+        self._located = size + size * (size + 1) // 2 if located else 0
+        embedding -= self._located
         self.register_buffer("widening", torch.ones(()))
         self._below = torch.tril_indices(size, size, offset=-1)
         layers = (nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
@@ -78,17 +104,32 @@ class MixtureEstimator(TensorDictModuleBase):
     ) -> tuple[Float[Tensor, "B K"], Float[Tensor, "B K P"], Float[Tensor, "B K P P"]]:
         """Logits, means and Cholesky factors of the components."""
         batch, size = embedding.shape[0], len(self.space)
+        embedding, place = embedding.tensor_split([embedding.shape[1] - self._located], dim=1)
+        sharpest, broadest, reach = self._limits.to(embedding)[..., None].unbind(1)
         h = self.trunk(embedding)
         # A straight path beside the trunk: what is already an estimate of a parameter need not be learnt again.
-        mean = 0.5 + _held(self.mean(h) + self.straight(embedding)).view(batch, self.components, size)
-        diagonal = SHARPEST + BROADEST * torch.sigmoid(self.scale(h).view(batch, self.components, size) - 2)
+        mean = _held((self.mean(h) + self.straight(embedding)).view(batch, self.components, size), reach)
+        diagonal = sharpest + broadest * torch.sigmoid(self.scale(h).view(batch, self.components, size) - 2)
         scale_tril = torch.diag_embed(diagonal)
         if self.shear is not None:
             # A shear counts in units of its row's own scale, so that a ridge is as easy to say as a ball.
             row, column = self._below.to(h.device)
             shear = self.shear(h).view(batch, self.components, -1) * diagonal[..., row]
-            scale_tril = _with_shear(scale_tril, shear, row, column)
+            scale_tril = _filled(scale_tril, shear, row, column)
+        centre, unit = self._placed(place)
+        mean, scale_tril = centre + (unit @ mean[..., None])[..., 0], unit @ scale_tril
         return self.logits(h), mean, self.widening * scale_tril
+
+    def _placed(self, place: Float[Tensor, "B C"]) -> tuple[Float[Tensor, "B K P"], Float[Tensor, "B K P P"]]:
+        """c and C of each component: the box's centre and width where nothing is located, and of the first."""
+        B, K, P = len(place), self.components, len(self.space)
+        box = torch.eye(P).to(place).expand(B, K, P, P)
+        if not self._located:
+            return place.new_full((B, K, P), 0.5), box
+        row, column = torch.tril_indices(P, P, device=place.device)
+        unit = _filled(place.new_zeros(B, P, P), place[:, P:], row, column)
+        first = (torch.arange(K, device=place.device) == 0)[:, None]
+        return torch.where(first, 0.5, place[:, None, :P]), torch.where(first[..., None], box, unit[:, None])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the parameters of the mixtures beside the embedding."""
@@ -110,12 +151,12 @@ class MixtureEstimator(TensorDictModuleBase):
         return product([widened(doubled(mixture), widening) for mixture in factors])
 
 
-def _held(x: Tensor) -> Tensor:
-    """Within (-REACH, REACH): x itself well inside, smoothly bent towards the limits."""
-    return x * (1 + (x / REACH) ** 4) ** -0.25
+def _held(x: Tensor, reach: Tensor) -> Tensor:
+    """Within (-reach, reach): x itself well inside, smoothly bent towards the limits."""
+    return x * (1 + (x / reach) ** 4) ** -0.25
 
 
-def _with_shear(scale_tril: Tensor, shear: Tensor, row: Tensor, column: Tensor) -> Tensor:
-    result = torch.zeros_like(scale_tril)
-    result[..., row, column] = shear
-    return scale_tril + result
+def _filled(matrix: Tensor, values: Tensor, row: Tensor, column: Tensor) -> Tensor:
+    result = torch.zeros_like(matrix)
+    result[..., row, column] = values
+    return matrix + result

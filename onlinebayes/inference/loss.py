@@ -14,12 +14,13 @@ from __future__ import annotations
 
 from typing import cast
 
+import torch
 from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
 
-from onlinebayes.embeddings import Embedding
+from onlinebayes.embeddings import Embedding, SetEmbedding
 from onlinebayes.inference.base import ConditionalDensity
 from onlinebayes.inference.trajectories import TrajectoryKeys
 from onlinebayes.runs import BadInput
@@ -56,6 +57,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
     def standardise(self, trajectories: TensorDictBase) -> None:
         """Fit the embedding's means and standard deviations on these trajectories."""
+        trajectories = trajectories.flatten(0, 1) if trajectories.ndim == 3 else trajectories
         self.embedding.fit(*self.keys.read(trajectories, self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
@@ -63,12 +65,39 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
         Where the embedding has no weights, its vectors stand in place of the features.
         """
+        if trajectories.ndim == 3:
+            z = self._frame(self.keys.read_theta(trajectories[:, 0])).to(self.weight)
+            return TensorDict({"embedding": self.embed_sets(trajectories, varied=True), "z": z}, batch_size=[len(z)])
         *values, mask = self.keys.read(trajectories, self.weight)
         z = self._frame(self.keys.read_theta(trajectories)).to(self.weight)
         features = self.embedding.features(*values)
         if not any(True for _ in self.embedding.parameters()):
             return TensorDict({"embedding": self.embedding.encode(features, mask), "z": z}, batch_size=[z.shape[0]])
         return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
+
+    def embed_sets(self, groups: TensorDictBase, *, varied: bool = False) -> Float[Tensor, "G E"]:
+        """Vectors of sets of trajectories (G, n, T).
+
+        Args:
+            groups: the sets.
+            varied: read the first trajectory of the first set, two of the second, and so on up to n and again: sets of
+                all sizes to learn from.
+
+        Raises:
+            BadInput: an embedding of single trajectories.
+        """
+        if not isinstance(self.embedding, SetEmbedding):
+            raise BadInput(
+                f"sets of trajectories {tuple(groups.shape)} for {type(self.embedding).__name__}",
+                "embeds one at a time: give trajectories (B, T), or an embedding of sets",
+            )
+        G, n = groups.shape[:2]
+        *values, mask = self.keys.read(groups.flatten(0, 1), self.weight)
+        features, mask = self.embedding.features(*values).unflatten(0, (G, n)), mask.unflatten(0, (G, n))
+        if varied:
+            size = torch.arange(G, device=mask.device) % n + 1
+            mask = mask & (torch.arange(n, device=mask.device) < size[:, None])[..., None]
+        return self.embedding.encode_set(features, mask)
 
     def _frame(self, theta: Float[Tensor, "B P"]) -> Float[Tensor, "B P"]:
         """z of theta, refused where it is no number or outside the estimator's box by more than rounding."""

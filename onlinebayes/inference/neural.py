@@ -18,7 +18,7 @@ from functools import partial
 import torch
 from tensordict import TensorDictBase
 
-from onlinebayes.embeddings import Embedding
+from onlinebayes.embeddings import Embedding, SetEmbedding
 from onlinebayes.inference.base import Belief, DensityBatch, FitReport
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.inference.estimator import MixtureEstimator
@@ -75,32 +75,33 @@ class NeuralEstimator:
     @torch.no_grad()
     def each(self, groups: TensorDictBase) -> DensityBatch:
         """G posteriors, one for each group of n trajectories (G, n, T)."""
-        return self._combined(self._singles(groups), self.combination)
+        return self._combined(self._told(groups), self.combination)
 
     @torch.no_grad()
     def _best_combination(self, groups: TensorDictBase, generator: torch.Generator) -> float:
-        singles, theta = self._singles(groups), self.loss.keys.read_theta(groups[:, 0]).double()
+        told, theta = self._told(groups), self.loss.keys.read_theta(groups[:, 0]).double()
         scores = {}
         for factor in FACTORS:
-            posterior = self._combined(singles, factor)
+            posterior = self._combined(told, factor)
             alpha = credibility_of(posterior, theta, samples=500, generator=generator)
             if float((alpha <= LEVEL).double().mean()) >= LEVEL:
                 scores[factor] = float(posterior.log_prob(theta).mean())
         return max(scores, key=scores.__getitem__, default=math.inf)
 
-    def _singles(self, groups: TensorDictBase) -> list[DensityBatch]:
-        """The n posteriors of the groups' members, each a batch (G,)."""
+    def _told(self, groups: TensorDictBase) -> list[DensityBatch]:
+        """The n posteriors of the groups' members, each a batch (G,); one of them all by an embedding of sets."""
         posterior = Posterior(self.loss)
+        if isinstance(self.loss.embedding, SetEmbedding):
+            return [posterior.of_sets(groups)]
         return [posterior.each(groups[:, i]) for i in range(groups.shape[1])]
 
-    def _combined(self, singles: list[DensityBatch], factor: float) -> DensityBatch:
+    def _combined(self, told: list[DensityBatch], factor: float) -> DensityBatch:
         estimator = self.loss.estimator
-        if len(singles) == 1:
-            return singles[0]
-        return estimator.united(singles) if math.isinf(factor) else estimator.multiplied(singles, factor)
+        return estimator.united(told) if math.isinf(factor) else estimator.multiplied(told, factor)
 
 
 def mixture_of(embedding: Embedding, proposal: Belief, train: Fit = TRAIN) -> NeuralEstimator:
     """A mixture density network behind an embedding, in the box of a proposal."""
-    network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box)
+    located = isinstance(embedding, SetEmbedding) and embedding.located
+    network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box, located=located)
     return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)

@@ -20,6 +20,7 @@ from jaxtyping import Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from onlinebayes.embeddings import SetEmbedding
 from onlinebayes.inference.base import Belief, DensityBatch
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.distributions.marginal import Marginal
@@ -44,7 +45,8 @@ class Posterior:
 
         Args:
             trajectories: with the loss's keys but theta; B = 1 for a single one.
-            combine: ``"union"`` or ``"product"``, see the module; the same for B = 1.
+            combine: ``"union"`` or ``"product"``, see the module; the same for B = 1, and for an embedding of sets,
+                which reads all trajectories at once.
             widening: factor w on the scales of each factor of a product.
 
         Raises:
@@ -52,6 +54,9 @@ class Posterior:
         """
         if combine not in ("union", "product"):
             raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
+        if isinstance(self._loss.embedding, SetEmbedding):
+            together = self.of_sets(trajectories.unsqueeze(0))[0]
+            return self._with(self._loss.estimator.multiplied([together], widening))
         batch, estimator = self.each(trajectories), self._loss.estimator
         factors = [batch[i] for i in range(trajectories.shape[0])]
         united = combine == "union"
@@ -62,6 +67,11 @@ class Posterior:
         """One density a trajectory, as a batch (B,): for calibration, where each has a theta of its own."""
         *values, mask = self._loss.keys.read(trajectories, self._loss.weight)
         return self._loss.estimator.distribution(self._loss.embedding(*values, mask))
+
+    @torch.no_grad()
+    def of_sets(self, groups: TensorDictBase) -> DensityBatch:
+        """One density for each of G sets of trajectories (G, n, T), by an embedding of sets."""
+        return self._loss.estimator.distribution(self._loss.embed_sets(groups))
 
     def sample(
         self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None

@@ -1,4 +1,4 @@
-"""A filter over state and parameters gives what least squares over the whole trajectory gives, where all is linear."""
+"""A filter through the simulator gives what least squares over the whole trajectory gives, where all is linear."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.embeddings import FilteredEmbedding
+from onlinebayes.embeddings import FilteredEmbedding, Rows
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 
@@ -72,26 +72,62 @@ def clean(theta: Tensor, begin: Tensor, action: Tensor) -> Tensor:
     return torch.cat([begin[:, None], observe(path)], dim=1)
 
 
+def exact(seen: Tensor, action: Tensor) -> tuple[float, float]:
+    """Least squares over (q0, v0, z) of one trajectory (T + 1, 2): z, and its variance."""
+    zero, one = torch.zeros(1, 2).double(), torch.eye(2).double()
+    c = clean(SPACE.low[None], zero, action[None])[0]
+    columns = [clean(SPACE.low[None], one[k : k + 1], action[None])[0] - c for k in range(2)]
+    columns.append(clean(SPACE.high[None], zero, action[None])[0] - c)
+    A = torch.stack([(column / NOISE).flatten() for column in columns], dim=1)
+    y = ((seen - c) / NOISE).flatten()
+    return float(torch.linalg.lstsq(A, y[:, None]).solution[2]), float(torch.linalg.inv(A.T @ A)[2, 2])
+
+
 def test_on_a_linear_system_it_is_exact() -> None:
     theta = torch.linspace(0.8, 2.2, 8, dtype=torch.float64)[:, None]
     observation, action, following = measured(theta, seed=0)
     made = embedding()
-    made.noise.copy_(NOISE)
-    rows = made.features(observation, action, following)
-    z, covariance, _ = made._filtered(rows, torch.ones(8, STEPS, dtype=torch.bool))
+    made.model.noise.copy_(NOISE)
+    features, mask = made.features(observation, action, following), torch.ones(8, STEPS, dtype=torch.bool)
+    alone = made.encode(features, mask)[:, -2:]
+    pairs = made.encode_set(features.unflatten(0, (4, 2)), mask.unflatten(0, (4, 2)))[:, -2:]
     seen = torch.cat([observation[:, :1], following], dim=1)
-    for b in range(8):
-        # y = A (q0, v0, z) + c, rows in units of noise.
-        zero, one = torch.zeros(1, 2).double(), torch.eye(2).double()
-        c = clean(SPACE.low[None], zero, action[b : b + 1])[0]
-        columns = [clean(SPACE.low[None], one[k : k + 1], action[b : b + 1])[0] - c for k in range(2)]
-        columns.append(clean(SPACE.high[None], zero, action[b : b + 1])[0] - c)
-        A = torch.stack([(column / NOISE).flatten() for column in columns], dim=1)
-        y = ((seen[b] - c) / NOISE).flatten()
-        assert float(z[b]) == pytest.approx(float(torch.linalg.lstsq(A, y[:, None]).solution[2]), abs=1e-5)
+    truths = [exact(seen[b], action[b]) for b in range(8)]
+    for b, (z, variance) in enumerate(truths):
+        assert float(alone[b, 0]) == pytest.approx(z, abs=1e-4)
         # The flat belief, half a box wide, counts as one row more.
-        exact = torch.linalg.inv(A.T @ A + torch.diag(torch.tensor([0.0, 0.0, 4.0]).double()))
-        assert float(covariance[b]) == pytest.approx(float(exact[2, 2]), rel=1e-4)
+        assert float(alone[b, 1]) ** -2 == pytest.approx(1 / variance + 4, rel=1e-4)
+    # Two trajectories of a set say together what their weighted mean says.
+    for g, ((z, variance), (other, its)) in enumerate(zip(truths[::2], truths[1::2], strict=True)):
+        assert float(pairs[g, 0]) == pytest.approx((z / variance + other / its) / (1 / variance + 1 / its), abs=1e-4)
+        assert float(pairs[g, 1]) ** -2 == pytest.approx(1 / variance + 1 / its + 4, rel=1e-4)
+
+
+def test_the_likelihood_is_that_of_the_whole_trajectory() -> None:
+    observation, action, following = measured(torch.tensor([[1.5]]).double(), seed=4)
+    made = embedding()
+    made.model.noise.copy_(NOISE)
+    many = 5
+    rows = made.rows(made.features(observation, action, following), torch.ones(1, STEPS, dtype=torch.bool))
+    grid = torch.linspace(0.3, 0.7, many, dtype=torch.float64)[:, None]
+    found = made.model.log_likelihood(Rows(*(part.expand(many, *part.shape[1:]) for part in rows)), grid)
+    z, variance = exact(torch.cat([observation[:, :1], following], dim=1)[0], action[0])
+    parabola = -0.5 * (grid[:, 0] - z).square() / variance
+    torch.testing.assert_close(found - found[0], parabola - parabola[0], rtol=1e-4, atol=1e-4)
+
+
+def test_a_set_does_not_depend_on_its_order_or_its_padding() -> None:
+    theta = torch.full((3, 1), 1.2, dtype=torch.float64)
+    made = embedding()
+    made.model.noise.copy_(NOISE)
+    rows = made.features(*measured(theta, seed=5))[None]
+    mask = torch.ones(1, 3, STEPS, dtype=torch.bool)
+    together = made.encode_set(rows, mask)
+    order = torch.tensor([2, 0, 1])
+    torch.testing.assert_close(made.encode_set(rows[:, order], mask[:, order]), together, rtol=1e-6, atol=1e-6)
+    empty = torch.cat([rows, torch.full_like(rows[:, :1], 0.3)], dim=1)
+    none = torch.cat([mask, torch.zeros_like(mask[:, :1])], dim=1)
+    torch.testing.assert_close(made.encode_set(empty, none), together, rtol=1e-6, atol=1e-6)
 
 
 def test_the_noise_is_read_off_the_simulations() -> None:
@@ -99,8 +135,8 @@ def test_the_noise_is_read_off_the_simulations() -> None:
     theta = SPACE.from_unit(torch.rand(200, 1, dtype=torch.float64, generator=draw))
     made = embedding()
     made.fit(*measured(theta, seed=2), torch.ones(200, STEPS, dtype=torch.bool))
-    # The median of 200 means of twenty squares: a few per cent, and the median of a skew distribution lies below.
-    torch.testing.assert_close(made.noise, NOISE, rtol=0.15, atol=0)
+    # The median of a hundred means of twenty squares: a few per cent, and the median of a skew distribution lies below.
+    torch.testing.assert_close(made.model.noise, NOISE, rtol=0.15, atol=0)
 
 
 def test_padding_is_not_read() -> None:
@@ -115,4 +151,5 @@ def test_padding_is_not_read() -> None:
     assert torch.equal(made(observation, action, following, mask), short)
     alone = made(observation[2:3, :7], action[2:3, :7], following[2:3, :7])
     torch.testing.assert_close(alone, short[2:3])
-    assert bool((short[-1] == 0).all())
+    told = short[-1, :-2]
+    assert bool((told == 0).all())
