@@ -17,7 +17,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.cartpole import CartPole, CartPoleTask
-from onlinebayes.inference import BoxUniform, fit, residual_estimator
+from onlinebayes.inference import BoxUniform, fit, filtered_estimator
 from onlinebayes.objectives import ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
@@ -41,12 +41,12 @@ def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
     problem = Problem(CartPole(space), CartPoleTask(), BoxUniform(space), settings.noise * RANGE)
     truth = hidden_truth(space, settings.seed, {name: DEFAULT[name] for name in space.names})
     objective = ppo(*problem.specs, epochs=10)
-    steps, batches, simulations, epochs = (2, 2, 300, 10) if settings.short else (6, 14, 500, 25)
-    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    steps, batches, simulations, epochs = (2, 2, 150, 10) if settings.short else (6, 14, 300, 25)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     trainer = online_trainer(
         problem,
         objective,
-        estimator=residual_estimator(problem.simulator, problem.task, state=state, train=train),
+        estimator=filtered_estimator(problem.simulator, problem.task, state=state, train=train),
         real=problem.hidden(truth, settings.seed + 2000),
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=64, batch_steps=64, simulations=simulations, groups=64),

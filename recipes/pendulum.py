@@ -16,7 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
-from onlinebayes.inference import BoxUniform, fit, residual_estimator
+from onlinebayes.inference import BoxUniform, fit, filtered_estimator
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
@@ -41,12 +41,12 @@ def build(settings: Settings) -> Run:
     objective = sac(
         *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000
     )
-    steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 500, 25)
-    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 300, 25)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     trainer = online_trainer(
         problem,
         objective,
-        estimator=residual_estimator(problem.simulator, problem.task, state=state, train=train),
+        estimator=filtered_estimator(problem.simulator, problem.task, state=state, train=train),
         real=problem.hidden(truth, settings.seed + 2000),
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=64, batch_steps=16, simulations=simulations, groups=64),

@@ -44,6 +44,9 @@ LEAST_NOISE = 1e-5
 NOISE_ROUNDS, NOISE_SAMPLE = 4, 100
 """Of that search, and its trajectories: a factor of ten is found in three."""
 
+SCALE_SAMPLE = 200
+"""Trajectories that tell the mean and spread of the vector."""
+
 STRAIGHT = 3.0
 """Standard deviations up to which a summary is passed on straight."""
 
@@ -102,7 +105,8 @@ class FilteredEmbedding(SetEmbedding):
             ratio = likeliest(model, some, 1, self.starts[:1]).evidence.innovation.median(0).values
             model.noise.copy_((model.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * spread))
         model.begin_at(rows.first)
-        told = self._vector(features[:, None], mask[:, None])[:, : self._told]
+        some_features, some_mask = features[:SCALE_SAMPLE, None], mask[:SCALE_SAMPLE, None]
+        told = self._vector(some_features, some_mask)[:, : self._told]
         sd, centre = torch.std_mean(told, dim=0, correction=0)
         self.centre.copy_(centre)
         self.spread.copy_(torch.where(sd > 1e-12, sd, torch.inf))
