@@ -17,7 +17,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.cartpole import CartPole, CartPoleTask
-from onlinebayes.inference import BoxUniform, fit, filtered_estimator
+from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer

@@ -16,7 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
-from onlinebayes.inference import BoxUniform, fit, filtered_estimator
+from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
