@@ -21,11 +21,7 @@ from torch import Tensor, nn
 
 from onlinebayes.embeddings import Embedding
 from onlinebayes.inference.base import ConditionalDensity
-from onlinebayes.inference.trajectories import TrajectoryKeys
-from onlinebayes.runs import BadInput
-
-ROUNDING = 1e-3
-"""How far outside its box z may lie [widths of the box]: single precision of theta in a box a thousandth wide."""
+from onlinebayes.inference.trajectories import TrajectoryKeys, frame_of
 
 
 class NeuralPosteriorLoss(TensorDictModuleBase):
@@ -56,32 +52,21 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
     def standardise(self, trajectories: TensorDictBase) -> None:
         """Fit the embedding's means and standard deviations on these trajectories."""
-        self.embedding.fit(*self.keys.read(trajectories, self.weight))
+        self.embedding.fit(*self.keys.read(self.keys.usable(trajectories), self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
         """All that does not depend on a weight, once before training: z of theta, and features with their mask.
 
-        Where the embedding has no weights, its vectors stand in place of the features.
+        Where the embedding has no weights, its vectors stand in place of the features. Trajectories without a recorded
+        step are left out; see :meth:`TrajectoryKeys.recorded`.
         """
+        trajectories = self.keys.usable(trajectories)
         *values, mask = self.keys.read(trajectories, self.weight)
-        z = self._frame(self.keys.read_theta(trajectories)).to(self.weight)
+        z = frame_of(self.keys.read_theta(trajectories), self.estimator.box).to(self.weight)
         features = self.embedding.features(*values)
         if not any(True for _ in self.embedding.parameters()):
             return TensorDict({"embedding": self.embedding.encode(features, mask), "z": z}, batch_size=[z.shape[0]])
         return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
-
-    def _frame(self, theta: Float[Tensor, "B P"]) -> Float[Tensor, "B P"]:
-        """z of theta, refused where it is no number or outside the estimator's box by more than rounding."""
-        z = self.estimator.box.to_frame(theta)
-        wrong = ~((z >= -ROUNDING) & (z <= 1 + ROUNDING)).all(-1)
-        if bool(wrong.any()):
-            row = int(wrong.nonzero()[0])
-            raise BadInput(
-                f"theta = {[float(f'{x:.4g}') for x in theta[row].tolist()]} of trajectory {row}"
-                f" ({int(wrong.sum())} such) lies outside the estimator's box",
-                "train on simulations drawn inside the box, or leave the others out",
-            )
-        return z.clamp(0, 1)
 
     def each(self, prepared: TensorDictBase) -> Float[Tensor, " B"]:
         """The loss of each row that :meth:`prepare` made."""
