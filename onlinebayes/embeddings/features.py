@@ -174,7 +174,7 @@ def _check_widths(observation: Tensor, action: Tensor, observations: int, action
     if widths != (observations, actions):
         raise BadInput(
             f"{widths[0]} observed values and {widths[1]} action values a step",
-            f"the embedding was built for {observations} and {actions}: give those of the simulations, choices as one-hot",
+            f"the embedding was built for {observations} and {actions}: give the same columns, a choice as one-hot",
         )
 
 

@@ -12,8 +12,10 @@ Embedding and estimator are trained together; the loss embeds raw trajectories a
 
 from __future__ import annotations
 
-from typing import cast
+from collections.abc import Mapping
+from typing import Any, cast
 
+import torch
 from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
@@ -22,6 +24,7 @@ from torch import Tensor, nn
 from onlinebayes.embeddings import Embedding
 from onlinebayes.inference.base import ConditionalDensity
 from onlinebayes.inference.trajectories import TrajectoryKeys, frame_of
+from onlinebayes.runs import BadInput
 
 
 class NeuralPosteriorLoss(TensorDictModuleBase):
@@ -67,6 +70,21 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         if not any(True for _ in self.embedding.parameters()):
             return TensorDict({"embedding": self.embedding.encode(features, mask), "z": z}, batch_size=[z.shape[0]])
         return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
+
+    def get_extra_state(self) -> dict[str, Any]:
+        """The box that the weights speak of."""
+        box = self.estimator.box
+        return {"names": list(box.space), "box": torch.stack((box.low, box.high))}
+
+    def set_extra_state(self, state: Mapping[str, Any]) -> None:
+        """Refuse weights of another box: z would mean another theta."""
+        own = self.get_extra_state()
+        if state["names"] != own["names"] or not torch.equal(state["box"].cpu(), own["box"].cpu()):
+            raise BadInput(
+                f"the weights were trained over {state['names']} in the box {state['box'].tolist()}, not over"
+                f" {own['names']} in {own['box'].tolist()}",
+                "build the estimator in that box",
+            )
 
     def each(self, prepared: TensorDictBase) -> Float[Tensor, " B"]:
         """The loss of each row that :meth:`prepare` made."""
