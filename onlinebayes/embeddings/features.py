@@ -23,6 +23,8 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
+from onlinebayes.runs import BadInput
+
 Reference = Callable[[Tensor, Tensor], Tensor]
 """(observation (..., O), action (..., A)) -> next observations (R, ..., O) that a reference simulator gives.
 
@@ -119,6 +121,7 @@ class TransitionFeatures(nn.Module):
 
     def _parts(self, observation: Tensor, action: Tensor, following: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """f (..., F), r (..., O) and J (..., P, O), in float64: differences of near-equal float32 values."""
+        _check_widths(observation, action, self.observation, self.action)
         o, a, n = observation.double(), action.double(), following.double()
         parts = [o, a, n - o]
         residual, jacobian = torch.zeros_like(o), o.new_zeros(*o.shape[:-1], self.sensitivities, self.observation)
@@ -148,6 +151,7 @@ class RawTransitions(nn.Module):
 
     def __init__(self, observation: int, action: int) -> None:
         super().__init__()
+        self.observation, self.action = observation, action
         self.size = 2 * observation + action
 
     def fit(self, observation: Tensor, action: Tensor, following: Tensor, mask: Tensor | None = None) -> None:
@@ -160,7 +164,18 @@ class RawTransitions(nn.Module):
         following: Float[Tensor, "*batch O"],
     ) -> Float[Tensor, "*batch F"]:
         """The rows."""
+        _check_widths(observation, action, self.observation, self.action)
         return torch.cat([observation, action, following], dim=-1)
+
+
+def _check_widths(observation: Tensor, action: Tensor, observations: int, actions: int) -> None:
+    """Other columns than those that were asked for would be read as if they were these."""
+    widths = (observation.shape[-1], action.shape[-1])
+    if widths != (observations, actions):
+        raise BadInput(
+            f"{widths[0]} observed values and {widths[1]} action values a step",
+            f"the embedding was built for {observations} and {actions}: give the same columns, a choice as one-hot",
+        )
 
 
 def _products(action: Tensor, change: Tensor) -> Tensor:

@@ -16,12 +16,15 @@ What comes out, and how to look at it (``from onlinebayes.inference import plots
 
     posterior.log_prob(theta), posterior.sample((500,)), posterior.marginal(["mass"]), posterior.mean()
     plots.save(plots.corner(posterior, truth=theta, prior=BoxUniform(space)), "corner.png")
+    saving.save(posterior, "pole.pt"), saving.load("pole.pt")
+    print(identifiability(posterior, BoxUniform(space).box))                  # "Only mass/length is known ..."
     calibration.coverage(posterior.each, thetas, trajectories)                # each trajectory with a theta of its own
+    trust.in_words(posterior.each, thetas, trajectories, space)              # coverage, ranks and TARP in two sentences
 
 Every name is a part on its own; none knows of a trainer.
 """
 
-from onlinebayes.inference import calibration, proposals
+from onlinebayes.inference import calibration, proposals, saving, trust
 from onlinebayes.inference.alarm import Alarm, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
@@ -30,6 +33,7 @@ from onlinebayes.inference.filtered import filtered_estimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
+from onlinebayes.inference.identifiability import Identifiability, identifiability
 from onlinebayes.inference.likelihood import LikelihoodEstimator, WeightedPosterior
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
@@ -49,6 +53,7 @@ __all__ = [
     "FitReport",
     "FourierFeatures",
     "Gate",
+    "Identifiability",
     "LikelihoodEstimator",
     "MixtureEstimator",
     "NeuralEstimator",
@@ -65,6 +70,9 @@ __all__ = [
     "calibration",
     "filtered_estimator",
     "fit",
+    "identifiability",
     "proposals",
     "residual_estimator",
+    "saving",
+    "trust",
 ]

@@ -65,16 +65,18 @@ class Alarm:
         keys: where trajectories lie in a TensorDict.
 
     Raises:
-        BadInput: fewer than a hundred simulations.
+        BadInput: fewer than a hundred simulations with a recorded step, or summaries that do not vary at all.
     """
 
     def __init__(self, embedding: Embedding, simulations: TensorDictBase, keys: TrajectoryKeys | None = None) -> None:
         self._embedding, self._keys = embedding, keys if keys is not None else TrajectoryKeys()
         self._like = next(iter([*embedding.parameters(), *embedding.buffers()]))
-        summaries = self._summaries(simulations)
+        summaries = self._summaries(self._keys.usable(simulations))
         if len(summaries) < FEWEST:
             raise BadInput(f"{len(summaries)} simulations", f"an alarm needs {FEWEST} or more")
         self._centre, self._whitening = _whitening(summaries)
+        if not self._whitening.shape[1]:
+            raise BadInput("all simulations have the same summaries", "an alarm needs some that vary with theta")
         self._simulated = (summaries - self._centre) @ self._whitening
         apart = torch.cdist(self._simulated, self._simulated)
         apart.fill_diagonal_(torch.inf)
@@ -110,5 +112,5 @@ def _whitening(summaries: Float[Tensor, "N E"]) -> tuple[Float[Tensor, " E"], Fl
     centre = summaries.mean(0)
     _, singular, vectors = torch.linalg.svd(summaries - centre, full_matrices=False)
     sd = singular / len(summaries) ** 0.5
-    kept = sd > 1e-6 * sd.max()
+    kept = sd > 1e-6 * sd.max().clamp_min(1e-300)
     return centre, (vectors[kept] / sd[kept, None]).T

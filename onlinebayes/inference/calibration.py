@@ -117,10 +117,26 @@ def tarp(
 
     The other arguments are those of :func:`credibility`.
     """
-    draws = space.to_unit(posterior_for(trajectories).sample((samples,), generator).double())
+    beta = ball_credibility(
+        posterior_for(trajectories), thetas, space, references=references, samples=samples, generator=generator
+    )
+    level = torch.as_tensor(levels, dtype=beta.dtype, device=beta.device)
+    return (beta.unsqueeze(0) <= level.unsqueeze(1)).double().mean(1)
+
+
+@torch.no_grad()
+def ball_credibility(
+    posterior: Density,
+    thetas: Float[Tensor, "B P"],
+    space: ParameterSpace,
+    *,
+    references: Float[Tensor, "B P"] | None = None,
+    samples: int = 1000,
+    generator: torch.Generator | None = None,
+) -> Float[Tensor, " B"]:
+    """beta of each pair, for B posteriors as one batch; see :func:`tarp`."""
+    draws = space.to_unit(posterior.sample((samples,), generator).double())
     u = torch.rand(draws.shape[1:], dtype=draws.dtype, device=draws.device, generator=generator)
     centre = u if references is None else space.to_unit(references.to(draws))
     farther = (space.to_unit(thetas.to(draws)) - centre).norm(dim=-1)
-    beta = ((draws - centre).norm(dim=-1) < farther).double().mean(0)
-    level = torch.as_tensor(levels, dtype=beta.dtype, device=beta.device)
-    return (beta.unsqueeze(0) <= level.unsqueeze(1)).double().mean(1)
+    return ((draws - centre).norm(dim=-1) < farther).double().mean(0)

@@ -19,7 +19,7 @@ from tensordict import TensorDictBase
 
 from onlinebayes.inference.base import FitReport, Widenable
 from onlinebayes.inference.loss import NeuralPosteriorLoss
-from onlinebayes.runs import heed
+from onlinebayes.runs import BadInput, heed
 
 WIDENINGS = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0)
 
@@ -54,7 +54,8 @@ def fit(
         progress: called with the epoch and its validation loss.
 
     Raises:
-        ValueError: fewer than two trajectories, or a loss that is not finite from the first epoch on.
+        BadInput: fewer than two trajectories with a recorded step, or what the loss's keys refuse.
+        ValueError: a loss that is not finite from the first epoch on.
     """
     start = time.monotonic()
     _set_widening(loss, 1.0)
@@ -86,11 +87,11 @@ def fit(
 def _prepared(
     loss: NeuralPosteriorLoss, trajectories: TensorDictBase, validation: float, generator: torch.Generator
 ) -> tuple[TensorDictBase, TensorDictBase]:
-    if trajectories.shape[0] < 2:
-        raise ValueError(f"{trajectories.shape[0]} trajectories; a fit needs two at least, one of them held out")
     with torch.no_grad():
         loss.standardise(trajectories)
         rows = loss.prepare(trajectories)
+    if rows.shape[0] < 2:
+        raise BadInput(f"{rows.shape[0]} trajectories", "a fit needs two at least, one of them held out")
     order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
     held = min(max(1, round(validation * len(order))), len(order) - 1)
     return rows[order[held:]], rows[order[:held]]

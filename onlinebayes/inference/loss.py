@@ -12,7 +12,8 @@ Embedding and estimator are trained together; the loss embeds raw trajectories a
 
 from __future__ import annotations
 
-from typing import cast
+from collections.abc import Mapping
+from typing import Any, cast
 
 import torch
 from jaxtyping import Float
@@ -22,11 +23,8 @@ from torch import Tensor, nn
 
 from onlinebayes.embeddings import Embedding, SetEmbedding
 from onlinebayes.inference.base import ConditionalDensity
-from onlinebayes.inference.trajectories import TrajectoryKeys
+from onlinebayes.inference.trajectories import TrajectoryKeys, frame_of
 from onlinebayes.runs import BadInput
-
-ROUNDING = 1e-3
-"""How far outside its box z may lie [widths of the box]: single precision of theta in a box a thousandth wide."""
 
 
 class NeuralPosteriorLoss(TensorDictModuleBase):
@@ -58,18 +56,20 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
     def standardise(self, trajectories: TensorDictBase) -> None:
         """Fit the embedding's means and standard deviations on these trajectories."""
         trajectories = trajectories.flatten(0, 1) if trajectories.ndim == 3 else trajectories
-        self.embedding.fit(*self.keys.read(trajectories, self.weight))
+        self.embedding.fit(*self.keys.read(self.keys.usable(trajectories), self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
         """All that does not depend on a weight, once before training: z of theta, and features with their mask.
 
-        Where the embedding has no weights, its vectors stand in place of the features.
+        Where the embedding has no weights, its vectors stand in place of the features. Trajectories without a recorded
+        step are left out; see :meth:`TrajectoryKeys.recorded`.
         """
         if trajectories.ndim == 3:
-            z = self._frame(self.keys.read_theta(trajectories[:, 0])).to(self.weight)
+            z = frame_of(self.keys.read_theta(trajectories[:, 0]), self.estimator.box).to(self.weight)
             return TensorDict({"embedding": self.embed_sets(trajectories, varied=True), "z": z}, batch_size=[len(z)])
+        trajectories = self.keys.usable(trajectories)
         *values, mask = self.keys.read(trajectories, self.weight)
-        z = self._frame(self.keys.read_theta(trajectories)).to(self.weight)
+        z = frame_of(self.keys.read_theta(trajectories), self.estimator.box).to(self.weight)
         features = self.embedding.features(*values)
         if not any(True for _ in self.embedding.parameters()):
             return TensorDict({"embedding": self.embedding.encode(features, mask), "z": z}, batch_size=[z.shape[0]])
@@ -99,18 +99,20 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
             mask = mask & (torch.arange(n, device=mask.device) < size[:, None])[..., None]
         return self.embedding.encode_set(features, mask)
 
-    def _frame(self, theta: Float[Tensor, "B P"]) -> Float[Tensor, "B P"]:
-        """z of theta, refused where it is no number or outside the estimator's box by more than rounding."""
-        z = self.estimator.box.to_frame(theta)
-        wrong = ~((z >= -ROUNDING) & (z <= 1 + ROUNDING)).all(-1)
-        if bool(wrong.any()):
-            row = int(wrong.nonzero()[0])
+    def get_extra_state(self) -> dict[str, Any]:
+        """The box that the weights speak of."""
+        box = self.estimator.box
+        return {"names": list(box.space), "box": torch.stack((box.low, box.high))}
+
+    def set_extra_state(self, state: Mapping[str, Any]) -> None:
+        """Refuse weights of another box: z would mean another theta."""
+        own = self.get_extra_state()
+        if state["names"] != own["names"] or not torch.equal(state["box"].cpu(), own["box"].cpu()):
             raise BadInput(
-                f"theta = {[float(f'{x:.4g}') for x in theta[row].tolist()]} of trajectory {row}"
-                f" ({int(wrong.sum())} such) lies outside the estimator's box",
-                "train on simulations drawn inside the box, or leave the others out",
+                f"the weights were trained over {state['names']} in the box {state['box'].tolist()}, not over"
+                f" {own['names']} in {own['box'].tolist()}",
+                "build the estimator in that box",
             )
-        return z.clamp(0, 1)
 
     def each(self, prepared: TensorDictBase) -> Float[Tensor, " B"]:
         """The loss of each row that :meth:`prepare` made."""

@@ -25,6 +25,7 @@ from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.posterior import Posterior
+from onlinebayes.inference.trajectories import frame_of
 
 FACTORS = (1.0, 1.25, 1.6, 2.0, 2.5, 3.2, 4.0)
 """Candidates for w: a fifth apart, a step that costs less than .03 nats a parameter."""
@@ -80,6 +81,7 @@ class NeuralEstimator:
     @torch.no_grad()
     def _best_combination(self, groups: TensorDictBase, generator: torch.Generator) -> float:
         told, theta = self._told(groups), self.loss.keys.read_theta(groups[:, 0]).double()
+        frame_of(theta, self.box)  # refuses what would count as a miss of every w
         scores = {}
         for factor in FACTORS:
             posterior = self._combined(told, factor)

@@ -145,10 +145,16 @@ class _Cloud:
         """The nearest of a batch of the prior's."""
         theta = sampler.prior.sample((sampler.batch,), generator)
         like = torch.zeros((), dtype=torch.float64, device=theta.device)
-        values = sampler.keys.read(sampler.simulate(theta, generator), like)
-        sampler.embedding.fit(*values)
+        simulations = sampler.simulate(theta, generator)
+        recorded = sampler.keys.recorded(simulations)
+        if int(recorded.sum()) < sampler.particles:
+            raise BadInput(
+                f"{int(recorded.sum())} of {sampler.batch} simulations have a recorded step",
+                f"{sampler.particles} particles need as many: narrow the prior, or take a larger batch",
+            )
+        sampler.embedding.fit(*sampler.keys.read(sampler.keys.usable(simulations), like))
         observed = sampler.embedding(*sampler.keys.read(measured, like)).mean(0)
-        distance = (sampler.embedding(*values) - observed).norm(dim=-1)
+        distance = _distances(sampler, simulations, observed)
         nearest = distance.topk(sampler.particles, largest=False)
         z = sampler.prior.box.to_frame(theta)[nearest.indices]
         weight = torch.full_like(nearest.values, 1 / sampler.particles)
@@ -158,8 +164,7 @@ class _Cloud:
         self, sampler: PopulationABC, z: Float[Tensor, "B P"], generator: torch.Generator
     ) -> Float[Tensor, " B"]:
         """Of fresh simulations."""
-        trajectories = sampler.simulate(sampler.prior.box.from_frame(z), generator)
-        return (sampler.embedding(*sampler.keys.read(trajectories, self.observed)) - self.observed).norm(dim=-1)
+        return _distances(sampler, sampler.simulate(sampler.prior.box.from_frame(z), generator), self.observed)
 
     def covariance(self) -> Float[Tensor, "P P"]:
         """Weighted."""
@@ -188,6 +193,13 @@ class _Cloud:
         floor = THINNEST * torch.eye(P).to(self.z)
         lower = torch.linalg.cholesky(factor**2 * self.covariance() + floor).expand(N, P, P)
         return TruncatedMixture(self.weight.log(), self.z, lower, prior.box)
+
+
+def _distances(sampler: PopulationABC, simulations: TensorDictBase, observed: Float[Tensor, " E"]) -> Tensor:
+    """Of each simulation (B,); one without a recorded step is infinitely far."""
+    recorded = sampler.keys.recorded(simulations).to(observed.device)
+    vectors = sampler.embedding(*sampler.keys.read(sampler.keys.usable(simulations), observed))
+    return observed.new_full((len(recorded),), torch.inf).masked_scatter(recorded, (vectors - observed).norm(dim=-1))
 
 
 def _weights(z: Float[Tensor, "N P"], before: _Cloud, lower: Float[Tensor, "P P"]) -> Float[Tensor, " N"]:

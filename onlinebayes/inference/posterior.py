@@ -50,7 +50,10 @@ class Posterior:
             widening: factor w on the scales of each factor of a product.
 
         Raises:
-            ValueError: another ``combine``, or values that are not finite.
+            ValueError: another ``combine``.
+            BadInput: no trajectory, one without a recorded step, values that are not finite or of another width than
+                the embedding's. One unlike anything simulated is not noticed here:
+                :class:`~onlinebayes.inference.Alarm` is asked for that.
         """
         if combine not in ("union", "product"):
             raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
@@ -58,7 +61,7 @@ class Posterior:
             together = self.of_sets(trajectories.unsqueeze(0))[0]
             return self._with(self._loss.estimator.multiplied([together], widening))
         batch, estimator = self.each(trajectories), self._loss.estimator
-        factors = [batch[i] for i in range(trajectories.shape[0])]
+        factors = [batch[i] for i in range(batch.batch_shape[0])]
         united = combine == "union"
         return self._with(estimator.united(factors) if united else estimator.multiplied(factors, widening))
 

@@ -24,12 +24,16 @@ from torch import Tensor
 from onlinebayes.embeddings import Embedding
 from onlinebayes.inference.base import FitReport
 from onlinebayes.inference.distributions import Box, TruncatedMixture
-from onlinebayes.inference.trajectories import TrajectoryKeys
+from onlinebayes.inference.trajectories import TrajectoryKeys, frame_of
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 
 FEWEST = 10
 """Accepted simulations: fewer have no covariance to speak of."""
+
+PER_COLUMN = 5
+"""Accepted simulations a column of the regression; no width is left where there are as many as columns. With five the
+95 % regions of 1500 simulations held .93 of 300 truths, with three .87."""
 
 THINNEST = 1e-4
 """Of the box's width: a kernel's least standard deviation."""
@@ -42,8 +46,8 @@ class RejectionABC:
         embedding: without weights, such as ``SummaryEmbedding``; it is standardised on the simulations.
         space: the parameters.
         box: where the simulations are drawn; the whole prior's by default.
-        share: of the simulations that is accepted.
-        adjusted: by a local linear regression.
+        share: of the simulations that is accepted, ten at least.
+        adjusted: by a local linear regression; five simulations at least are accepted for each of its columns.
         keys: where trajectories lie in a TensorDict.
 
     Attributes:
@@ -76,20 +80,18 @@ class RejectionABC:
     def fit(
         self, simulations: TensorDictBase, groups: TensorDictBase | None = None, *, generator: torch.Generator
     ) -> FitReport:
-        """Keep the simulations (B, T); groups and generator are not needed.
+        """Keep the simulations (B, T) that have a recorded step; groups and generator are not needed.
 
         Raises:
-            BadInput: fewer simulations than are to be accepted, or theta outside the box.
+            BadInput: fewer simulations than are to be accepted, theta outside the box, or what the keys refuse.
         """
-        began = monotonic()
-        theta = self._keys.read_theta(simulations)
-        if len(theta) < FEWEST:
-            raise BadInput(f"{len(theta)} simulations", f"rejection ABC needs {FEWEST} at the very least")
-        if not bool(self.box.contains(theta).all()):
-            raise BadInput("simulations lie outside the estimator's box", "leave them out, or give a larger box")
-        values = self._keys.read(simulations, torch.zeros((), dtype=torch.float64, device=theta.device))
+        began, recorded = monotonic(), self._keys.usable(simulations)
+        z = frame_of(self._keys.read_theta(recorded).double(), self.box)
+        if len(z) < self._fewest:
+            raise BadInput(f"{len(z)} simulations", f"rejection ABC needs {self._fewest} at the very least")
+        values = self._keys.read(recorded, torch.zeros((), dtype=torch.float64, device=z.device))
         self.embedding.fit(*values)
-        self._summaries, self._z = self.embedding(*values), self.box.to_frame(theta)
+        self._summaries, self._z = self.embedding(*values), z
         return FitReport(train=[0.0], seconds=monotonic() - began)
 
     def condition(self, trajectories: TensorDictBase) -> TruncatedMixture:
@@ -104,22 +106,37 @@ class RejectionABC:
         size = groups.shape[:2]
         *values, mask = self._keys.read(groups.flatten(0, 1), self._summaries)
         observed = self.embedding(*values, mask).unflatten(0, size).mean(1)
-        number = max(FEWEST, round(self.share * len(self._z)))
+        number = max(self._fewest, round(self.share * len(self._z)))
         distance, nearest = torch.cdist(observed, self._summaries).topk(number, largest=False)
         z = self._z[nearest]
         if self.adjusted:
             z = _adjusted(z, self._summaries[nearest] - observed[:, None], distance)
         return _smoothed(z, self.box)
 
+    @property
+    def _fewest(self) -> int:
+        """Simulations to accept."""
+        return max(FEWEST, PER_COLUMN * (1 + self.embedding.size)) if self.adjusted else FEWEST
+
 
 def _adjusted(
     z: Float[Tensor, "G N P"], away: Float[Tensor, "G N E"], distance: Float[Tensor, "G N"]
 ) -> Float[Tensor, "G N P"]:
-    """Each z where it would lie without its summaries' difference from the measurement's, inside the box."""
-    weight = (1 - (distance / (1.001 * distance[:, -1:])).square()).clamp_min(0).sqrt()
+    """Each z where it would lie without its summaries' difference from the measurement's, inside the box.
+
+    A measurement beyond all accepted simulations is met at their edge: a line goes on to nowhere.
+    What a regression of E + 1 columns leaves of N rows is too small by sqrt(1 - (E + 1) / N): it is stretched back.
+    """
+    number, columns = away.shape[-2], 1 + away.shape[-1]
+    weight = (1 - (distance / (1.001 * distance[:, -1:].clamp_min(1e-300))).square()).clamp_min(0).sqrt()
+    away = away - torch.zeros_like(away[:, :1]).clamp(away.amin(1, keepdim=True), away.amax(1, keepdim=True))
     design = torch.cat([torch.ones_like(away[..., :1]), away], dim=-1) * weight[..., None]
     slope = torch.linalg.lstsq(design, z * weight[..., None], driver="gelsd").solution[:, 1:]
-    return (z - away @ slope).clamp(0, 1)
+    moved = z - away @ slope
+    middle = moved.mean(-2, keepdim=True)
+    stretched = middle + (moved - middle) * (1 - columns / number) ** -0.5
+    # Mirrored at the box's sides: cut off, all that lie beyond one would become a spike on it.
+    return 1 - (1 - stretched.remainder(2)).abs()
 
 
 def _smoothed(z: Float[Tensor, "G N P"], box: Box) -> TruncatedMixture:

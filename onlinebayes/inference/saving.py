@@ -1,11 +1,19 @@
-"""Distributions as plain values, for a checkpoint: a dictionary of tensors, numbers and strings, and back.
+"""Distributions in a file of their own, and as plain values for a checkpoint.
 
-A tag tells which distribution it was. What is drawn after loading is what would have been drawn before.
+    save(posterior, "pole.pt");    posterior = load("pole.pt")
+
+A file holds names, bounds and units of the parameters beside the distribution, and no code (``weights_only=True``). As
+plain values a distribution is a dictionary of tensors, numbers and strings; a tag tells which it was. What is drawn
+after loading is what would have been drawn before.
 """
 
 from __future__ import annotations
 
+import io
+import zipfile
 from collections.abc import Mapping
+from dataclasses import astuple
+from pathlib import Path
 from typing import Any
 
 import torch
@@ -14,8 +22,91 @@ from onlinebayes.inference.base import Belief
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.proposals import TruncatedProposal
-from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput, one_line, plain, write_atomic
+
+CONTENT, FORMAT = "onlinebayes distribution", 1
+
+
+def save(belief: Belief, path: str | Path) -> None:
+    """Write a distribution to one file, whole or not at all.
+
+    Args:
+        belief: a prior, a posterior (as conditioned; its network is not saved) or a proposal.
+        path: of the file.
+
+    Raises:
+        TypeError: a distribution that no tag stands for.
+        BadInput: the file cannot be written.
+    """
+    space = [(name, *astuple(parameter)) for name, parameter in belief.space.items()]
+    content = io.BytesIO()
+    torch.save(plain({"content": CONTENT, "format": FORMAT, "space": space, "belief": to_state(belief)}), content)
+    write_atomic(path, content.getvalue())
+
+
+def load(
+    path: str | Path, space: ParameterSpace | None = None, *, device: torch.device | str = "cpu"
+) -> BoxUniform | TruncatedMixture | TruncatedProposal:
+    """The distribution that :func:`save` wrote.
+
+    Args:
+        path: of the file.
+        space: of the worlds that it is meant for; theta's columns have to be the same there. Bounds may differ.
+        device: of its tensors.
+
+    Raises:
+        BadInput: there is no such file, it is damaged, no distribution, of another format, or over other parameters.
+    """
+    where = str(path)
+    saved = _read(Path(path), device)
+    if not isinstance(saved, dict) or saved.get("content") != CONTENT:
+        raise BadInput("holds no distribution", "give a file that onlinebayes.inference.saving.save wrote", where=where)
+    if saved.get("format") != FORMAT:
+        raise BadInput(
+            f"was written in format {saved.get('format')!r}, {FORMAT} is read here",
+            "read it with the version of onlinebayes that wrote it",
+            where=where,
+        )
+    try:
+        own = ParameterSpace({name: Parameter(*values) for name, *values in saved["space"]})
+        belief = from_state(own, saved["belief"])
+    except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
+        raise BadInput(f"is damaged: {one_line(str(error))[:200]}", "save it anew", where=where) from error
+    if space is not None:
+        _check_columns(own, space, where)
+    return belief
+
+
+def _read(path: Path, device: torch.device | str) -> Any:
+    """What the file holds; ``torch.load`` alone does not look at its checksums."""
+    where = str(path)
+    if not path.is_file():
+        raise BadInput("there is no such file", "look at the path", where=where)
+    try:
+        content = path.read_bytes()
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            wrong = archive.testzip()
+        if wrong is None:
+            return torch.load(io.BytesIO(content), map_location=device, weights_only=True)
+    except Exception as error:  # whatever the bytes make zipfile and torch meet
+        raise BadInput(
+            f"is cut off, damaged or of another kind: {one_line(str(error))[:100]}",
+            "give a whole file that onlinebayes.inference.saving.save wrote",
+            where=where,
+        ) from error
+    raise BadInput(f"is damaged: the checksum of {wrong} is another", "copy it anew, or save it anew", where=where)
+
+
+def _check_columns(saved: ParameterSpace, wanted: ParameterSpace, where: str) -> None:
+    """Theta has names for us and columns for a simulator: another order would be taken without a word."""
+    have, need = ([f"{name} [{space[name].unit}]" for name in space] for space in (saved, wanted))
+    if have != need:
+        raise BadInput(
+            f"is over {', '.join(have)}; the worlds read {', '.join(need)}",
+            "give the space the same parameters in the same order",
+            where=where,
+        )
 
 
 def to_state(belief: Belief) -> dict[str, Any]:

@@ -65,3 +65,15 @@ def test_it_refuses_what_it_cannot_use() -> None:
         made().fit(simulate(PRIOR.sample((9,), generator), generator), generator=generator)
     with pytest.raises(BadInput, match="call fit first"):
         made().condition(simulate(PRIOR.sample((1,), generator), generator))
+
+
+def test_few_simulations_and_many_summaries_make_it_wide_and_not_sure() -> None:
+    """Two in a hundred of 400 are fewer than the columns of the regression: it would meet each of them exactly."""
+    generator = torch.Generator().manual_seed(2)
+    estimator = made(adjusted=True)
+    estimator.fit(simulate(PRIOR.sample((400,), generator), generator), generator=generator)
+    theta = PRIOR.sample((300,), generator)
+    posterior = estimator.each(simulate(theta, generator)[:, None])
+    # Three standard errors of 300 are .04; a few per cent for what a straight line leaves.
+    assert float((credibility_of(posterior, theta, generator=generator) <= 0.95).double().mean()) > 0.87
+    assert float(posterior.log_prob(theta).mean()) > float(PRIOR.log_prob(theta).mean()) + 1

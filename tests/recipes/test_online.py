@@ -6,8 +6,10 @@ import csv
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from onlinebayes.inference import saving
 from onlinebayes.runs import BadInput
 from recipes import (
     acrobot,
@@ -17,6 +19,7 @@ from recipes import (
     dm_control,
     from_logs,
     mountain_car,
+    own_simulator,
     pendulum,
     reach,
     tie,
@@ -73,6 +76,29 @@ def test_our_pieces_work_in_a_loop_of_ones_own(tmp_path: Path, capsys: Capture) 
     assert custom_loop.main(Options(short=True, out=str(tmp_path))) == 0
     rows = left(tmp_path / "custom_loop-0-short", capsys.readouterr().out)
     assert float(rows[-1]["belief/mass/sd"]) < float(rows[0]["belief/mass/sd"]) / 3
+
+
+@pytest.mark.slow
+@checked_elsewhere
+def test_a_function_is_a_simulator(tmp_path: Path, capsys: Capture) -> None:
+    assert own_simulator.main(own_simulator.Settings(short=True, out=str(tmp_path))) == 0
+    said, folder = capsys.readouterr().out, tmp_path / "own_simulator-0-short"
+    assert written(folder) in said
+    assert "<svg" in (folder / "run.html").read_text("utf-8")
+    assert "% region holds" in said
+    assert "of the prior's width" in said
+    assert (folder / "corner.png").read_bytes().startswith(b"\x89PNG")
+    assert saving.load(folder / "posterior.pt", own_simulator.SPACE).space == own_simulator.SPACE
+
+
+def test_the_function_swings_as_a_spring_does() -> None:
+    """At sqrt(k / m - (d / 2 m)^2), read without noise to a hundredth: its own step is a fiftieth of a second."""
+    random, theta = np.random.default_rng(0), np.array([[1.0, 8.0, 0.5]])
+    seen = own_simulator.simulate(theta, np.zeros((1, own_simulator.STEPS)), random)[0]
+    t = own_simulator.DT * np.arange(own_simulator.STEPS + 1)
+    rate, decay = np.sqrt(8.0 - 0.25**2), 0.25
+    exact = 0.3 * np.exp(-decay * t) * (np.cos(rate * t) + decay / rate * np.sin(rate * t))
+    assert np.abs(seen[:, 0] - exact).max() < 0.01 + 4 * own_simulator.NOISE
 
 
 @pytest.mark.slow
