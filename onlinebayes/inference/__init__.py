@@ -22,7 +22,7 @@ Every name is a part on its own; none knows of a trainer.
 """
 
 from onlinebayes.inference import calibration, proposals
-from onlinebayes.inference.alarm import Alarm, Surprise
+from onlinebayes.inference.alarm import Alarm, Novelty, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
@@ -30,6 +30,7 @@ from onlinebayes.inference.filtered import filtered_estimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
+from onlinebayes.inference.importance import WeightedDraws, importance
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.population import Population, PopulationABC
@@ -51,6 +52,7 @@ __all__ = [
     "MixtureEstimator",
     "NeuralEstimator",
     "NeuralPosteriorLoss",
+    "Novelty",
     "Population",
     "PopulationABC",
     "Posterior",
@@ -59,9 +61,11 @@ __all__ = [
     "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",
+    "WeightedDraws",
     "calibration",
     "filtered_estimator",
     "fit",
+    "importance",
     "proposals",
     "residual_estimator",
 ]

@@ -1,21 +1,32 @@
 """Distributions as plain values, for a checkpoint: a dictionary of tensors, numbers and strings, and back.
 
 A tag tells which distribution it was. What is drawn after loading is what would have been drawn before.
+
+:func:`save` and :func:`load` keep one in a text file of its own (JSON, numbers in double precision), parameters and
+bounds included, for another program or a later run:
+
+    prior = load("out/posterior/belief.json", simulator.parameters)
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import torch
+from torch import Tensor
 
 from onlinebayes.inference.base import Belief
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.proposals import TruncatedProposal
-from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import BadInput
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput, write_atomic
+
+SCHEMA = 1
 
 
 def to_state(belief: Belief) -> dict[str, Any]:
@@ -73,6 +84,72 @@ def from_state(space: ParameterSpace, state: Mapping[str, Any]) -> Any:
     if kind == "uniform":
         return BoxUniform(space, box)
     return TruncatedMixture(state["log_weights"], state["mean"], state["scale_tril"], box)
+
+
+def save(belief: Belief, path: str | Path) -> None:
+    """Write a distribution to a JSON file, whole or not at all.
+
+    Raises:
+        TypeError: a distribution that no tag stands for.
+        BadInput: the file cannot be written.
+    """
+    parameters = {name: asdict(bounds) for name, bounds in belief.space.items()}
+    content = {"schema": SCHEMA, "parameters": parameters, "distribution": _listed(to_state(belief))}
+    write_atomic(path, json.dumps(content, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def load(path: str | Path, space: ParameterSpace | None = None) -> Any:
+    """The distribution that :func:`save` wrote, in double precision.
+
+    Args:
+        path: the file.
+        space: the parameters that it has to be of, e.g. a simulator's; those in the file when None.
+
+    Raises:
+        BadInput: the file cannot be read, or is of other parameters or bounds.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        saved = ParameterSpace({name: Parameter(**bounds) for name, bounds in content["parameters"].items()})
+        belief = from_state(saved, _tensors(content["distribution"]))
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError, RuntimeError) as error:
+        told = " ".join(str(error).split()) or type(error).__name__
+        cure = "name a file that saving.save or onlinebayes posterior wrote"
+        raise BadInput(f"no distribution can be read: {told}", cure, where=str(path)) from error
+    if space is not None and saved != space:
+        known = {**saved, **space}
+        differing = [name for name in known if dict(saved).get(name) != dict(space).get(name)]
+        which = ", ".join(differing) or "their order"
+        raise BadInput(
+            f"it is of other parameters or bounds: {which}",
+            "load it for the model, and the bounds, that it was made with",
+            where=str(path),
+        )
+    return belief
+
+
+def _listed(state: Mapping[str, Any]) -> dict[str, Any]:
+    """The same with nested lists for tensors; kernels that all have one factor name it once."""
+    found: dict[str, Any] = {}
+    for key, value in state.items():
+        if key == "scale_tril" and bool((value == value[:1]).all()):
+            value = value[:1]
+        if isinstance(value, Mapping):
+            value = _listed(value)
+        found[key] = value.tolist() if isinstance(value, Tensor) else value
+    return found
+
+
+def _tensors(state: Mapping[str, Any]) -> dict[str, Any]:
+    """The inverse of :func:`_listed`."""
+    found: dict[str, Any] = {}
+    for key, value in state.items():
+        if isinstance(value, Mapping):
+            value = _tensors(value)
+        found[key] = torch.tensor(value, dtype=torch.float64) if isinstance(value, list) else value
+    if "scale_tril" in found:
+        found["scale_tril"] = found["scale_tril"].expand(len(found["mean"]), -1, -1)
+    return found
 
 
 def _box(box: Box) -> dict[str, Any]:
