@@ -82,7 +82,7 @@ def models_of(path: Path) -> tuple[list[Path], list[float]]:
         )
     try:
         told = json.loads((path / "report.json").read_text("utf-8"))["hypotheses"]
-        weights = [float(one["weight"]) for one in told]
+        weights = [float(one["weight"]) for one in told] or [1.0]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise BadInput(f"report.json cannot be read: {error}", "run refine again", where=str(path)) from error
     if len(weights) != len(files):

@@ -18,7 +18,7 @@ def lines(found: LogPosterior, shown: int = SHOWN) -> list[tuple[str, str]]:
     """(label, sentence), in the order in which they are to be read."""
     named = sorted(found.parameters.items(), key=lambda one: -one[1].of_prior)[:shown] if shown else []
     told = [("posterior" if k == 0 else "", parameter(*one)) for k, one in enumerate(named)]
-    if len(found.parameters) > len(named):
+    if 0 < len(named) < len(found.parameters):
         told.append(("", f"and {len(found.parameters) - len(named)} more, known better, in posterior.json"))
     told.append(("known", known(found)))
     told.append(("worlds", reproductions(found)))
