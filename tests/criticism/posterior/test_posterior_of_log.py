@@ -129,8 +129,8 @@ def test_a_stop_ends_it() -> None:
 def test_ninety_percent_intervals_hold_the_truth(memory: float, without_shape_checks: None) -> None:
     """Over 40 logs of 12 s; with white noise, and with noise that is correlated over five rows.
 
-    A right interval holds the truth in 30 of 40 at least with probability 0.9985 (binomial): with other seeds one run of
-    300 would fail by chance, for two parameters. Over 200 logs the share was 88 and 91 %.
+    A right interval holds the truth in 30 of 40 at least with probability 0.9985 (binomial): with other seeds one of
+    300 runs would fail by chance, for two parameters. Over 200 logs the share was 88 and 91 %.
     """
     truths, held = BoxUniform(FREE).sample((40,), torch.Generator().manual_seed(0)), torch.zeros(2)
     for k, truth in enumerate(truths):
