@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -71,6 +71,8 @@ versus-peers: setup  ## refine against three peers (hours; goes on where it was 
 online: setup    ## online learning beside a posterior first, the prior and an oracle (hours; goes on where it was stopped) -> docs/results/online.json
 	$(BIN)/python -m recipes.studies.online --out $(OUT)/online
 
+exact: setup     ## the neural posterior beside the exact one (an hour; goes on where it was stopped) -> docs/results/exact.json
+	$(BIN)/python -m recipes.studies.exact --out $(OUT)/exact
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 update-speed: setup  ## one gradient step of SAC and DDPG beside torch by hand -> docs/results/update-speed.json

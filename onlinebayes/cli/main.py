@@ -1,4 +1,4 @@
-"""``onlinebayes compare | diagnose | refine | next problem.toml --out DIR``; before them ``init``, after them ``show``.
+"""``onlinebayes compare | diagnose | refine | posterior | next problem.toml --out DIR``; first ``init``, last ``show``.
 
 Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (with its traceback), 130 stopped by
 Ctrl-C, or at work by SIGTERM. What is slow to import is imported only once the arguments are known to be right.
@@ -26,6 +26,8 @@ examples:
       the same, then rank the physical effects that the model may lack
   onlinebayes refine carriage.toml --out out/refine
       add the best effect, refit, repeat; writes refined.toml and refined.xml
+  onlinebayes posterior out/refine/refined.toml --out out/posterior
+      what the log says of each free parameter: a distribution, to train in
   onlinebayes next carriage.toml --out out/next
       propose the recording that decides what is open; writes next.csv
   onlinebayes compare carriage.toml --out out/by-hand --add dry_friction@carriage
@@ -39,6 +41,7 @@ COMMANDS = {
     "compare": "fit what is free, replay, show where it fails",
     "diagnose": "the same, then rank the missing effects",
     "refine": "add the best effect, refit, repeat until the verdict stands",
+    "posterior": "say what is known of the free parameters, and what not",
     "next": "propose the recording that decides what is open",
 }
 
@@ -147,6 +150,10 @@ def _run(arguments: argparse.Namespace) -> int:
         from onlinebayes.cli.next import propose_next
 
         return propose_next(arguments.problem, arguments.out, arguments.add)
+    if arguments.command == "posterior":
+        from onlinebayes.cli.posterior import infer_posterior
+
+        return infer_posterior(arguments.problem, arguments.out, arguments.add)
     from onlinebayes.cli.work import work
 
     return work(arguments.command, arguments.problem, arguments.out, arguments.add)

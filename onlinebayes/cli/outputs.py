@@ -53,8 +53,12 @@ def clear(folder: Path, written: Sequence[str], inputs: Mapping[Path, str]) -> t
 
 
 @contextmanager
-def writable(folder: Path) -> Iterator[Path]:
+def writable(folder: Path, names: Sequence[str] = NAMES) -> Iterator[Path]:
     """The folder, made if need be and tried out before the long work; taken away again when nothing was written.
+
+    Args:
+        folder: the command's.
+        names: of the files that it may write.
 
     Raises:
         BadInput: it is a link, cannot be made or written, or holds a folder of the name of a file to be written.
@@ -72,7 +76,7 @@ def writable(folder: Path) -> Iterator[Path]:
     except OSError as error:
         problem = "is a file, not a folder" if folder.is_file() else f"cannot be written: {error.strerror}"
         raise BadInput(problem, "give --out a folder that you may write to", where=str(folder)) from None
-    for path in (folder / name for name in NAMES):
+    for path in (folder / name for name in names):
         if path.is_dir():
             raise BadInput("is a folder, where a file is to be written", "choose another --out", where=str(path))
     try:

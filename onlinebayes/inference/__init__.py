@@ -25,7 +25,7 @@ Every name is a part on its own; none knows of a trainer.
 """
 
 from onlinebayes.inference import calibration, proposals, saving, trust
-from onlinebayes.inference.alarm import Alarm, Surprise
+from onlinebayes.inference.alarm import Alarm, Novelty, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
@@ -34,6 +34,7 @@ from onlinebayes.inference.fit import fit
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.identifiability import Identifiability, identifiability
+from onlinebayes.inference.importance import WeightedDraws, importance
 from onlinebayes.inference.likelihood import LikelihoodEstimator, WeightedPosterior
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
@@ -58,6 +59,7 @@ __all__ = [
     "MixtureEstimator",
     "NeuralEstimator",
     "NeuralPosteriorLoss",
+    "Novelty",
     "Population",
     "PopulationABC",
     "Posterior",
@@ -66,11 +68,13 @@ __all__ = [
     "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",
+    "WeightedDraws",
     "WeightedPosterior",
     "calibration",
     "filtered_estimator",
     "fit",
     "identifiability",
+    "importance",
     "proposals",
     "residual_estimator",
     "saving",

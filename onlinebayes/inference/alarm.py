@@ -56,8 +56,45 @@ class Surprise:
         return tuple(self.away.abs().argsort(descending=True).tolist())
 
 
+class Novelty:
+    """Compares the summaries of measurements with those of simulations.
+
+    Args:
+        summaries: e of the simulations.
+
+    Raises:
+        BadInput: fewer than a hundred simulations.
+    """
+
+    def __init__(self, summaries: Float[Tensor, "N E"]) -> None:
+        if len(summaries) < FEWEST:
+            raise BadInput(f"{len(summaries)} simulations", f"an alarm needs {FEWEST} or more")
+        self._centre, self._whitening = _whitening(summaries)
+        if not self._whitening.shape[1]:
+            raise BadInput("all simulations have the same summaries", "an alarm needs some that vary with theta")
+        self._simulated = (summaries - self._centre) @ self._whitening
+        apart = torch.cdist(self._simulated, self._simulated)
+        apart.fill_diagonal_(torch.inf)
+        self._scores = _score(apart)
+
+    def check(self, measured: Float[Tensor, "n E"]) -> Surprise:
+        """How strange the summaries of n trajectories of one system are."""
+        e = (measured - self._centre) @ self._whitening
+        apart = torch.cdist(e, self._simulated)
+        scores = _score(apart)
+        p = (1 + (self._scores >= scores[:, None]).sum(1)) / (len(self._scores) + 1)
+        strangest = int(p.argmin())
+        near = self._simulated[apart[strangest].topk(NEAR, largest=False).indices]
+        # Back from whitened coordinates: each summary is told as it is.
+        unwhitened = torch.linalg.pinv(self._whitening)
+        values, nearest = e[strangest] @ unwhitened, near @ unwhitened
+        spread = nearest.std(0)
+        away = torch.where(spread > 0, (values - nearest.mean(0)) / spread.clamp_min(1e-300), 0.0)
+        return Surprise(min(1.0, len(p) * float(p.min())), away)
+
+
 class Alarm:
-    """Compares measurements with simulations.
+    """Compares measurements with simulations, by what an embedding makes of them.
 
     Args:
         embedding: fitted on the simulations; what it drops is not compared.
@@ -71,32 +108,11 @@ class Alarm:
     def __init__(self, embedding: Embedding, simulations: TensorDictBase, keys: TrajectoryKeys | None = None) -> None:
         self._embedding, self._keys = embedding, keys if keys is not None else TrajectoryKeys()
         self._like = next(iter([*embedding.parameters(), *embedding.buffers()]))
-        summaries = self._summaries(self._keys.usable(simulations))
-        if len(summaries) < FEWEST:
-            raise BadInput(f"{len(summaries)} simulations", f"an alarm needs {FEWEST} or more")
-        self._centre, self._whitening = _whitening(summaries)
-        if not self._whitening.shape[1]:
-            raise BadInput("all simulations have the same summaries", "an alarm needs some that vary with theta")
-        self._simulated = (summaries - self._centre) @ self._whitening
-        apart = torch.cdist(self._simulated, self._simulated)
-        apart.fill_diagonal_(torch.inf)
-        self._scores = _score(apart)
+        self._novelty = Novelty(self._summaries(self._keys.usable(simulations)))
 
-    @torch.no_grad()
     def check(self, measured: TensorDictBase) -> Surprise:
         """How strange the trajectories (n, T) of one system are."""
-        e = (self._summaries(measured) - self._centre) @ self._whitening
-        apart = torch.cdist(e, self._simulated)
-        scores = _score(apart)
-        p = (1 + (self._scores >= scores[:, None]).sum(1)) / (len(self._scores) + 1)
-        strangest = int(p.argmin())
-        near = self._simulated[apart[strangest].topk(NEAR, largest=False).indices]
-        # Back from whitened coordinates: each summary is told as it is.
-        unwhitened = torch.linalg.pinv(self._whitening)
-        values, nearest = e[strangest] @ unwhitened, near @ unwhitened
-        spread = nearest.std(0)
-        away = torch.where(spread > 0, (values - nearest.mean(0)) / spread.clamp_min(1e-300), 0.0)
-        return Surprise(min(1.0, len(p) * float(p.min())), away)
+        return self._novelty.check(self._summaries(measured))
 
     def _summaries(self, trajectories: TensorDictBase) -> Float[Tensor, "B E"]:
         with torch.no_grad():

@@ -26,6 +26,8 @@ from onlinebayes.runs import atomic_path
 
 POSTERIOR, PRIOR, TRUTH = "#2a6f97", "#8a8f98", "#d1495b"
 LEVELS = (0.95, 0.68)
+LONGEST = 22
+"""Letters of a name beside an axis; a longer one is broken at its last dot."""
 NARROW = 1e-3
 """A window narrower than this part of its values is labelled by distances from a round number."""
 
@@ -58,7 +60,7 @@ def corner(
     Args:
         posterior: a :class:`~onlinebayes.inference.Posterior` or any distribution over its ``space``.
         truth: true parameters (P,) [units], drawn as lines, where they are known.
-        prior: drawn as a dashed line on the diagonal.
+        prior: drawn as a dashed line on the diagonal; its bounds stand above.
         zoom: show where the posterior (and the truth) is; otherwise the parameters' whole bounds.
         samples: draws behind the densities.
         title: over the figure.
@@ -89,6 +91,8 @@ def corner(
                 continue
             if row == column:
                 _single(axis, draws[:, row], windows[row], None if edges is None else edges[row])
+                if edges is not None:
+                    axis.set_title(_bounds(parameters[row]), fontsize=7, color=PRIOR, pad=2)
             else:
                 _pair(axis, draws[:, column], draws[:, row], windows[column], windows[row])
             _truth(axis, at, row, column)
@@ -137,6 +141,11 @@ def _single(axis: Axes, draws: np.ndarray, window: tuple[float, float], prior: n
     axis.set_xlim(*window)
     axis.set_ylim(0, 1.08 * max(density.max(), 1e-300))
     axis.set_yticks([])
+
+
+def _bounds(parameter: Parameter) -> str:
+    """``prior 50 to 150 kg``."""
+    return f"prior {parameter.low:.5g} to {parameter.high:.5g} {parameter.unit}".rstrip()
 
 
 def _pair(
@@ -201,10 +210,16 @@ def _ticks(axis: Axis, window: tuple[float, float], count: int, name: str, param
         axis.set_major_formatter(
             FuncFormatter(lambda value, _: f"{((10**value if logarithmic else value) - centre) / 10.0**power:.3g}")
         )
-        return f"{name} - {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]")
+        return f"{_broken(name)} - {centre:.12g} [1e{power} {parameter.unit}]".replace(" ]", "]")
     if logarithmic:
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{10**value:.3g}"))
-    return f"{name} [{parameter.unit}]" if parameter.unit else name
+    return f"{_broken(name)} [{parameter.unit}]" if parameter.unit else _broken(name)
+
+
+def _broken(name: str) -> str:
+    """``dry_friction@carriage`` above ``.frictionloss``."""
+    head, dot, tail = name.rpartition(".")
+    return f"{head}\n{dot}{tail}" if head and len(name) > LONGEST else name
 
 
 def _legend(figure: Figure, axis: Axes, prior: bool, truth: bool, title: str) -> None:

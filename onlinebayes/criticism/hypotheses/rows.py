@@ -115,6 +115,13 @@ def taken_out(windows: Windows, rows: Rows, moved: Float[Tensor, "W n S C"]) -> 
     return column - rows.basis @ (rows.basis.mT @ column)
 
 
+def left_of(windows: Windows, rows: Rows, residual: Float[Tensor, "D W n S"], starts: Float[Tensor, "W J2"]) -> Tensor:
+    """The rows (D, W, m) of other residuals [SI] from the fit's starts, these taken out as at the fit."""
+    scale, shift = per_noise(windows) * rows.weight, rows.prior_weight * start_misfit(windows, starts)
+    full = torch.cat([(residual * scale).flatten(2, 3), shift.expand(len(residual), *shift.shape)], dim=2)
+    return full - torch.einsum("wmj,wkj,dwk->dwm", rows.basis, rows.basis, full)
+
+
 def start_shift(
     windows: Windows, lin: Linearisation, rows: Rows, steps: Float[Tensor, "D P"]
 ) -> Float[Tensor, "D W J2"]:

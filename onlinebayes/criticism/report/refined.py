@@ -1,5 +1,7 @@
 """The refined model: refined.toml (the problem with its accepted effects) and refined.xml (for plain MuJoCo).
 
+Where the data leave several models open, refined-2.toml and so on are the problem with each of the others.
+
 refined.toml is the problem file with ``[effects] add`` extended, everything else kept: bounds stay priors, the fitted
 values stand beside them as comments, relative paths are rewritten to hold from the new folder. refined.xml is the
 model with every fitted value and every effect that MuJoCo has a term for written in; a comment names those it lacks.
@@ -18,9 +20,11 @@ from typing import Any
 
 import mujoco
 
+from onlinebayes.criticism.hypotheses.weighing import MOST
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.mending import mended
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.results import Criticism, WeightedModel, WidenedBounds
+from onlinebayes.identification import quantities
 from onlinebayes.identification.replaying.scoped import physical
 from onlinebayes.identification.replaying.wrapper import unwrap
 from onlinebayes.identification.results import FittedModel
@@ -30,7 +34,10 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.assets import put_beside
 from onlinebayes.simulators.mujoco.export import to_xml
 
-FILES = ("refined.toml", "refined.xml")
+RIVALS = tuple(f"refined-{k + 2}.toml" for k in range(MOST))
+"""Problem files of the other models that a result leaves open."""
+
+FILES = ("refined.toml", "refined.xml", *RIVALS)
 """What ``refine`` writes besides the report, as far as there is a problem file, and a model that MuJoCo takes."""
 
 ASSETS = "refined_assets"
@@ -81,6 +88,10 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
         content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
         write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
         written.append("refined.toml")
+        others = result.hypotheses[1:] if result.wiring is None else ()
+        for name, rival in zip(RIVALS, others, strict=False):
+            write_atomic(folder / name, refined_toml(content, Path(problem).parent, folder, result, rival))
+            written.append(name)
     if isinstance(simulator, MujocoSimulator):
         try:
             text, assets = refined_xml(result, simulator, folder)
@@ -94,7 +105,9 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
     return tuple(written)
 
 
-def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result: Criticism) -> str:
+def refined_toml(
+    content: Mapping[str, Any], source: Path, target: Path, result: Criticism, rival: WeightedModel | None = None
+) -> str:
     """The text of refined.toml.
 
     Args:
@@ -102,24 +115,31 @@ def refined_toml(content: Mapping[str, Any], source: Path, target: Path, result:
         source: the folder its relative paths start from.
         target: the folder that the new file will lie in.
         result: what ``refine`` returned.
+        rival: one of its other models, in the place of the final one.
     """
+    model = result.final if rival is None else rival.model
     content = dict(content) if result.wiring is None else mended(content, result.wiring)
     content["model"] = _moved(content["model"], source, target)
     tables = content["measurements"]
     content["measurements"] = [_moved(t, source, target) for t in ([tables] if isinstance(tables, str) else tables)]
     effects = dict(content.get("effects", {}))
-    effects["add"] = list(result.final.effects)
+    effects["add"] = list(model.effects)
     content["effects"] = effects
     content["parameters"] = {
         **content["parameters"],
-        **_bounds(content["parameters"], result),
-        **_widened(content["parameters"], result),
+        **_bounds(content["parameters"], model),
+        **({} if rival is None else _freed(result, model)),
+        **_widened(content["parameters"], result, rival),
         **_own(content["parameters"], result),
     }
+    fitted = _fitted(_model(result) if rival is None else model)
     comments: dict[tuple[str, ...], str] = {
-        ("parameters", name): f"fitted: {'; '.join(values)}" for name, values in _fitted(result).items()
+        ("parameters", name): f"fitted: {'; '.join(values)}" for name, values in fitted.items()
     }
     head = "\n".join(filter(None, (words.headline(result), words.improvement(result), words.put_right(result))))
+    if rival is not None:
+        share = quantities.percent(rival.weight)
+        head = f"Another model that the data leave open, believed to {share}: with {phrases.listing(rival.accepted)}"
     return to_toml(content, head=head, comments=comments)
 
 
@@ -170,11 +190,11 @@ def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
     return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
 
 
-def _bounds(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
+def _bounds(parameters: Mapping[str, Any], model: FittedModel) -> dict[str, Any]:
     """Bounds of the effects' parameters, as the problem file writes them; what else it says of one is kept."""
-    space = unwrap(result.final.simulator).parameters
+    space = unwrap(model.simulator).parameters
     found: dict[str, Any] = {}
-    for effect in result.final.simulator.effects:
+    for effect in model.simulator.effects:
         for name in effect.parameters:
             address = f"{effect.key}.{name}"
             parameter = space[address]
@@ -187,15 +207,30 @@ def _bounds(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
     return found
 
 
-def _widened(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
+def _freed(result: Criticism, model: FittedModel) -> dict[str, Any]:
+    """Bounds of the numbers that the model has free and the base model does not."""
+    known = unwrap(result.base.simulator).parameters
+    space = unwrap(model.simulator).parameters
+    return {name: [space[name].low, space[name].high] for name in space if name not in known and "@" not in name}
+
+
+def _widened(parameters: Mapping[str, Any], result: Criticism, rival: WeightedModel | None) -> dict[str, Any]:
     """The wider bounds where the old ones exclude the truth, as the problem file wrote them."""
     found: dict[str, Any] = {}
     for name, widened in result.widened.items():
+        if rival is not None and _does_without(rival.model, name, widened):
+            continue
         low, high = widened.after
         address = address_of(name)
         given = parameters.get(address)
         found[address] = {**given, "low": low, "high": high} if isinstance(given, Mapping) else [low, high]
     return found
+
+
+def _does_without(model: FittedModel, name: str, widened: WidenedBounds) -> bool:
+    """Whether a parameter is not free in a model, or has the old bounds there."""
+    held = unwrap(model.simulator).parameters.get(address_of(name))
+    return held is None or (held.low, held.high) == widened.before
 
 
 def _own(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
@@ -208,10 +243,10 @@ def _own(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
     return found
 
 
-def _fitted(result: Criticism) -> dict[str, list[str]]:
+def _fitted(model: FittedModel) -> dict[str, list[str]]:
     """Address -> its fitted value, or that of every run."""
     found: dict[str, list[str]] = {}
-    for name, value in _model(result).parameters.items():
+    for name, value in model.parameters.items():
         address = address_of(name)
         of_run = name.removeprefix(address).removeprefix("[").removesuffix("]")  # a glob has brackets of its own
         found.setdefault(address, []).append(f"{of_run} {phrases.estimate(value)}".strip())

@@ -13,10 +13,11 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism.report.refined import left_out, write_refined
+from onlinebayes.criticism.results import WeightedModel
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.criticism.report.synthetic import DRIVE, changed, criticism, drive, miswired
+from tests.criticism.report.synthetic import DRIVE, SPACE, changed, criticism, drive, miswired
 
 PROBLEM = """
 schema = 1
@@ -204,3 +205,28 @@ def test_without_another_fit_the_files_say_that_theirs_is_of_the_faulty_table(fo
     write_refined(dataclasses.replace(miswired(), mended=None), folder / "out", folder / "drive.toml")
     assert "hold the model fitted to the table with the fault" in (folder / "out" / "refined.toml").read_text()
     assert "fitted to the table with its fault" in (folder / "out" / "refined.xml").read_text().splitlines()[0]
+
+
+def test_a_rival_has_a_problem_file_of_its_own(folder: Path) -> None:
+    result = criticism(simulator=drive())
+    friction = drive().effects[0]
+    rival = MujocoSimulator(DRIVE, SPACE, threads=1, effects=(friction,)).with_free(
+        "joint.carriage.armature", Parameter(0.0, 3.0, "kg")
+    )
+    names = ("body.carriage.mass", "dry_friction@carriage.frictionloss")
+    model = dataclasses.replace(
+        result.final,
+        simulator=rival,
+        effects=(friction.key,),
+        parameters={name: result.final.parameters[name] for name in names},
+    )
+    hypotheses = (WeightedModel(0.6, result.accepted, result.final), WeightedModel(0.4, (friction.key,), model))
+    written = write_refined(dataclasses.replace(result, hypotheses=hypotheses), folder / "out", folder / "drive.toml")
+    assert written == ("refined.toml", "refined-2.toml", "refined.xml")
+    text = (folder / "out" / "refined-2.toml").read_text()
+    assert text.startswith("# Another model that the data leave open, believed to 40 %: with dry_friction@carriage\n")
+    new = tomllib.loads(text)
+    assert new["effects"]["add"] == ["dry_friction@carriage"]
+    assert new["parameters"]["dry_friction@carriage.frictionloss"] == [0.0, 100.0]
+    assert new["parameters"]["joint.carriage.armature"] == [0.0, 3.0]
+    assert not any("constant_load" in name for name in new["parameters"])
