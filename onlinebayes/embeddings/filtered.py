@@ -14,20 +14,15 @@ simulations by :meth:`fit`, so that normalised innovations have mean square one.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import torch
 from jaxtyping import Bool, Float
 from scipy.stats import qmc
-from tensordict import TensorDictBase
 from torch import Tensor
 
 from onlinebayes.embeddings.base import SetEmbedding, check_padding
 from onlinebayes.embeddings.features import RawTransitions
-from onlinebayes.embeddings.kalman import Frame, Rows, SimulatorFilter
+from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
 from onlinebayes.embeddings.likeliest import likeliest
-from onlinebayes.simulators import Simulator
 
 STARTS = 7
 """To climb from; the first is the centre of the box, and most climbs need no other."""
@@ -55,15 +50,11 @@ class FilteredEmbedding(SetEmbedding):
     """Trajectories of one system -> the likeliest theta, and how sure that is.
 
     Args:
-        simulator: f; only its ``rollout`` is used.
-        box: of the proposal.
-        observation, action: numbers of values O and A.
-        state: observations (M, O) -> complete states (M,), the inverse of ``observe``.
-        command: actions (M, A) -> commands (M, U).
-        observe: h, states (M,) -> observations (M, O).
+        model: the filter.
+        action: number of action values A.
 
     Attributes:
-        model: the filter.
+        model: as given; :meth:`fit` reads its noise and starts off simulations.
     """
 
     located = True
@@ -71,21 +62,10 @@ class FilteredEmbedding(SetEmbedding):
     spread: Tensor
     starts: Tensor
 
-    def __init__(
-        self,
-        simulator: Simulator,
-        box: Frame,
-        observation: int,
-        action: int,
-        *,
-        state: Callable[[Tensor], TensorDictBase],
-        command: Callable[[Tensor], Tensor],
-        observe: Callable[[TensorDictBase], Any],
-    ) -> None:
+    def __init__(self, model: SimulatorFilter, action: int) -> None:
+        observation, P = model.observation, len(model.simulator.parameters)
         super().__init__(RawTransitions(observation, action))
-        self.model = SimulatorFilter(simulator, box, observation, state=state, command=command, observe=observe)
-        self._observation = observation
-        P = len(simulator.parameters)
+        self.model = model
         self._told = P + P * (P + 1) // 2 + observation
         self.size = self._told + P + P * (P + 1) // 2
         starts = qmc.Sobol(P, scramble=False).random_base2(3)[1 : 1 + STARTS]
@@ -122,7 +102,7 @@ class FilteredEmbedding(SetEmbedding):
 
     def rows(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Rows:
         """The filter's input from features."""
-        rows, seen = features.double(), self._observation
+        rows, seen = features.double(), self.model.observation
         return Rows(rows[:, 0, :seen], rows[..., seen:-seen], rows[..., -seen:], mask)
 
     def _vector(self, features: Tensor, mask: Tensor) -> Float[Tensor, "G E"]:

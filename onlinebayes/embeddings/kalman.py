@@ -104,7 +104,7 @@ class SimulatorFilter(nn.Module):
         observe: Callable[[TensorDictBase], Any],
     ) -> None:
         super().__init__()
-        self.simulator, self.box = simulator, box
+        self.simulator, self.box, self.observation = simulator, box, observation
         self._state, self._command, self._observe = state, command, observe
         template = state(torch.zeros(1, observation, dtype=torch.float64))
         self._template = template

@@ -29,13 +29,13 @@ from onlinebayes.inference.alarm import Alarm, Novelty, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.estimator import MixtureEstimator
-from onlinebayes.inference.filtered import filtered_estimator
+from onlinebayes.inference.filtered import filter_of, filtered_estimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.identifiability import Identifiability, identifiability
 from onlinebayes.inference.importance import WeightedDraws, importance
-from onlinebayes.inference.likelihood import LikelihoodEstimator, WeightedPosterior
+from onlinebayes.inference.likelihood import LikelihoodEstimator, LikelihoodPosterior
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.population import Population, PopulationABC
@@ -56,6 +56,7 @@ __all__ = [
     "Gate",
     "Identifiability",
     "LikelihoodEstimator",
+    "LikelihoodPosterior",
     "MixtureEstimator",
     "NeuralEstimator",
     "NeuralPosteriorLoss",
@@ -69,8 +70,8 @@ __all__ = [
     "TrajectoryKeys",
     "TruncatedMixture",
     "WeightedDraws",
-    "WeightedPosterior",
     "calibration",
+    "filter_of",
     "filtered_estimator",
     "fit",
     "identifiability",

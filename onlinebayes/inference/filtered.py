@@ -1,6 +1,6 @@
-"""The estimator for noisy sensors: each trajectory told by what a Kalman filter through the simulator makes of it.
+"""The estimator for noisy sensors: trajectories are told by what a Kalman filter through the simulator makes of them.
 
-    x -> filter over (state, theta) -> mean and covariance of theta -> mixture density network -> q(theta | x)
+    x_1 ... x_n -> filters -> likeliest theta and its covariance -> mixture density network -> q(theta | x_1 ... x_n)
 
     estimator = filtered_estimator(simulator, task, state=...)      # proposal -> a fresh estimator in its box
 
@@ -17,8 +17,9 @@ from typing import Any
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.embeddings import FilteredEmbedding
+from onlinebayes.embeddings import FilteredEmbedding, SimulatorFilter
 from onlinebayes.inference.base import Belief, PosteriorEstimator
+from onlinebayes.inference.distributions import Box
 from onlinebayes.inference.neural import TRAIN, Fit, mixture_of
 from onlinebayes.simulators import Simulator, Task
 
@@ -37,15 +38,21 @@ def filtered_estimator(
     """
 
     def estimator(proposal: Belief) -> PosteriorEstimator:
-        embedding = FilteredEmbedding(
-            simulator,
-            proposal.box,
-            task.observation_size,
-            task.action_spec.shape[-1],
-            state=state,
-            command=task.command,
-            observe=observe or task.observe,
-        )
-        return mixture_of(embedding, proposal, train)
+        model = filter_of(simulator, task, proposal.box, state=state, observe=observe)
+        return mixture_of(FilteredEmbedding(model, task.action_spec.shape[-1]), proposal, train)
 
     return estimator
+
+
+def filter_of(
+    simulator: Simulator,
+    task: Task,
+    box: Box,
+    *,
+    state: Callable[[Tensor], TensorDict],
+    observe: Callable[[TensorDictBase], Any] | None = None,
+) -> SimulatorFilter:
+    """The filter of a simulator's task over a box; other arguments as above."""
+    return SimulatorFilter(
+        simulator, box, task.observation_size, state=state, command=task.command, observe=observe or task.observe
+    )

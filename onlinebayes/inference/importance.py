@@ -35,16 +35,20 @@ class WeightedDraws:
     Args:
         z: the draws.
         weight: w, of sum 1.
+        log_density: log f at the draws.
         number: which of the draws that were made each is, from 0.
         box: where they lie.
         made: how many were made.
+        log_mass: log of f's integral over the box, in the box's coordinates.
     """
 
     z: Float[Tensor, "N P"]
     weight: Float[Tensor, " N"]
+    log_density: Float[Tensor, " N"]
     number: Int[Tensor, " N"]
     box: Box
     made: int
+    log_mass: float
 
     @property
     def effective(self) -> float:
@@ -78,14 +82,16 @@ def importance(
     box, size = proposal.box, len(proposal.space)
     proposals: list[TruncatedMixture] = [widened(proposal, WIDER)]
     z = torch.zeros(0, size, dtype=torch.float64, device=proposal.mean.device)
-    log_f, found = z.sum(1), WeightedDraws(z, z.sum(1), z.sum(1).long(), box, 0)
+    log_f, found = z.sum(1), WeightedDraws(z, z.sum(1), z.sum(1), z.sum(1).long(), box, 0, -math.inf)
     for r in range(rounds):
         fresh = proposals[-1].sample_frame((draws,), generator)
         z, log_f = torch.cat([z, fresh]), torch.cat([log_f, log_density(box.from_frame(fresh)).to(log_f)])
         log_q = torch.logsumexp(torch.stack([one.log_prob_frame(z) for one in proposals]), 0) - math.log(len(proposals))
-        weight = torch.softmax(torch.where(torch.isfinite(log_f), log_f - log_q, -math.inf), 0)
+        log_weight = torch.where(torch.isfinite(log_f), log_f - log_q, -math.inf)
+        weight = torch.softmax(log_weight, 0)
         kept = (weight > 0).nonzero()[:, 0]  # none where all are -inf: their weights are nan
-        found = WeightedDraws(z[kept], weight[kept], kept, box, len(z))
+        log_mass = float(log_weight.logsumexp(0)) - math.log(len(z))
+        found = WeightedDraws(z[kept], weight[kept], log_f[kept], kept, box, len(z), log_mass)
         if found.effective >= enough or r + 1 == rounds:
             break
         adapted = widened(found.smoothed(), WIDER) if found.effective > size + 1 else widened(proposal, 2.0 ** (r + 1))

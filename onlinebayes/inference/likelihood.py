@@ -1,39 +1,33 @@
 """The posterior by the likelihood itself: a filter through the simulator, weighted draws, nothing learnt.
 
     p(theta | y_1 ... y_n)  prop. to  prod_i p(y_i | theta)  on the box         p(y | theta): see ``SimulatorFilter``
-    draws z_j ~ g,    w_j = p(y | z_j) / g(z_j),    Z = mean w_j,    log q(z) = log p(y | z) - log Z
+    log q(theta) = log p(y | theta) - log Z,    Z by importance sampling, see ``importance``
 
 Where sensors are Gaussian and independent, dynamics without noise of their own and nearly linear over one noise, this
-is the exact posterior: the reference that every other estimator is compared with. g is a mixture of Gaussians and a
-uniform share: first about the peaks of the likelihood found from several starts; then, round by round, about draws
-that were heavy (population Monte Carlo, Cappe et al. 2004), all rounds weighed by the mixture of all g's (Cornuet et
-al. 2012). A pendulum upright has a needle for a mode, which no grid and no simulation from the start
-meets; the filter's slope leads there (see ``likeliest``).
+is the exact posterior: the reference that every other estimator is compared with. It is drawn from Gaussians about the
+peaks of the likelihood that are found from several starts, and from the whole box. A pendulum upright has a needle for
+a mode, which no grid and no simulation from the start meets; the filter's slope leads there (see ``likeliest``).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Sequence
 from time import monotonic
-from typing import Any
 
 import torch
 from jaxtyping import Float
 from scipy.stats import qmc
-from tensordict import TensorDict, TensorDictBase
+from tensordict import TensorDictBase
 from torch import Tensor
 
-from onlinebayes.embeddings import FilteredEmbedding, Rows
+from onlinebayes.embeddings import FilteredEmbedding, Rows, SimulatorFilter
 from onlinebayes.embeddings.likeliest import climbed
 from onlinebayes.inference.base import FitReport
 from onlinebayes.inference.distributions import Box, TruncatedMixture
 from onlinebayes.inference.distributions.sampling import choose
+from onlinebayes.inference.importance import WeightedDraws, importance
 from onlinebayes.inference.trajectories import TrajectoryKeys
-from onlinebayes.simulators import Simulator, Task
-
-ROUNDS = 3
-"""Of draws; ridges that bend are found in the second."""
 
 FEW_STARTS, MANY_STARTS = 7, 127
 """To climb from: the second where the first left less than SOUND effective draws, about one set of a hundred."""
@@ -42,16 +36,10 @@ SOUND = 50.0
 """Effective draws, at least: a peak that was missed leaves one or two."""
 
 UNIFORM = 0.05
-"""Share of the draws that is uniform in the box: bounds the weights."""
-
-WIDER = 1.4
-"""Factor on the scales of what is drawn from: a proposal narrower than the posterior has weights without bounds."""
+"""Share of the draws that is next to uniform in the box: bounds the weights."""
 
 FLAT = 0.5
 """Standard deviation of z beside which a flat likelihood is rounded off, in widths of the box."""
-
-KERNELS = 30
-"""Heavy draws about which the next round draws."""
 
 AT_ONCE = 20_000
 """Trajectories in one pass of the filter: bounds memory."""
@@ -61,235 +49,173 @@ class LikelihoodEstimator:
     """A :class:`~onlinebayes.inference.PosteriorEstimator` that evaluates the likelihood.
 
     Args:
-        simulator: whose parameters are inferred.
-        task: what is commanded and observed.
+        model: the filter, over the box; ``filter_of`` builds one.
         box: where theta lies.
-        state: observations (M, O) -> complete states (M,).
-        observe: the inverse of ``state``, for a task that gives several observations; the task's own without it.
-        draws: in each round, for each posterior.
+        action: number of action values A.
+        draws: in each round of importance sampling.
+        enough: effective draws at which the rounds end.
         keys: where trajectories lie in a TensorDict.
 
     Attributes:
-        embedding: holds the filter; :meth:`fit` reads the sensors' noise and the starts off simulations into it.
+        model: as given; :meth:`fit` reads the sensors' noise and the starts off simulations into it.
     """
 
     def __init__(
         self,
-        simulator: Simulator,
-        task: Task,
+        model: SimulatorFilter,
         box: Box,
+        action: int,
         *,
-        state: Callable[[Tensor], TensorDict],
-        observe: Callable[[TensorDictBase], Any] | None = None,
-        draws: int = 500,
+        draws: int = 300,
+        enough: float = 300.0,
         keys: TrajectoryKeys | None = None,
     ) -> None:
-        self.space, self.box, self._draws = box.space, box, draws
-        self.keys = keys if keys is not None else TrajectoryKeys()
-        self.embedding = FilteredEmbedding(
-            simulator,
-            box,
-            task.observation_size,
-            task.action_spec.shape[-1],
-            state=state,
-            command=task.command,
-            observe=observe or task.observe,
-        )
+        self.space, self.box, self.model = box.space, box, model
+        self._draws, self._enough = draws, enough
+        self._embedding = FilteredEmbedding(model, action)
+        self._keys = keys if keys is not None else TrajectoryKeys()
 
     def fit(
         self, simulations: TensorDictBase, groups: TensorDictBase | None = None, *, generator: torch.Generator
     ) -> FitReport:
         """Read noise and starts off simulations (B, T); theta and groups are not looked at."""
         begin = monotonic()
-        self.embedding.fit(*self.keys.read(simulations, self.embedding.starts))
+        self._embedding.fit(*self._keys.read(self._keys.usable(simulations), self._embedding.starts))
         return FitReport(seconds=monotonic() - begin)
 
-    def condition(self, trajectories: TensorDictBase) -> WeightedPosterior:
+    def condition(self, trajectories: TensorDictBase) -> LikelihoodPosterior:
         """What the trajectories (n, T) of one system say together."""
         return self.each(trajectories.unsqueeze(0))[0]
 
-    def each(self, groups: TensorDictBase) -> WeightedPosterior:
-        """G posteriors as one batch (G,), one for each group (G, n, T)."""
-        *values, mask = self.keys.read(groups.flatten(0, 1), self.embedding.starts)
-        rows = self.embedding.rows(self.embedding.features(*values), mask)
-        return _weighted(_Likelihood(self.embedding, rows, groups.shape[1]), self.box, self._draws)
+    def each(self, groups: TensorDictBase) -> LikelihoodPosteriors:
+        """G posteriors as one batch (G,), one for each group (G, n, T); their draws are the same at every call."""
+        *values, mask = self._keys.read(groups.flatten(0, 1), self._embedding.starts)
+        rows = self._embedding.rows(self._embedding.features(*values), mask)
+        sets = [Rows(*each) for each in zip(*(part.unflatten(0, groups.shape[:2]) for part in rows), strict=True)]
+        found = self._found(sets, FEW_STARTS)
+        poor = [g for g, posterior in enumerate(found) if posterior.effective < SOUND]
+        for g, posterior in zip(poor, self._found([sets[g] for g in poor], MANY_STARTS), strict=True):
+            found[g] = posterior
+        return LikelihoodPosteriors(found)
+
+    @torch.no_grad()
+    def _found(self, sets: Sequence[Rows], starts: int) -> list[LikelihoodPosterior]:
+        if not sets:
+            return []
+        proposals = self._about_peaks(sets, starts)
+        return [self._one(rows, proposals[g]) for g, rows in enumerate(sets)]
+
+    def _one(self, rows: Rows, proposal: TruncatedMixture) -> LikelihoodPosterior:
+        likelihood = _Likelihood(self.model, rows, self.box)
+        generator = torch.Generator().manual_seed(0)
+        drawn = importance(likelihood, proposal, generator=generator, draws=self._draws, enough=self._enough)
+        return LikelihoodPosterior(likelihood, drawn)
+
+    def _about_peaks(self, sets: Sequence[Rows], starts: int) -> TruncatedMixture:
+        """For each set a Gaussian about the peak above each of some evenly spread starts, and one over all the box."""
+        G, P = len(sets), len(self.space)
+        first = torch.from_numpy(qmc.Sobol(P, scramble=False).random(starts + 1)[1:])
+        rows = Rows(*(torch.cat(part).repeat(starts, *[1] * (part[0].ndim - 1)) for part in zip(*sets, strict=True)))
+        found = climbed(self.model, rows, len(sets[0].mask), first.repeat_interleave(G, 0))
+        H = found.evidence.information + torch.eye(P).to(found.z) / FLAT**2
+        lower = torch.linalg.cholesky(torch.cholesky_inverse(torch.linalg.cholesky(H)))
+        mass = found.evidence.log_likelihood + torch.diagonal(lower, dim1=-2, dim2=-1).log().sum(-1)
+        mass, place, lower = (part.unflatten(0, (starts, G)).movedim(1, 0) for part in (mass, found.z, lower))
+        weight = torch.log_softmax(mass, -1) + math.log1p(-UNIFORM)
+        everywhere = torch.eye(P).to(lower).expand(G, 1, P, P)
+        return TruncatedMixture(
+            torch.cat([weight, torch.full_like(weight[:, :1], math.log(UNIFORM))], 1),
+            torch.cat([place, torch.full_like(place[:, :1], 0.5)], 1),
+            torch.cat([lower, everywhere], 1),
+            self.box,
+        )
 
 
 class _Likelihood:
-    """log p of G sets of trajectories."""
+    """Log p of a set of trajectories."""
 
-    def __init__(self, embedding: FilteredEmbedding, rows: Rows, members: int) -> None:
-        self._embedding = embedding
-        self.model, self.members = embedding.model, members
-        self.rows = [part.unflatten(0, (-1, members)) for part in rows]
+    def __init__(self, model: SimulatorFilter, rows: Rows, box: Box) -> None:
+        self._model, self._rows, self.box = model, rows, box
 
-    @property
-    def sets(self) -> int:
-        """G."""
-        return len(self.rows[0])
-
-    def some(self, index: Tensor) -> Rows:
-        """The trajectories of sets, one set behind the other."""
-        return Rows(*(part[index].flatten(0, 1) for part in self.rows))
-
-    def picked(self, index: Tensor) -> _Likelihood:
-        """Of some sets."""
-        return _Likelihood(self._embedding, self.some(index), self.members)
-
-    def at(self, z: Float[Tensor, "N G P"]) -> Float[Tensor, "N G"]:
-        """Log likelihood, up to a constant of each set."""
-        N, G, P = z.shape
-        index = torch.arange(G, device=z.device).repeat(N)
-        found = [
-            self.model.log_likelihood(self.some(i), flat.repeat_interleave(self.members, 0))
-            for i, flat in zip(
-                index.split(max(1, AT_ONCE // self.members)),
-                z.reshape(-1, P).split(max(1, AT_ONCE // self.members)),
-                strict=True,
-            )
-        ]
-        return torch.cat(found).reshape(N, G, self.members).sum(-1)
+    @torch.no_grad()
+    def __call__(self, theta: Float[Tensor, "N P"]) -> Float[Tensor, " N"]:
+        n = len(self._rows.mask)
+        found = []
+        for z in self.box.to_frame(theta).double().split(max(1, AT_ONCE // n)):
+            many = Rows(*(part.repeat(len(z), *[1] * (part.ndim - 1)) for part in self._rows))
+            found.append(self._model.log_likelihood(many, z.repeat_interleave(n, 0)).reshape(-1, n).sum(1))
+        return torch.cat(found)
 
 
-class WeightedPosterior:
-    """A batch of posteriors (*batch) known by weighted draws, with the density of any theta by the likelihood.
+class LikelihoodPosterior:
+    """A posterior known by weighted draws, with the density of any theta by the likelihood.
 
     Args:
-        likelihood: of the sets.
-        box: outside of which the density is zero.
-        z: draws (M, G, P).
-        log_likelihood: at the draws (M, G).
-        log_weights: of the draws (M, G), as log likelihood over density of the proposal.
-        single: a batch of shape (), not (1,).
+        likelihood: theta (N, P) -> log likelihood (N,).
+        draws: of the posterior.
     """
 
-    def __init__(
-        self,
-        likelihood: _Likelihood,
-        box: Box,
-        z: Float[Tensor, "M G P"],
-        log_likelihood: Float[Tensor, "M G"],
-        log_weights: Float[Tensor, "M G"],
-        single: bool = False,
-    ) -> None:
-        self.box, self.space = box, box.space
-        self._likelihood, self._z, self._values, self._weights = likelihood, z, log_likelihood, log_weights
-        self._single = single
+    def __init__(self, likelihood: _Likelihood, draws: WeightedDraws) -> None:
+        self.box, self.space = draws.box, draws.box.space
+        self._likelihood, self._draws = likelihood, draws
+
+    @property
+    def effective(self) -> float:
+        """Effective number of draws: with fewer than some tens the posterior is not to be trusted."""
+        return self._draws.effective
+
+    @property
+    def log_evidence(self) -> float:
+        """log Z, against the uniform density on the box."""
+        return self._draws.log_mass
+
+    def log_prob(self, theta: Float[Tensor, "*shape P"]) -> Float[Tensor, "*shape"]:
+        """Log density at theta [1 / units]; -inf outside the box."""
+        inside = self.box.contains(theta)
+        theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
+        values = self._likelihood(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape[:-1])
+        return torch.where(inside, values - self.log_evidence + self.box.log_abs_det(theta), -torch.inf)
+
+    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
+        """Theta (*shape, P): draws picked anew by their weights."""
+        chosen = choose(self._draws.weight.log()[None], torch.Size(shape).numel(), generator)[0]
+        return self.box.from_frame(self._draws.z[chosen]).reshape(*shape, len(self.space))
+
+    def credibility(self, theta: Float[Tensor, " P"]) -> float:
+        """Of the smallest region that holds theta, by the draws that there are; see ``calibration``."""
+        truth = self.log_prob(theta) - self.box.log_abs_det(theta) + self.log_evidence
+        return float((self._draws.weight * (self._draws.log_density >= truth)).sum())
+
+
+class LikelihoodPosteriors:
+    """A batch (G,) of posteriors."""
+
+    def __init__(self, members: Sequence[LikelihoodPosterior]) -> None:
+        self._members = tuple(members)
 
     @property
     def batch_shape(self) -> torch.Size:
-        """Shape of the batch."""
-        return torch.Size([] if self._single else [self._z.shape[1]])
+        """(G,)."""
+        return torch.Size([len(self._members)])
 
-    def __getitem__(self, index: int) -> WeightedPosterior:
+    def __getitem__(self, index: int) -> LikelihoodPosterior:
         """One of the batch."""
-        z, values, weights = (part[:, index : index + 1] for part in (self._z, self._values, self._weights))
-        one = self._likelihood.picked(torch.tensor([index]))
-        return WeightedPosterior(one, self.box, z, values, weights, single=True)
+        return self._members[index]
 
     @property
-    def log_evidence(self) -> Float[Tensor, "*batch"]:
-        """log Z, against the uniform density on the box."""
-        return self._shaped(torch.logsumexp(self._weights, 0) - math.log(len(self._weights)))
-
-    @property
-    def effective(self) -> Float[Tensor, "*batch"]:
-        """Effective number of draws, (sum w)^2 / sum w^2: below some tens the posterior is not to be trusted."""
-        weights = torch.softmax(self._weights, 0)
-        return self._shaped(1 / weights.square().sum(0))
+    def effective(self) -> Float[Tensor, " G"]:
+        """Effective number of draws of each."""
+        return torch.tensor([one.effective for one in self._members])
 
     def log_prob(self, theta: Float[Tensor, "*shape P"]) -> Float[Tensor, "*out"]:
-        """Log density at theta (*sample, *batch, P) [1 / units]; -inf outside the box."""
-        inside = self.box.contains(theta)
-        theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
-        z = self.box.to_frame(theta).double()
-        shape = z.shape[: z.ndim - 1 - len(self.batch_shape)]
-        z = z.expand(*shape, *self.batch_shape, z.shape[-1])
-        many = z.reshape(-1, self._z.shape[1], z.shape[-1])
-        values = self._likelihood.at(many).reshape((*shape, *self.batch_shape)) - self.log_evidence
-        return torch.where(inside, values + self.box.log_abs_det(theta), -torch.inf)
+        """Log density at theta (*sample, G, P) or (P) [1 / units]."""
+        theta = theta.expand(*theta.shape[: max(theta.ndim - 2, 0)], len(self._members), theta.shape[-1])
+        return torch.stack([one.log_prob(theta[..., g, :]) for g, one in enumerate(self._members)], -1)
 
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
-        """Theta (*shape, *batch, P): draws picked anew by their weights."""
-        chosen = choose(torch.log_softmax(self._weights, 0).T, torch.Size(shape).numel(), generator)  # (G, count)
-        z = self._z.movedim(1, 0).gather(1, chosen[..., None].expand(-1, -1, self._z.shape[-1])).movedim(1, 0)
-        return self.box.from_frame(z).reshape(*shape, *self.batch_shape, z.shape[-1])
+        """Theta (*shape, G, P)."""
+        return torch.stack([one.sample(shape, generator) for one in self._members], -2)
 
-    def credibility(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
-        """Of the smallest region that holds theta, by the draws that there are; see ``calibration``."""
-        truth = self.log_prob(theta) - self.box.log_abs_det(theta) + self.log_evidence
-        weights = torch.softmax(self._weights, 0)
-        return self._shaped((weights * (self._values >= truth.reshape(1, -1))).sum(0))
-
-    def replaced(self, index: Tensor, others: WeightedPosterior) -> WeightedPosterior:
-        """With others in the place of the posteriors ``index`` (N,) of the batch."""
-        parts = [part.clone() for part in (self._z, self._values, self._weights)]
-        for part, new in zip(parts, (others._z, others._values, others._weights), strict=True):
-            part[:, index] = new
-        return WeightedPosterior(self._likelihood, self.box, parts[0], parts[1], parts[2])
-
-    def _shaped(self, values: Tensor) -> Tensor:
-        return values.reshape(self.batch_shape)
-
-
-@torch.no_grad()
-def _weighted(likelihood: _Likelihood, box: Box, draws: int) -> WeightedPosterior:
-    """The posteriors of all sets, again from many more starts where few draws have all the weight."""
-    found = _rounds(likelihood, box, draws, FEW_STARTS)
-    poor = (found.effective < SOUND).nonzero()[:, 0]
-    return found.replaced(poor, _rounds(likelihood.picked(poor), box, draws, MANY_STARTS)) if len(poor) else found
-
-
-def _rounds(likelihood: _Likelihood, box: Box, draws: int, starts: int) -> WeightedPosterior:
-    """The posteriors of all sets; their draws are the same at every call."""
-    generator = torch.Generator().manual_seed(0)
-    proposals = [_about_peaks(likelihood, box, starts)]
-    z, values = [], []
-    for turn in range(ROUNDS):
-        z.append(_drawn(proposals[-1], draws, generator))
-        values.append(likelihood.at(z[-1]))
-        every = torch.cat(z)
-        density = torch.stack([_defensive(proposal, every) for proposal in proposals]).logsumexp(0)
-        weights = torch.cat(values) - density + math.log(turn + 1)
-        if turn + 1 < ROUNDS:
-            proposals.append(_about_heavy(every, weights, box, generator))
-    return WeightedPosterior(likelihood, box, every, torch.cat(values), weights)
-
-
-def _drawn(proposal: TruncatedMixture, draws: int, generator: torch.Generator) -> Float[Tensor, "M G P"]:
-    """Draws, some of them uniform."""
-    z = proposal.sample_frame((draws,), generator)
-    even = torch.rand(z.shape[:2], dtype=torch.float64, generator=generator) < UNIFORM
-    return torch.where(even[..., None], torch.rand(z.shape, dtype=torch.float64, generator=generator), z)
-
-
-def _defensive(proposal: TruncatedMixture, z: Float[Tensor, "M G P"]) -> Float[Tensor, "M G"]:
-    """Log density of such draws."""
-    mixture = proposal.log_prob_frame(z) + math.log1p(-UNIFORM)
-    return torch.logaddexp(mixture, torch.full_like(mixture, math.log(UNIFORM)))
-
-
-def _about_peaks(likelihood: _Likelihood, box: Box, starts: int) -> TruncatedMixture:
-    """A Gaussian about the peak above each of some evenly spread starts, wider than it, the higher the heavier."""
-    G, K = likelihood.sets, starts
-    first = torch.from_numpy(qmc.Sobol(len(box.space), scramble=False).random(K + 1)[1:])
-    rows = likelihood.some(torch.arange(G).repeat(K))
-    found = climbed(likelihood.model, rows, likelihood.members, first.repeat_interleave(G, 0))
-    H = found.evidence.information + torch.eye(found.z.shape[1]).to(found.z) / FLAT**2
-    lower = torch.linalg.cholesky(torch.cholesky_inverse(torch.linalg.cholesky(H)))
-    mass = found.evidence.log_likelihood + torch.diagonal(lower, dim1=-2, dim2=-1).log().sum(-1)
-    mass, place, lower = (part.unflatten(0, (K, G)).movedim(1, 0) for part in (mass, found.z, lower))
-    return TruncatedMixture(mass, place, WIDER * lower, box)
-
-
-def _about_heavy(z: Tensor, log_weights: Tensor, box: Box, generator: torch.Generator) -> TruncatedMixture:
-    """Gaussians about draws picked by weight, as wide as Silverman's rule (1986) for as many kernels."""
-    P = z.shape[-1]
-    weights = torch.softmax(log_weights, 0)
-    away = z - (weights[..., None] * z).sum(0)
-    covariance = torch.einsum("mg,mgp,mgq->gpq", weights, away, away) + 1e-14 * torch.eye(P).to(z)
-    width = WIDER * (4 / (KERNELS * (P + 2))) ** (1 / (P + 4))
-    chosen = choose(torch.log_softmax(log_weights, 0).T, KERNELS, generator)
-    place = z.movedim(1, 0).gather(1, chosen[..., None].expand(-1, -1, P))
-    lower = width * torch.linalg.cholesky(covariance)[:, None].expand(-1, KERNELS, P, P)
-    return TruncatedMixture(torch.zeros(chosen.shape).to(z), place, lower, box)
+    def credibility(self, theta: Float[Tensor, "G P"]) -> Float[Tensor, " G"]:
+        """Of each; see :meth:`LikelihoodPosterior.credibility`."""
+        return torch.tensor([one.credibility(each) for one, each in zip(self._members, theta, strict=True)])

@@ -28,7 +28,7 @@ from typing import Any, Literal
 import torch
 import tyro
 
-from onlinebayes.inference import LikelihoodEstimator, filtered_estimator, fit
+from onlinebayes.inference import LikelihoodEstimator, filter_of, filtered_estimator, fit
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import Progress, ResultTable, generator, seed_everything, write_atomic
 from onlinebayes.trainers import OnlineState
@@ -107,7 +107,8 @@ def recipe(task: str, seed: int) -> dict[str, Any]:
 def reference(task: str, made: Run) -> LikelihoodEstimator:
     """The exact posterior of a recipe's problem."""
     problem = made.problem
-    return LikelihoodEstimator(problem.simulator, problem.task, problem.prior.box, state=TASKS[task].state, draws=DRAWS)
+    model = filter_of(problem.simulator, problem.task, problem.prior.box, state=TASKS[task].state)
+    return LikelihoodEstimator(model, problem.prior.box, problem.task.action_spec.shape[-1], draws=DRAWS)
 
 
 def one_round(task: str, noise: float) -> dict[str, Any]:
@@ -140,7 +141,9 @@ def one_round(task: str, noise: float) -> dict[str, Any]:
 
 def tabled(found: dict[str, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    table = ResultTable("exact", "make exact", [SEED, *SEEDS])
+    some = study.tasks != tuple(TASKS) or len(study.parts) < 2
+    told = f" ({', '.join(study.tasks)}: {', '.join(study.parts)})" if some else ""
+    table = ResultTable("exact", f"make exact{told}", [SEED, *SEEDS])
     for task in study.tasks:
         runs = [found[name] for seed in SEEDS if (name := f"{task}-recipe-{seed}") in found]
         if runs:

@@ -2,85 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-
 import pytest
 import torch
-from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.embeddings import FilteredEmbedding, Rows
-from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.simulators import Actuator, Joint, TorchSimulator
+from onlinebayes.embeddings import FilteredEmbedding, Rows, SimulatorFilter
+from onlinebayes.inference import Box
+from onlinebayes.parameters import ParameterSpace
+from tests import slide
+from tests.slide import STEPS, Slide
 
-SPACE = ParameterSpace({"gain": Parameter(0.5, 2.5, "1/kg")})
+SPACE = ParameterSpace({"gain": Slide.physical["gain"]})
 NOISE = torch.tensor([0.02, 0.05], dtype=torch.float64)
-STEPS = 20
-
-
-class Slide(TorchSimulator):
-    """A mass that a force of known size pushes: linear in state and gain."""
-
-    physical = SPACE
-    defaults = {"gain": 1.0}  # noqa: RUF012
-    joints = (Joint("rail", "slide"),)
-    actuators = (Actuator("motor", "rail"),)
-    timestep = 0.1
-
-    def acceleration(self, parameters: Mapping[str, Tensor], q: Tensor, v: Tensor, tau: Tensor) -> Tensor:
-        return parameters["gain"] * tau
-
-
-@dataclass(frozen=True)
-class Whole:
-    """The bounds as a box."""
-
-    def from_frame(self, z: Tensor) -> Tensor:
-        return SPACE.from_unit(z.clamp(0, 1))
-
-
-def state(observation: Tensor) -> TensorDict:
-    q, v = observation.double().split(1, dim=-1)
-    return TensorDict({"qpos": q, "qvel": v}, batch_size=observation.shape[:1])
-
-
-def observe(state: TensorDictBase) -> Tensor:
-    return torch.cat([state["qpos"], state["qvel"]], dim=-1)
 
 
 def embedding() -> FilteredEmbedding:
-    return FilteredEmbedding(Slide(SPACE), Whole(), 2, 1, state=state, command=lambda a: a, observe=observe).double()
+    model = SimulatorFilter(
+        Slide(SPACE), Box.whole(SPACE), 2, state=slide.state, command=lambda a: a, observe=slide.observe
+    )
+    return FilteredEmbedding(model, 1).double()
 
 
-def measured(theta: Tensor, seed: int, noise: Tensor = NOISE) -> tuple[Tensor, Tensor, Tensor]:
+def measured(theta: Tensor, seed: int) -> tuple[Tensor, Tensor, Tensor]:
     """Noisy observation, action, next observation (B, T, .)."""
-    draw = torch.Generator().manual_seed(seed)
-    B = len(theta)
-    action = torch.randn(B, STEPS, 1, dtype=torch.float64, generator=draw)
-    begin = torch.randn(B, 2, dtype=torch.float64, generator=draw)
-    path = clean(theta, begin, action)
-    path = path + noise * torch.randn(path.shape, dtype=torch.float64, generator=draw)
-    return path[:, :-1].clone(), action, path[:, 1:].clone()
-
-
-def clean(theta: Tensor, begin: Tensor, action: Tensor) -> Tensor:
-    """Observations (B, T + 1, 2) without noise."""
-    times = 0.1 * torch.arange(1, STEPS + 1, dtype=torch.float64)
-    inputs = TensorDict({"command": action}, batch_size=action.shape[:2])
-    path = Slide(SPACE).rollout(theta, state(begin), inputs, times)
-    return torch.cat([begin[:, None], observe(path)], dim=1)
+    seen, action = slide.measured(SPACE, theta, NOISE, torch.Generator().manual_seed(seed))
+    return seen[:, :-1].clone(), action, seen[:, 1:].clone()
 
 
 def exact(seen: Tensor, action: Tensor) -> tuple[float, float]:
-    """Least squares over (q0, v0, z) of one trajectory (T + 1, 2): z, and its variance."""
-    zero, one = torch.zeros(1, 2).double(), torch.eye(2).double()
-    c = clean(SPACE.low[None], zero, action[None])[0]
-    columns = [clean(SPACE.low[None], one[k : k + 1], action[None])[0] - c for k in range(2)]
-    columns.append(clean(SPACE.high[None], zero, action[None])[0] - c)
-    A = torch.stack([(column / NOISE).flatten() for column in columns], dim=1)
-    y = ((seen - c) / NOISE).flatten()
-    return float(torch.linalg.lstsq(A, y[:, None]).solution[2]), float(torch.linalg.inv(A.T @ A)[2, 2])
+    """z of one trajectory (T + 1, 2) by least squares, and its variance."""
+    information, pull = slide.least_squares(SPACE, seen, action, NOISE)
+    return float(pull / information), float(1 / information)
 
 
 def test_on_a_linear_system_it_is_exact() -> None:

@@ -1,22 +1,21 @@
 """What a log says of a model's parameters: a distribution, in place of one fitted value.
 
 found = posterior_of_log(simulator, measurement)
-found.belief.sample((64,)), found.parameters["body.bob.mass"].sd, found.combinations
+found.belief.sample((64,)), found.parameters["body.bob.mass"].sd, found.identifiability
 write_posterior([found], "out/posterior")
 """
 
 from onlinebayes.criticism.posterior.infer import posterior_of_log
-from onlinebayes.criticism.posterior.results import Combination, LogPosterior, Marginal, Method, Reproduction
+from onlinebayes.criticism.posterior.results import LogPosterior, Method, ParameterBelief, Reproduction
 from onlinebayes.criticism.posterior.words import SHOWN, lines, side_by_side
 from onlinebayes.criticism.posterior.write import MOST_MODELS, names_of, write_posterior
 
 __all__ = [
     "MOST_MODELS",
     "SHOWN",
-    "Combination",
     "LogPosterior",
-    "Marginal",
     "Method",
+    "ParameterBelief",
     "Reproduction",
     "lines",
     "names_of",

@@ -17,16 +17,15 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, searched
-from onlinebayes.criticism.posterior.identifiability import left_open
 from onlinebayes.criticism.posterior.likeness import surprise
 from onlinebayes.criticism.posterior.linear import linear_posterior
 from onlinebayes.criticism.posterior.results import LogPosterior, Method
 from onlinebayes.criticism.posterior.score import Score, score_of
-from onlinebayes.criticism.posterior.summaries import correlation, marginals, mean_squares, reproductions
+from onlinebayes.criticism.posterior.summaries import correlation, each_parameter, mean_squares, reproductions
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
-from onlinebayes.inference import TruncatedMixture, WeightedDraws, importance
+from onlinebayes.inference import Box, TruncatedMixture, WeightedDraws, identifiability, importance
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.identifiable import Identifiable
@@ -87,14 +86,13 @@ def _inferred(task: Task, found: Explanation, generator: torch.Generator, watch:
     theta, weight = _weighted(belief, drawn, linear, generator)
     units = {signal.name: signal.unit for signal in task.fit_runs.signals}
     space = score.fitted.simulator.parameters
-    unknown, combinations = left_open(space, theta, weight)
+    known = identifiability(belief, Box.whole(space))
     return LogPosterior(
         belief=belief,
         accepted=tuple(effect.key for effect in task.simulator.effects),
-        parameters=marginals(space, theta, weight, score.fitted.theta),
+        parameters=each_parameter(theta, weight, score.fitted.theta, known, space),
         correlation=correlation(theta, weight),
-        unknown=unknown,
-        combinations=combinations,
+        identifiability=known,
         reproduction=reproductions(score.windows, replays.squares(drawn), drawn.weight, units),
         surprise=p,
         strange=tuple(units)[strange],

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.inference import TruncatedMixture
+from onlinebayes.inference import Identifiability, TruncatedMixture
 from onlinebayes.parameters import ParameterSpace
 
 
 @dataclass(frozen=True)
-class Marginal:
+class ParameterBelief:
     """One parameter [``unit``].
 
     Args:
@@ -32,21 +32,6 @@ class Marginal:
     unit: str
     of_prior: float
     fitted: float
-
-
-@dataclass(frozen=True)
-class Combination:
-    """Parameters of which only a combination is known.
-
-    Args:
-        parameters: their names.
-        known: the combination, e.g. ``"body.bob.mass * joint.hinge.armature^-1"``; empty where it has no short form.
-        relative_sd: sd of its logarithm, the share to which it is known; None where it has no short form.
-    """
-
-    parameters: tuple[str, ...]
-    known: str
-    relative_sd: float | None
 
 
 @dataclass(frozen=True)
@@ -103,10 +88,9 @@ class LogPosterior:
     Args:
         belief: the distribution, to draw from, to save, to train in.
         accepted: effects that the model has.
-        parameters: name -> marginal.
+        parameters: name -> what is known of it.
         correlation: between the parameters.
-        unknown: parameters of which nothing is known but the prior.
-        combinations: parameters that are known together, and not each alone.
+        identifiability: which parameters are known, and which only together.
         reproduction: signal -> how well it is followed.
         surprise: p of a measurement as strange as this one, were the model right and the noise that of the sensors.
         strange: signal that is missed most, against what the model could make.
@@ -117,10 +101,9 @@ class LogPosterior:
 
     belief: TruncatedMixture
     accepted: tuple[str, ...]
-    parameters: Mapping[str, Marginal]
+    parameters: Mapping[str, ParameterBelief]
     correlation: Float[Tensor, "P P"]
-    unknown: tuple[str, ...]
-    combinations: tuple[Combination, ...]
+    identifiability: Identifiability
     reproduction: Mapping[str, Reproduction]
     surprise: float
     strange: str

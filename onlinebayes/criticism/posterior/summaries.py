@@ -8,10 +8,10 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.posterior.identifiability import of_prior
-from onlinebayes.criticism.posterior.results import Marginal, Reproduction
+from onlinebayes.criticism.posterior.results import ParameterBelief, Reproduction
 from onlinebayes.criticism.posterior.score import Score
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.inference import Identifiability
 from onlinebayes.inference.distributions.kernels import moments
 from onlinebayes.parameters import ParameterSpace
 
@@ -19,27 +19,32 @@ LEVELS = (0.05, 0.5, 0.95)
 """Of the quantiles that are told."""
 
 
-def marginals(
-    space: ParameterSpace, theta: Float[Tensor, "N P"], weight: Float[Tensor, " N"], fitted: Float[Tensor, " P"]
-) -> dict[str, Marginal]:
+def each_parameter(
+    theta: Float[Tensor, "N P"],
+    weight: Float[Tensor, " N"],
+    fitted: Float[Tensor, " P"],
+    found: Identifiability,
+    space: ParameterSpace,
+) -> dict[str, ParameterBelief]:
     """Of each parameter.
 
     Args:
-        space: bounds of the prior.
         theta, weight: draws of the posterior [SI], and weights of sum 1.
         fitted: by least squares [SI].
+        found: how wide each is beside its prior.
+        space: the parameters.
     """
     mean, covariance = moments(theta, weight)
     columns = (
         mean,
         covariance.diagonal().sqrt(),
         *quantiles(theta, weight, LEVELS),
-        of_prior(space, theta, weight),
+        theta.new_tensor([found.parameters[name] for name in space.names]),
         fitted,
     )
     rows = torch.stack([column.to(theta) for column in columns]).T.tolist()
     return {
-        name: Marginal(mid, sd, q05, q50, q95, space[name].unit, share, by_least_squares)
+        name: ParameterBelief(mid, sd, q05, q50, q95, space[name].unit, share, by_least_squares)
         for name, (mid, sd, q05, q50, q95, share, by_least_squares) in zip(space, rows, strict=True)
     }
 

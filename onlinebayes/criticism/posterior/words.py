@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from onlinebayes.criticism.posterior.results import LogPosterior, Marginal, Reproduction
+from onlinebayes.criticism.posterior.results import LogPosterior, ParameterBelief, Reproduction
 from onlinebayes.identification import quantities
 
 SHOWN = 5
@@ -20,43 +20,17 @@ def lines(found: LogPosterior, shown: int = SHOWN) -> list[tuple[str, str]]:
     told = [("posterior" if k == 0 else "", parameter(*one)) for k, one in enumerate(named)]
     if 0 < len(named) < len(found.parameters):
         told.append(("", f"and {len(found.parameters) - len(named)} more, known better, in posterior.json"))
-    told.append(("known", known(found)))
+    told.append(("known", str(found.identifiability)))
     told.append(("worlds", reproductions(found)))
     if said := alarm(found):
         told.append(("alarm", said))
     return [*told, *(("note", note) for note in notes(found)[:1])]
 
 
-def parameter(name: str, value: Marginal) -> str:
+def parameter(name: str, value: ParameterBelief) -> str:
     """``body.bob.mass 0.41 ± 0.01 kg, 3 % of its prior``."""
     text = quantities.with_error(value.mean, value.sd, value.unit)
     return f"{name} {text}, {quantities.percent(min(value.of_prior, 1.0))} of its prior"
-
-
-def known(found: LogPosterior) -> str:
-    """What the log tells apart, and what not."""
-    told = [f"only {each}" for one in (_known(found), _together(found)) for each in one]
-    if found.unknown:
-        told.append(f"of {', '.join(found.unknown)} the log says next to nothing: all that is known is the prior")
-    return "; ".join(told) or "every parameter by itself"
-
-
-def _known(found: LogPosterior) -> list[str]:
-    """``body.bob.mass / joint.hinge.length (to 2 %) is known, not each alone``, all in one."""
-    short = [
-        f"{one.known} (to {quantities.percent(one.relative_sd)})"
-        for one in found.combinations
-        if one.relative_sd is not None
-    ]
-    return [f"{' and '.join(short)} {'are' if len(short) > 1 else 'is'} known, not each alone"] if short else []
-
-
-def _together(found: LogPosterior) -> list[str]:
-    return [
-        f"a combination of {', '.join(one.parameters)} is known, not each alone"
-        for one in found.combinations
-        if one.relative_sd is None
-    ]
 
 
 def reproductions(found: LogPosterior) -> str:
