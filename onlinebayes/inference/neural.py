@@ -6,7 +6,8 @@
 q_w is q with every component's scale times w. Calibrated single posteriors do not make a calibrated product: what they
 have in common, an error of the network, is counted n times in it. The factor w is found on held-out groups, n
 simulated trajectories of one theta each: of those w with which the 95 % region holds 95 % of the groups' truths, the
-one with the highest mean log density of the truth. Where no w does so, the union of the n posteriors is taken.
+one with the highest mean log density of the truth. Where no w does so, the union of the n posteriors is taken. An
+embedding of sets needs none of this: its posterior is one density, given all n.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ class NeuralEstimator:
     ) -> FitReport:
         """Train the loss, then find w on the groups (G, n, T); see :class:`PosteriorEstimator`."""
         report = self._train(self.loss, simulations, generator=generator)
-        self.combination = 1.0 if groups is None or groups.shape[1] == 1 else self._best_combination(groups, generator)
+        combined = groups is not None and groups.shape[1] > 1 and not isinstance(self.loss.embedding, SetEmbedding)
+        self.combination = self._best_combination(groups, generator) if combined else 1.0
         report.combination = self.combination
         return report
 

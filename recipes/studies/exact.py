@@ -39,7 +39,7 @@ Part = Literal["one round", "recipes"]
 TASKS: dict[str, ModuleType] = {"cartpole": cartpole, "pendulum": pendulum}
 NOISES, SIZES, MANY = (0.01, 0.05), (1, 3, 6), 30
 THETAS, SIMULATIONS, GROUPS, DRAWS, SOUND = 100, 1000, 64, 300, 50.0
-SEED, SEEDS = 301, (1, 2, 3, 4, 5)
+SEED, SEEDS = 311, (1, 2, 3, 4, 5)
 NEAR = {"cartpole": ("mean", 0.15), "pendulum": ("median", 0.5)}
 END = {"cartpole": 5.3, "pendulum": 7.5}
 
