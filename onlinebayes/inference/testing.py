@@ -20,8 +20,8 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.inference.base import PosteriorEstimator
-from onlinebayes.inference.distributions import Box, BoxUniform
+from onlinebayes.inference.base import Belief, PosteriorEstimator
+from onlinebayes.inference.distributions import BoxUniform
 
 Simulate = Callable[[Tensor, torch.Generator], TensorDict]
 """(theta (B, P), generator) -> trajectories (B, T) with their theta."""
@@ -69,20 +69,28 @@ def _check_density(estimator: PosteriorEstimator, trajectories: TensorDict, prio
     assert bool(estimator.box.contains(draws).all()), "a draw lies outside the box"
     assert torch.equal(draws, belief.sample((300,), torch.Generator().manual_seed(1))), "a seed does not repeat draws"
     assert bool(torch.isfinite(belief.log_prob(draws)).all()), "the density is not finite where it draws"
-    middle, share = _middle(belief.sample((1000,), torch.Generator().manual_seed(2)), prior)
-    points = middle.sample((4000,), torch.Generator().manual_seed(3))
-    mass = float(torch.exp(belief.log_prob(points) - middle.log_prob(points)).mean())
+    mass, share = _in_the_middle(belief, belief.sample((2000,), torch.Generator().manual_seed(2)), prior)
     assert abs(mass - share) < 0.15, f"the density gives {mass:.2f} to where {share:.2f} of its draws lie"
     outside = prior.space.high + (prior.space.high - prior.space.low)
     assert float(belief.log_prob(outside.double())) == -torch.inf, "the density is not zero outside the bounds"
 
 
-def _middle(draws: Tensor, prior: BoxUniform) -> tuple[BoxUniform, float]:
-    """The box between the 5 and 95 % quantiles of draws, parameter by parameter, and the share of draws in it."""
-    u = prior.space.to_unit(draws)
-    low, high = u.quantile(torch.tensor([0.05, 0.95], dtype=u.dtype), dim=0)
-    box = Box(prior.space, low, high.maximum(low + 1e-9))
-    return BoxUniform(prior.space, box), float(box.contains(draws).double().mean())
+def _in_the_middle(belief: Belief, draws: Tensor, prior: BoxUniform) -> tuple[float, float]:
+    """Mass that the density gives to a parallelepiped around its denser draws, and the share of draws in it."""
+    space, box = prior.space, prior.box
+    u, density = space.to_unit(draws), belief.log_prob(draws)
+    dense = u[density >= density.median()]
+    mean, size = dense.mean(0), u.shape[1]
+    spread = dense.T.cov().reshape(size, size) + 1e-16 * torch.eye(size).to(u)
+    lower = torch.linalg.cholesky(spread)
+    w = 4 * torch.rand(4000, size, dtype=u.dtype, generator=torch.Generator().manual_seed(3)) - 2
+    points = mean + w @ lower.T
+    inside = ((points >= 0) & (points <= 1)).all(-1)
+    points = space.from_unit(points.clamp(0, 1))
+    value = (belief.log_prob(points) - space.log_abs_det(points)).exp() * inside
+    volume = 4.0**size * float(torch.linalg.det(lower))
+    standard = torch.linalg.solve_triangular(lower, (u - mean).T, upper=False)
+    return volume * float(value[box.contains(points)].sum() / 4000), float((standard.abs() <= 2).all(0).double().mean())
 
 
 def _check_each(estimator: PosteriorEstimator, groups: TensorDict, prior: BoxUniform) -> None:

@@ -92,6 +92,21 @@ def test_a_broken_estimator_is_caught() -> None:
     with pytest.raises(AssertionError, match="nats over the prior"):
         check_estimator(Deaf, simulate, PRIOR)
 
+    class Wide(TruncatedMixture):
+        """Tells a density of other draws: those of half the width."""
+
+        def sample_frame(self, shape=(), generator=None):
+            z = super().sample_frame(shape, generator)
+            return self.mean[..., 0, :] + 0.5 * (z - self.mean[..., 0, :])
+
+    class Misled(Regression):
+        def condition(self, trajectories):
+            found = super().condition(trajectories)
+            return Wide(found.log_weights, found.mean, found.scale_tril, found.box)
+
+    with pytest.raises(AssertionError, match="of its draws lie"):
+        check_estimator(Misled, simulate, PRIOR)
+
 
 def test_a_product_is_widened_until_it_holds_the_truths() -> None:
     """Four trajectories that share one error look like four independent ones to a plain product."""
