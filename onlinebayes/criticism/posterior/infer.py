@@ -103,7 +103,6 @@ def _inferred(task: Task, found: Explanation, generator: torch.Generator, watch:
             windows=score.windows.count,
             horizon_s=score.windows.horizon,
             blocks=score.spread.blocks,
-            by_place=score.spread.by_place,
             correlation_s=score.correlation_s,
             freedom=score.spread.freedom,
             runs=task.fit_runs.runs,

@@ -63,7 +63,6 @@ class Method:
         windows: number of windows.
         horizon_s: their length [s].
         blocks: parts of the data whose differences give the spread of the error, as many equal ones as they are worth.
-        by_place: whether these are regions of the machine's motion, in which the model errs differently.
         correlation_s: correlation time of the residual [s].
         freedom: degrees of freedom of Student's t.
         runs: that were fitted.
@@ -75,7 +74,6 @@ class Method:
     windows: int
     horizon_s: float
     blocks: float
-    by_place: bool
     correlation_s: float
     freedom: float
     runs: tuple[str, ...]

@@ -10,9 +10,8 @@ of the error: B* counts them. K blocks' worth of a residual that is stationary, 
 them (Delta: a bin; White 1980). The inverse Wishart prior makes the score Student's with nu degrees of freedom, which
 pays for estimating Sigma from few blocks (Bell and McCaffrey 2002; Sellentin and Heavens 2016).
 
-A model that errs by place errs alike in every stretch of time, and blocks in time do not see it: the parts of t then
-differ between **regions**, the windows sorted by where, or how fast, they begin into four. Where they differ so much
-more than blocks in time do that chance would do it once in a hundred times (F-test), the regions are the blocks.
+A model that errs by place errs alike in every block of time, which no difference between blocks shows: where the alarm
+rings, the truth can lie many of these errors away (``docs/limits.md``).
 """
 
 from __future__ import annotations
@@ -21,18 +20,10 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float, Int
-from scipy.stats import f
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.scoring import REGIONS
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.blocks import make_blocks
-
-CHANCE = 0.01
-"""Level of the test over all regions that are looked at."""
-
-FEWEST = 3
-"""Windows of a region."""
 
 MOST_LEVERAGE = 0.9
 """Share of what is known that one block can have: its part in the score is not made more than ten times as large."""
@@ -46,13 +37,11 @@ class Spread:
         scale: Sigma.
         freedom: nu.
         blocks: B*.
-        by_place: whether these are regions.
     """
 
     scale: Float[Tensor, "K K"]
     freedom: float
     blocks: float
-    by_place: bool = False
 
 
 def spread_of(
@@ -77,14 +66,7 @@ def spread_of(
     if not len(stationary):
         return Spread(stationary, 1.0, 1.0)
     of = torch.arange(windows.count, device=windows.run.device) if runs_differ else make_blocks(windows, tau, folds).of
-    in_time = parts.jackknife(of)
-    places = [] if runs_differ or in_time[1] <= 1 else [parts.between(of) for of in regions(windows)]
-    if places:
-        worst = max(places, key=lambda one: level(one[0], stationary))
-        ratio, K = level(worst[0], stationary) / max(level(in_time[0], stationary), 1e-300), len(stationary)
-        if f.sf(ratio, (worst[1] - 1) * K, (in_time[1] - 1) * K) < CHANCE / len(places):
-            return pooled(*worst, stationary, by_place=True)
-    return pooled(*in_time, stationary)
+    return pooled(*parts.jackknife(of), stationary)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,15 +92,6 @@ class Parts:
         away = moved - moved.mean(0)
         return away.T @ away * ((B - 1) / B), _worth(known)
 
-    def between(self, of: Int[Tensor, " W"]) -> tuple[Float[Tensor, "K K"], float]:
-        """The same of blocks that are regions: B / (B - 1) sum_b of the parts as they are.
-
-        To leave a region out is to extrapolate into it, which would say less of the fit to all regions.
-        """
-        B, score, known = self._in(of)
-        away = score - score.mean(0)
-        return away.T @ away * (B / (B - 1)), _worth(known)
-
     def _in(self, of: Int[Tensor, " W"]) -> tuple[int, Float[Tensor, "B K"], Float[Tensor, "B K K"]]:
         B = int(of.max()) + 1
         score, known = (x.new_zeros(B, *x.shape[1:]).index_add(0, of, x) for x in (self.score, self.known))
@@ -130,27 +103,16 @@ def _worth(known: Float[Tensor, "B K K"]) -> float:
     return float((1 / known.diagonal(dim1=1, dim2=2).square().sum(0)).min())
 
 
-def pooled(
-    spread: Float[Tensor, "K K"], blocks: float, stationary: Float[Tensor, "K K"], *, by_place: bool = False
-) -> Spread:
+def pooled(spread: Float[Tensor, "K K"], blocks: float, stationary: Float[Tensor, "K K"]) -> Spread:
     """Sigma and nu from V, B* and Sigma_0."""
     K = len(stationary)
     total = K * max(level(spread, stationary), 1.0) * stationary + (blocks - 1) * spread
     # A score that nothing moves would have no density.
     least = 1e-12 * total.diagonal().mean().clamp_min(1e-300) * torch.eye(K).to(total)
     freedom = K + blocks + 1.0
-    return Spread((total + least) / freedom, freedom, blocks, by_place)
+    return Spread((total + least) / freedom, freedom, blocks)
 
 
 def level(spread: Float[Tensor, "K K"], stationary: Float[Tensor, "K K"]) -> float:
     """Mean over directions of one spread as a multiple of the other."""
     return float((torch.linalg.pinv(stationary, hermitian=True) @ spread).diagonal().mean())
-
-
-def regions(windows: Windows) -> list[Int[Tensor, " W"]]:
-    """Number of each window's region, for the position and the velocity in which each joint begins."""
-    if windows.count < FEWEST * REGIONS:
-        return []
-    moving = windows.free_starts.any(0).nonzero()[:, 0].tolist()
-    ranks = windows.start.argsort(0).argsort(0)
-    return [ranks[:, column] * REGIONS // windows.count for column in moving]

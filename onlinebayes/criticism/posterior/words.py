@@ -70,8 +70,6 @@ def notes(found: LogPosterior) -> tuple[str, ...]:
             f"{method.draws} replays are worth {method.effective:.0f} draws, too few: the model is taken as linear "
             "around its fit"
         )
-    if method.by_place:
-        said.append("the model errs by place more than over time; the widths allow for it")
     return (*said, *found.notes)
 
 
