@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from onlinebayes.criticism.posterior.results import LogPosterior, ParameterBelief, Reproduction
 from onlinebayes.identification import quantities
+from onlinebayes.inference import Identifiability
 
 SHOWN = 5
 """Parameters that a terminal shows at most; with several models so many of each."""
@@ -20,7 +21,7 @@ def lines(found: LogPosterior, shown: int = SHOWN) -> list[tuple[str, str]]:
     told = [("posterior" if k == 0 else "", parameter(*one)) for k, one in enumerate(named)]
     if 0 < len(named) < len(found.parameters):
         told.append(("", f"and {len(found.parameters) - len(named)} more, known better, in posterior.json"))
-    told.append(("known", str(found.identifiability)))
+    told.append(("known", known(found.identifiability)))
     told.append(("worlds", reproductions(found)))
     if said := alarm(found):
         told.append(("alarm", said))
@@ -31,6 +32,11 @@ def parameter(name: str, value: ParameterBelief) -> str:
     """``body.bob.mass 0.41 ± 0.01 kg, 3 % of its prior``."""
     text = quantities.with_error(value.mean, value.sd, value.unit)
     return f"{name} {text}, {quantities.percent(min(value.of_prior, 1.0))} of its prior"
+
+
+def known(found: Identifiability) -> str:
+    """Which parameters are known, and which only together; their widths stand above where all are."""
+    return str(found) if found.unknown or found.combinations else "every parameter by itself"
 
 
 def reproductions(found: LogPosterior) -> str:
