@@ -126,13 +126,14 @@ def test_a_stop_ends_it() -> None:
         posterior_of_log(model(), log(TRUTH, 1), progress=at_the_draws, interrupt=interrupt)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("memory", [0.0, pytest.param(0.8, marks=pytest.mark.long)])
+@pytest.mark.parametrize(
+    "memory", [pytest.param(0.0, marks=pytest.mark.slow), pytest.param(0.8, marks=pytest.mark.long)]
+)
 def test_ninety_percent_intervals_hold_the_truth(memory: float, without_shape_checks: None) -> None:
     """Over 40 logs of 12 s; with white noise, and with noise that is correlated over five rows.
 
     A right interval holds the truth in 30 of 40 at least with probability 0.9985 (binomial): with other seeds one of
-    300 runs would fail by chance, for two parameters. Over 200 logs the share was 88 and 91 %.
+    300 runs would fail by chance, for two parameters.
     """
     truths, held = BoxUniform(FREE).sample((40,), torch.Generator().manual_seed(0)), torch.zeros(2)
     for k, truth in enumerate(truths):
