@@ -103,7 +103,7 @@ def main(settings: Settings) -> int:
     print(trust.in_words(lambda x: estimator.each(x[:, None]), theta, made(theta), SPACE, generator=generator))
     print(identifiability(posterior, prior.box))
     plots.save(plots.corner(posterior, truth=truth, prior=prior), place / "corner.png")
-    saving.save(posterior, place / "posterior.pt")  # posterior = saving.load(...)
+    saving.save(posterior, place / "posterior.json")  # posterior = saving.load(...)
     print(f"the truth gains {gain:.1f} nats over the prior")
     print(written(place))
     return 0 if gain > 0 and not surprise else 1

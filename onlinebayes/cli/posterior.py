@@ -33,7 +33,7 @@ WIDTH, COLUMN, LINES = 80, 11, 10
 
 
 def infer_posterior(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
-    """Do it and write posterior.json, belief.pt and corner.png; returns the exit status.
+    """Do it and write posterior.json, belief.json and corner.png; returns the exit status.
 
     Args:
         problem_file: path of the TOML file, or of a folder that ``refine`` wrote to.

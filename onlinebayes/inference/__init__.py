@@ -16,7 +16,7 @@ What comes out, and how to look at it (``from onlinebayes.inference import plots
 
     posterior.log_prob(theta), posterior.sample((500,)), posterior.marginal(["mass"]), posterior.mean()
     plots.save(plots.corner(posterior, truth=theta, prior=BoxUniform(space)), "corner.png")
-    saving.save(posterior, "pole.pt"), saving.load("pole.pt")
+    saving.save(posterior, "pole.json"), saving.load("pole.json")
     print(identifiability(posterior, BoxUniform(space).box))                  # "Only mass/length is known ..."
     calibration.coverage(posterior.each, thetas, trajectories)                # each trajectory with a theta of its own
     trust.in_words(posterior.each, thetas, trajectories, space)              # coverage, ranks and TARP in two sentences

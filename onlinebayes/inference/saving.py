@@ -1,16 +1,16 @@
 """Distributions in a file of their own, and as plain values for a checkpoint.
 
-    save(posterior, "pole.pt");    posterior = load("pole.pt")
+    save(posterior, "pole.json");    posterior = load("pole.json")
 
-A file holds names, bounds and units of the parameters beside the distribution, and no code (``weights_only=True``). As
-plain values a distribution is a dictionary of tensors, numbers and strings; a tag tells which it was. What is drawn
-after loading is what would have been drawn before.
+A file is text (JSON): names, bounds and units of the parameters, the distribution, and a checksum of both. As plain
+values a distribution is a dictionary of tensors, numbers and strings; a tag tells which it was. What is drawn after
+loading is what would have been drawn before, to the last bit.
 """
 
 from __future__ import annotations
 
-import io
-import zipfile
+import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import astuple
 from pathlib import Path
@@ -23,9 +23,11 @@ from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixtur
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.proposals import TruncatedProposal
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, one_line, plain, write_atomic
+from onlinebayes.runs import BadInput, one_line, write_atomic
 
 CONTENT, FORMAT = "onlinebayes distribution", 1
+
+DTYPES = {"float64": torch.float64, "float32": torch.float32}
 
 
 def save(belief: Belief, path: str | Path) -> None:
@@ -40,9 +42,9 @@ def save(belief: Belief, path: str | Path) -> None:
         BadInput: the file cannot be written.
     """
     space = [(name, *astuple(parameter)) for name, parameter in belief.space.items()]
-    content = io.BytesIO()
-    torch.save(plain({"content": CONTENT, "format": FORMAT, "space": space, "belief": to_state(belief)}), content)
-    write_atomic(path, content.getvalue())
+    body = {"space": space, "belief": _written(to_state(belief))}
+    text = json.dumps({"content": CONTENT, "format": FORMAT, "sha256": _checksum(body), **body}, ensure_ascii=False)
+    write_atomic(path, text + "\n")
 
 
 def load(
@@ -59,7 +61,7 @@ def load(
         BadInput: there is no such file, it is damaged, no distribution, of another format, or over other parameters.
     """
     where = str(path)
-    saved = _read(Path(path), device)
+    saved = _read(Path(path))
     if not isinstance(saved, dict) or saved.get("content") != CONTENT:
         raise BadInput("holds no distribution", "give a file that onlinebayes.inference.saving.save wrote", where=where)
     if saved.get("format") != FORMAT:
@@ -68,9 +70,11 @@ def load(
             "read it with the version of onlinebayes that wrote it",
             where=where,
         )
+    if saved.get("sha256") != _checksum({key: saved.get(key) for key in ("space", "belief")}):
+        raise BadInput("is damaged: its checksum is another", "copy it anew, or save it anew", where=where)
     try:
         own = ParameterSpace({name: Parameter(*values) for name, *values in saved["space"]})
-        belief = from_state(own, saved["belief"])
+        belief = from_state(own, _read_back(saved["belief"], device))
     except (ArithmeticError, AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         raise BadInput(f"is damaged: {one_line(str(error))[:200]}", "save it anew", where=where) from error
     if space is not None:
@@ -78,24 +82,41 @@ def load(
     return belief
 
 
-def _read(path: Path, device: torch.device | str) -> Any:
-    """What the file holds; ``torch.load`` alone does not look at its checksums."""
+def _read(path: Path) -> Any:
+    """What the file holds."""
     where = str(path)
     if not path.is_file():
         raise BadInput("there is no such file", "look at the path", where=where)
     try:
-        content = path.read_bytes()
-        with zipfile.ZipFile(io.BytesIO(content)) as archive:
-            wrong = archive.testzip()
-        if wrong is None:
-            return torch.load(io.BytesIO(content), map_location=device, weights_only=True)
-    except Exception as error:  # whatever the bytes make zipfile and torch meet
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
         raise BadInput(
             f"is cut off, damaged or of another kind: {one_line(str(error))[:100]}",
             "give a whole file that onlinebayes.inference.saving.save wrote",
             where=where,
         ) from error
-    raise BadInput(f"is damaged: the checksum of {wrong} is another", "copy it anew, or save it anew", where=where)
+
+
+def _checksum(body: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(body, sort_keys=True).encode()).hexdigest()
+
+
+def _written(value: Any) -> Any:
+    """Plain values with lists of numbers for tensors; Python writes as many digits as a double needs."""
+    if isinstance(value, torch.Tensor):
+        return {"dtype": str(value.dtype).removeprefix("torch."), "values": value.tolist()}
+    if isinstance(value, Mapping):
+        return {key: _written(one) for key, one in value.items()}
+    return value
+
+
+def _read_back(value: Any, device: torch.device | str) -> Any:
+    """The inverse of :func:`_written`."""
+    if not isinstance(value, Mapping):
+        return value
+    if set(value) == {"dtype", "values"}:
+        return torch.tensor(value["values"], dtype=DTYPES[value["dtype"]], device=device)
+    return {key: _read_back(one, device) for key, one in value.items()}
 
 
 def _check_columns(saved: ParameterSpace, wanted: ParameterSpace, where: str) -> None:

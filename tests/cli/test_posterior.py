@@ -16,7 +16,7 @@ from onlinebayes.criticism.posterior import posterior_of_log
 from onlinebayes.inference import saving
 from tests.cli.conftest import PROBLEM, table
 
-FILES = {"posterior.json", "belief.pt", "corner.png"}
+FILES = {"posterior.json", "belief.json", "corner.png"}
 
 
 @pytest.fixture
@@ -57,10 +57,10 @@ def test_a_folder_of_refine_gives_each_of_its_models(folder: Path, capsys: pytes
     printed = capsys.readouterr().out
     assert "75 %: dry_friction@carriage" in " ".join(printed.split())
     assert "25 %: quadratic_drag@carriage" in " ".join(printed.split())
-    assert {path.name for path in (folder / "out").iterdir()} == FILES | {"belief-2.pt", "corner-2.png"}
+    assert {path.name for path in (folder / "out").iterdir()} == FILES | {"belief-2.json", "corner-2.png"}
     models = json.loads((folder / "out" / "posterior.json").read_text())["models"]
     assert [model["weight"] for model in models] == [0.75, 0.25]
-    assert [model["belief"] for model in models] == ["belief.pt", "belief-2.pt"]
+    assert [model["belief"] for model in models] == ["belief.json", "belief-2.json"]
     # One model fewer: the second one's files do not stay.
     (folder / "refined-2.toml").unlink()
     (folder / "report.json").write_text(json.dumps({"hypotheses": [{"weight": 1.0}]}))

@@ -88,7 +88,7 @@ def test_a_function_is_a_simulator(tmp_path: Path, capsys: Capture) -> None:
     assert "% region holds" in said
     assert "of the prior's width" in said
     assert (folder / "corner.png").read_bytes().startswith(b"\x89PNG")
-    assert saving.load(folder / "posterior.pt", own_simulator.SPACE).space == own_simulator.SPACE
+    assert saving.load(folder / "posterior.json", own_simulator.SPACE).space == own_simulator.SPACE
 
 
 def test_the_function_swings_as_a_spring_does() -> None:

@@ -1,7 +1,7 @@
 """A log's posterior as files: posterior.json, and for each model a distribution to load and a corner plot.
 
-belief.pt, corner.png                 of the model, or the first one
-belief-2.pt, corner-2.png, ...        of the others that the log leaves open
+belief.json, corner.png                 of the model, or the first one
+belief-2.json, corner-2.png, ...        of the others that the log leaves open
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ MOST_DRAWN = 8
 
 def names_of(models: int) -> tuple[str, ...]:
     """The files of so many models; posterior.json comes last."""
-    each = [(f"belief{end}.pt", f"corner{end}.png") for end in ("", *(f"-{k}" for k in range(2, models + 1)))]
+    each = [(f"belief{end}.json", f"corner{end}.png") for end in ("", *(f"-{k}" for k in range(2, models + 1)))]
     return (*(name for pair in each for name in pair), "posterior.json")
 
 
