@@ -28,6 +28,7 @@ from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixtur
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.filtered import filtered_estimator
 from onlinebayes.inference.fit import fit
+from onlinebayes.inference.flow import FlowEstimator
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.loss import NeuralPosteriorLoss
@@ -46,6 +47,7 @@ __all__ = [
     "Decision",
     "Density",
     "FitReport",
+    "FlowEstimator",
     "FourierFeatures",
     "Gate",
     "MixtureEstimator",

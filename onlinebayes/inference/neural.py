@@ -6,7 +6,8 @@
 q_w is q with every component's scale times w. Calibrated single posteriors do not make a calibrated product: what they
 have in common, an error of the network, is counted n times in it. The factor w is found on held-out groups, n
 simulated trajectories of one theta each: of those w with which the 95 % region holds 95 % of the groups' truths, the
-one with the highest mean log density of the truth. Where no w does so, the union of the n posteriors is taken.
+one with the highest mean log density of the truth. Where no w does so, or the network's densities have no product,
+the union of the n posteriors is taken.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ import torch
 from tensordict import TensorDictBase
 
 from onlinebayes.embeddings import Embedding
-from onlinebayes.inference.base import Belief, DensityBatch, FitReport
+from onlinebayes.inference.base import Belief, DensityBatch, FitReport, Multipliable
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.fit import fit
@@ -48,20 +49,22 @@ class NeuralEstimator:
 
     Attributes:
         space, box: of the estimator network.
-        combination: w, inf for the union; 1 before :meth:`fit`.
+        combination: w, inf for the union; before :meth:`fit` 1, where there is a product.
     """
 
     def __init__(self, loss: NeuralPosteriorLoss, train: Fit = fit) -> None:
         self.loss, self._train = loss, train
         self.space, self.box = loss.estimator.space, loss.estimator.box
-        self.combination = 1.0
+        self.combination = 1.0 if isinstance(loss.estimator, Multipliable) else math.inf
 
     def fit(
         self, simulations: TensorDictBase, groups: TensorDictBase | None = None, *, generator: torch.Generator
     ) -> FitReport:
         """Train the loss, then find w on the groups (G, n, T); see :class:`PosteriorEstimator`."""
         report = self._train(self.loss, simulations, generator=generator)
-        self.combination = 1.0 if groups is None or groups.shape[1] == 1 else self._best_combination(groups, generator)
+        if isinstance(self.loss.estimator, Multipliable):
+            single = groups is None or groups.shape[1] == 1
+            self.combination = 1.0 if single else self._best_combination(groups, generator)
         report.combination = self.combination
         return report
 
@@ -97,7 +100,9 @@ class NeuralEstimator:
         estimator = self.loss.estimator
         if len(singles) == 1:
             return singles[0]
-        return estimator.united(singles) if math.isinf(factor) else estimator.multiplied(singles, factor)
+        if isinstance(estimator, Multipliable) and not math.isinf(factor):
+            return estimator.multiplied(singles, factor)
+        return estimator.united(singles)
 
 
 def mixture_of(embedding: Embedding, proposal: Belief, train: Fit = TRAIN) -> NeuralEstimator:

@@ -20,10 +20,11 @@ from jaxtyping import Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
-from onlinebayes.inference.base import Belief, DensityBatch
+from onlinebayes.inference.base import Belief, DensityBatch, Multipliable
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.distributions.marginal import Marginal
 from onlinebayes.inference.loss import NeuralPosteriorLoss
+from onlinebayes.runs import BadInput
 
 
 class Posterior:
@@ -49,13 +50,20 @@ class Posterior:
 
         Raises:
             ValueError: another ``combine``, or values that are not finite.
+            BadInput: the product of densities that have none in closed form (flows).
         """
         if combine not in ("union", "product"):
             raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
         batch, estimator = self.each(trajectories), self._loss.estimator
         factors = [batch[i] for i in range(trajectories.shape[0])]
-        united = combine == "union"
-        return self._with(estimator.united(factors) if united else estimator.multiplied(factors, widening))
+        if combine == "union":
+            return self._with(estimator.united(factors))
+        if not isinstance(estimator, Multipliable):
+            raise BadInput(
+                f"combine = 'product': the densities of {type(estimator).__name__} have no product in closed form",
+                "use combine='union'",
+            )
+        return self._with(estimator.multiplied(factors, widening))
 
     @torch.no_grad()
     def each(self, trajectories: TensorDictBase) -> DensityBatch:
