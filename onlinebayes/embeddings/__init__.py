@@ -12,22 +12,28 @@ Step by step, equal to the above (for collectors):
     vector, state = embedding.step(embedding.features(observation, action, following), state)
 """
 
+from onlinebayes.embeddings.attention import AttentionEmbedding
 from onlinebayes.embeddings.base import Embedding, StepwiseEmbedding
 from onlinebayes.embeddings.features import RawTransitions, Reference, TransitionFeatures
 from onlinebayes.embeddings.filtered import FilteredEmbedding
+from onlinebayes.embeddings.gru import GRUEmbedding
 from onlinebayes.embeddings.joined import JoinedEmbedding
 from onlinebayes.embeddings.lstm import LSTMEmbedding
 from onlinebayes.embeddings.reference import SimulatorReference
+from onlinebayes.embeddings.statistics import StatisticsEmbedding
 from onlinebayes.embeddings.summary import SummaryEmbedding
 
 __all__ = [
+    "AttentionEmbedding",
     "Embedding",
     "FilteredEmbedding",
+    "GRUEmbedding",
     "JoinedEmbedding",
     "LSTMEmbedding",
     "RawTransitions",
     "Reference",
     "SimulatorReference",
+    "StatisticsEmbedding",
     "StepwiseEmbedding",
     "SummaryEmbedding",
     "TransitionFeatures",

@@ -25,6 +25,7 @@ from torch import Tensor
 
 from onlinebayes.embeddings.base import Embedding, check_padding
 from onlinebayes.embeddings.features import RawTransitions
+from onlinebayes.embeddings.standard import Standard
 from onlinebayes.simulators import Simulator
 
 PASSES = 3
@@ -44,9 +45,6 @@ LEAST_NOISE = 1e-5
 
 NOISE_ROUNDS = 4
 """Of that search: a factor of ten is found in three."""
-
-STRAIGHT = 3.0
-"""Standard deviations up to which a summary is passed on straight."""
 
 
 @runtime_checkable
@@ -72,8 +70,6 @@ class FilteredEmbedding(Embedding):
 
     noise: Tensor
     scale_of: Tensor
-    centre: Tensor
-    spread: Tensor
 
     def __init__(
         self,
@@ -95,8 +91,7 @@ class FilteredEmbedding(Embedding):
         one = torch.ones(observation, dtype=torch.float64)
         self.register_buffer("noise", FIRST_NOISE * one)
         self.register_buffer("scale_of", one.clone())
-        self.register_buffer("centre", torch.zeros(self.size, dtype=torch.float64))
-        self.register_buffer("spread", torch.ones(self.size, dtype=torch.float64))
+        self.standard = Standard(self.size)
 
     def scale(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> None:
         """Find the noise, then the mean and spread of what the filter gives."""
@@ -108,15 +103,12 @@ class FilteredEmbedding(Embedding):
             ratio = self._filtered(features[some], mask[some])[2].median(0).values
             self.noise.copy_((self.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * self.scale_of))
         x = self._raw(features, mask)
-        spread, centre = torch.std_mean(x, dim=0, correction=0)
-        self.centre.copy_(centre)
-        self.spread.copy_(torch.where(spread > 1e-12, spread, torch.inf))
+        self.standard.fit(x)
 
     def encode(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B E"]:
         """Embed trajectories made into rows before; see :meth:`Embedding.encode`."""
         check_padding(mask)
-        x = (self._raw(features, mask) - self.centre) / self.spread
-        vector = (STRAIGHT * torch.asinh(x / STRAIGHT)).to(features.dtype)
+        vector = self.standard(self._raw(features, mask)).to(features.dtype)
         return torch.where(mask.any(1, keepdim=True), vector, torch.zeros_like(vector))
 
     def _raw(self, features: Tensor, mask: Tensor) -> Float[Tensor, "B E"]:
