@@ -31,6 +31,7 @@ from onlinebayes.inference.fit import fit
 from onlinebayes.inference.flow import FlowEstimator
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
+from onlinebayes.inference.length_scale import LengthScaleChoice, cross_validate, length_scales
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
 from onlinebayes.inference.population import Population, PopulationABC
@@ -50,6 +51,7 @@ __all__ = [
     "FlowEstimator",
     "FourierFeatures",
     "Gate",
+    "LengthScaleChoice",
     "MixtureEstimator",
     "NeuralEstimator",
     "NeuralPosteriorLoss",
@@ -62,8 +64,10 @@ __all__ = [
     "TrajectoryKeys",
     "TruncatedMixture",
     "calibration",
+    "cross_validate",
     "filtered_estimator",
     "fit",
+    "length_scales",
     "proposals",
     "residual_estimator",
 ]

@@ -39,6 +39,7 @@ class MixtureEstimator(TensorDictModuleBase):
         hidden: width of the two hidden layers.
         trunk: in their place, a module from the embedding to ``hidden`` numbers: ``FourierFeatures``, for example.
         box: where the simulations were drawn, the proposal's box; the whole prior's by default.
+        diagonal: components without correlations, as in the published code of BayesSim; only to be compared.
 
     Attributes:
         widening: factor on every scale, 1 during training; see :func:`~onlinebayes.inference.fit`.
@@ -55,6 +56,7 @@ class MixtureEstimator(TensorDictModuleBase):
         hidden: int = 128,
         trunk: nn.Module | None = None,
         box: Box | None = None,
+        diagonal: bool = False,
     ) -> None:
         super().__init__()
         self.in_keys = ["embedding"]
@@ -71,7 +73,8 @@ class MixtureEstimator(TensorDictModuleBase):
         self.straight = nn.Linear(embedding, components * size, bias=False)
         self.scale = nn.Linear(hidden, components * size)
         # One parameter has nothing to shear with.
-        self.shear = nn.Linear(hidden, components * self._below.shape[1]) if size > 1 else None
+        sheared = size > 1 and not diagonal
+        self.shear = nn.Linear(hidden, components * self._below.shape[1]) if sheared else None
 
     def parameters_of(
         self, embedding: Float[Tensor, "B E"]
