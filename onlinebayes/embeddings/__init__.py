@@ -12,19 +12,24 @@ Step by step, equal to the above (for collectors):
     vector, state = embedding.step(embedding.features(observation, action, following), state)
 """
 
+from onlinebayes.embeddings.attention import AttentionEmbedding
 from onlinebayes.embeddings.base import Embedding, SetEmbedding, StepwiseEmbedding
 from onlinebayes.embeddings.features import RawTransitions, Reference, TransitionFeatures
 from onlinebayes.embeddings.filtered import FilteredEmbedding
+from onlinebayes.embeddings.gru import GRUEmbedding
 from onlinebayes.embeddings.joined import JoinedEmbedding
 from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
 from onlinebayes.embeddings.likeliest import likeliest
 from onlinebayes.embeddings.lstm import LSTMEmbedding
 from onlinebayes.embeddings.reference import SimulatorReference
+from onlinebayes.embeddings.statistics import StatisticsEmbedding
 from onlinebayes.embeddings.summary import SummaryEmbedding
 
 __all__ = [
+    "AttentionEmbedding",
     "Embedding",
     "FilteredEmbedding",
+    "GRUEmbedding",
     "JoinedEmbedding",
     "LSTMEmbedding",
     "RawTransitions",
@@ -33,6 +38,7 @@ __all__ = [
     "SetEmbedding",
     "SimulatorFilter",
     "SimulatorReference",
+    "StatisticsEmbedding",
     "StepwiseEmbedding",
     "SummaryEmbedding",
     "TransitionFeatures",

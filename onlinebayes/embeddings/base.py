@@ -128,6 +128,15 @@ def cleared(values: Float[Tensor, "*batch F"], mask: Bool[Tensor, "*batch"]) -> 
     return torch.where(mask.unsqueeze(-1), values, torch.zeros((), dtype=values.dtype, device=values.device))
 
 
+def last_and_mean(outputs: Float[Tensor, "B T H"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B E"]:
+    """Each row's output at its own last step, and the mean over its steps; zeros where it has none."""
+    count = mask.sum(1)
+    row = torch.arange(len(outputs), device=outputs.device)
+    last = outputs[row, (count - 1).clamp(min=0)] * (count > 0).unsqueeze(-1)
+    mean = (outputs * mask.unsqueeze(-1)).sum(1) / count.clamp(min=1).unsqueeze(-1)
+    return torch.cat([last, mean], dim=-1)
+
+
 def check_padding(mask: Bool[Tensor, "B T"]) -> None:
     """Raise ``ValueError`` where a recorded step stands behind a padded one."""
     if bool((mask[:, 1:] & ~mask[:, :-1]).any()):

@@ -23,6 +23,7 @@ from onlinebayes.embeddings.base import SetEmbedding, check_padding
 from onlinebayes.embeddings.features import RawTransitions
 from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
 from onlinebayes.embeddings.likeliest import likeliest
+from onlinebayes.embeddings.standard import Standard
 
 STARTS = 7
 """To climb from; the first is the centre of the box, and most climbs need no other."""
@@ -42,9 +43,6 @@ NOISE_ROUNDS, NOISE_SAMPLE = 4, 100
 SCALE_SAMPLE = 200
 """Trajectories that tell the mean and spread of the vector."""
 
-STRAIGHT = 3.0
-"""Standard deviations up to which a summary is passed on straight."""
-
 
 class FilteredEmbedding(SetEmbedding):
     """Trajectories of one system -> the likeliest theta, and how sure that is.
@@ -58,8 +56,6 @@ class FilteredEmbedding(SetEmbedding):
     """
 
     located = True
-    centre: Tensor
-    spread: Tensor
     starts: Tensor
 
     def __init__(self, model: SimulatorFilter, action: int) -> None:
@@ -70,8 +66,7 @@ class FilteredEmbedding(SetEmbedding):
         self.size = self._told + P + P * (P + 1) // 2
         starts = qmc.Sobol(P, scramble=False).random_base2(3)[1 : 1 + STARTS]
         self.register_buffer("starts", torch.from_numpy(starts))
-        self.register_buffer("centre", torch.zeros(self._told, dtype=torch.float64))
-        self.register_buffer("spread", torch.ones(self._told, dtype=torch.float64))
+        self.standard = Standard(self._told)
 
     def scale(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> None:
         """Find the noise, then the mean and spread of what the filter gives."""
@@ -86,17 +81,13 @@ class FilteredEmbedding(SetEmbedding):
             model.noise.copy_((model.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * spread))
         model.begin_at(rows.first)
         some_features, some_mask = features[:SCALE_SAMPLE, None], mask[:SCALE_SAMPLE, None]
-        told = self._vector(some_features, some_mask)[:, : self._told]
-        sd, centre = torch.std_mean(told, dim=0, correction=0)
-        self.centre.copy_(centre)
-        self.spread.copy_(torch.where(sd > 1e-12, sd, torch.inf))
+        self.standard.fit(self._vector(some_features, some_mask)[:, : self._told])
 
     def encode_set(self, features: Float[Tensor, "G n T F"], mask: Bool[Tensor, "G n T"]) -> Float[Tensor, "G E"]:
         """Embed sets of trajectories made into rows before; see :meth:`SetEmbedding.encode_set`."""
         check_padding(mask.flatten(0, 1))
         vector = self._vector(features, mask)
-        x = (vector[:, : self._told] - self.centre) / self.spread
-        told = STRAIGHT * torch.asinh(x / STRAIGHT)
+        told = self.standard(vector[:, : self._told])
         told = torch.where(mask.flatten(1).any(1, keepdim=True), told, torch.zeros_like(told))
         return torch.cat([told, vector[:, self._told :]], dim=1).to(features.dtype)
 

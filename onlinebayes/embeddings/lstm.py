@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor, nn
 
-from onlinebayes.embeddings.base import StepwiseEmbedding, check_padding, cleared
+from onlinebayes.embeddings.base import StepwiseEmbedding, check_padding, cleared, last_and_mean
 from onlinebayes.embeddings.features import TransitionFeatures
 
 
@@ -37,13 +37,7 @@ class LSTMEmbedding(StepwiseEmbedding):
     def encode(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B E"]:
         """Embed features made before; see :meth:`Embedding.encode`."""
         check_padding(mask)
-        z = cleared(features[..., : self.features.signals], mask)
-        count = mask.sum(1)
-        outputs = self.lstm(z)[0]
-        row = torch.arange(len(z), device=z.device)
-        last = outputs[row, (count - 1).clamp(min=0)] * (count > 0).unsqueeze(-1)
-        mean = (outputs * mask.unsqueeze(-1)).sum(1) / count.clamp(min=1).unsqueeze(-1)
-        return torch.cat([last, mean], dim=-1)
+        return last_and_mean(self.lstm(cleared(features[..., : self.features.signals], mask))[0], mask)
 
     def step(
         self, features: Float[Tensor, "B F"], state: Float[Tensor, "B S"]

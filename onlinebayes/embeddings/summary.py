@@ -17,11 +17,10 @@ from torch import Tensor
 
 from onlinebayes.embeddings.base import StepwiseEmbedding, check_padding, cleared
 from onlinebayes.embeddings.features import TransitionFeatures
+from onlinebayes.embeddings.standard import Standard
 
 RIDGE = 1e-6
 """l, in units of the mean diagonal of H."""
-STRAIGHT = 3.0
-"""Standard deviations up to which a summary is passed on straight."""
 
 
 class SummaryEmbedding(StepwiseEmbedding):
@@ -36,8 +35,6 @@ class SummaryEmbedding(StepwiseEmbedding):
     """
 
     features: TransitionFeatures
-    centre: Tensor
-    spread: Tensor
 
     def __init__(self, features: TransitionFeatures, *, averages: bool = True) -> None:
         super().__init__(features)
@@ -46,20 +43,16 @@ class SummaryEmbedding(StepwiseEmbedding):
         self.averages = averages
         self.size = (features.signals if averages else 0) + features.sensitivities
         self.state_size = features.signals + features.sums + 1
-        self.register_buffer("centre", torch.zeros(self.size, dtype=torch.float64))
-        self.register_buffer("spread", torch.ones(self.size, dtype=torch.float64))
+        self.standard = Standard(self.size)
 
     def scale(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> None:
         """Mean and standard deviation of x over trajectories."""
-        x = self._summary(self._mean(features, mask))
-        spread, centre = torch.std_mean(x, dim=0, correction=0)
-        self.centre.copy_(centre)
-        self.spread.copy_(torch.where(spread <= 1e-9 * x.abs().amax(0).clamp(min=1e-30), torch.inf, spread))
+        self.standard.fit(self._summary(self._mean(features, mask)))
 
     def encode(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> Float[Tensor, "B E"]:
         """Embed features made before; see :meth:`Embedding.encode`."""
         check_padding(mask)
-        vector = self._vector(self._mean(features, mask)).to(features.dtype)
+        vector = self.standard(self._summary(self._mean(features, mask))).to(features.dtype)
         return torch.where(mask.any(1, keepdim=True), vector, torch.zeros_like(vector))
 
     def step(
@@ -68,16 +61,12 @@ class SummaryEmbedding(StepwiseEmbedding):
         """One more transition; see :meth:`StepwiseEmbedding.step`."""
         total = state[..., :-1] + features[..., self.features.signals :].to(state)
         count = state[..., -1:] + 1
-        vector = self._vector(total.double() / count)
+        vector = self.standard(self._summary(total.double() / count))
         return vector.to(features.dtype), torch.cat([total, count], dim=-1)
 
     def _mean(self, features: Tensor, mask: Tensor) -> Tensor:
         terms = cleared(features[..., self.features.signals :], mask).double()
         return terms.sum(1) / mask.sum(1).clamp(min=1).unsqueeze(-1)
-
-    def _vector(self, mean: Tensor) -> Tensor:
-        x = (self._summary(mean) - self.centre) / self.spread
-        return STRAIGHT * torch.asinh(x / STRAIGHT)
 
     def _summary(self, mean: Tensor) -> Tensor:
         """x of the mean terms (B, F + S)."""

@@ -31,10 +31,12 @@ from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixtur
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.filtered import filter_of, filtered_estimator
 from onlinebayes.inference.fit import fit
+from onlinebayes.inference.flow import FlowEstimator
 from onlinebayes.inference.fourier import FourierFeatures
 from onlinebayes.inference.gate import Decision, Gate
 from onlinebayes.inference.identifiability import Identifiability, identifiability
 from onlinebayes.inference.importance import WeightedDraws, importance
+from onlinebayes.inference.length_scale import LengthScaleChoice, cross_validate, length_scales
 from onlinebayes.inference.likelihood import LikelihoodEstimator, LikelihoodPosterior
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.inference.neural import NeuralEstimator
@@ -52,9 +54,11 @@ __all__ = [
     "Decision",
     "Density",
     "FitReport",
+    "FlowEstimator",
     "FourierFeatures",
     "Gate",
     "Identifiability",
+    "LengthScaleChoice",
     "LikelihoodEstimator",
     "LikelihoodPosterior",
     "MixtureEstimator",
@@ -71,11 +75,13 @@ __all__ = [
     "TruncatedMixture",
     "WeightedDraws",
     "calibration",
+    "cross_validate",
     "filter_of",
     "filtered_estimator",
     "fit",
     "identifiability",
     "importance",
+    "length_scales",
     "proposals",
     "residual_estimator",
     "saving",

@@ -144,6 +144,11 @@ class ConditionalDensity(Protocol):
         """The union of n such batches (*G,)."""
         ...
 
+
+@runtime_checkable
+class Multipliable(Protocol):
+    """A network whose densities can be multiplied; of the others trajectories are combined by their union."""
+
     def multiplied(self, factors: Sequence[Any], widening: float = 1.0) -> Any:
         """The product of n such batches (*G,), each factor made wider first."""
         ...

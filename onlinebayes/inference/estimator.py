@@ -60,6 +60,7 @@ class MixtureEstimator(TensorDictModuleBase):
         trunk: in their place, a module from the embedding to ``hidden`` numbers: ``FourierFeatures``, for example.
         box: where the simulations were drawn, the proposal's box; the whole prior's by default.
         located: the embedding ends with c and C, see ``SetEmbedding``.
+        diagonal: components without correlations, as in the published code of BayesSim; only to be compared.
 
     Attributes:
         widening: factor on every scale, 1 during training; see :func:`~onlinebayes.inference.fit`. A located network
@@ -79,6 +80,7 @@ class MixtureEstimator(TensorDictModuleBase):
         trunk: nn.Module | None = None,
         box: Box | None = None,
         located: bool = False,
+        diagonal: bool = False,
     ) -> None:
         super().__init__()
         self.in_keys = ["embedding"]
@@ -100,7 +102,8 @@ class MixtureEstimator(TensorDictModuleBase):
         self.straight = nn.Linear(embedding, components * size, bias=False)
         self.scale = nn.Linear(hidden, components * size)
         # One parameter has nothing to shear with.
-        self.shear = nn.Linear(hidden, components * self._below.shape[1]) if size > 1 else None
+        sheared = size > 1 and not diagonal
+        self.shear = nn.Linear(hidden, components * self._below.shape[1]) if sheared else None
 
     def parameters_of(
         self, embedding: Float[Tensor, "B E"]

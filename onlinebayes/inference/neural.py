@@ -6,8 +6,9 @@
 q_w is q with every component's scale times w. Calibrated single posteriors do not make a calibrated product: what they
 have in common, an error of the network, is counted n times in it. The factor w is found on held-out groups, n
 simulated trajectories of one theta each: of those w with which the 95 % region holds 95 % of the groups' truths, the
-one with the highest mean log density of the truth. Where no w does so, the union of the n posteriors is taken. An
-embedding of sets needs none of this: its posterior is one density, given all n.
+one with the highest mean log density of the truth. Where no w does so, or the network's densities have no product,
+the union of the n posteriors is taken. An embedding of sets needs none of this: its posterior is one density, given
+all n.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import torch
 from tensordict import TensorDictBase
 
 from onlinebayes.embeddings import Embedding, SetEmbedding
-from onlinebayes.inference.base import Belief, DensityBatch, FitReport
+from onlinebayes.inference.base import Belief, DensityBatch, FitReport, Multipliable
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.fit import fit
@@ -50,21 +51,22 @@ class NeuralEstimator:
 
     Attributes:
         space, box: of the estimator network.
-        combination: w, inf for the union; 1 before :meth:`fit`.
+        combination: w, inf for the union; before :meth:`fit` 1, where there is a product.
     """
 
     def __init__(self, loss: NeuralPosteriorLoss, train: Fit = fit) -> None:
         self.loss, self._train = loss, train
         self.space, self.box = loss.estimator.space, loss.estimator.box
-        self.combination = 1.0
+        self.combination = 1.0 if isinstance(loss.estimator, Multipliable) else math.inf
 
     def fit(
         self, simulations: TensorDictBase, groups: TensorDictBase | None = None, *, generator: torch.Generator
     ) -> FitReport:
         """Train the loss, then find w on the groups (G, n, T); see :class:`PosteriorEstimator`."""
         report = self._train(self.loss, simulations, generator=generator)
-        combined = groups is not None and groups.shape[1] > 1 and not isinstance(self.loss.embedding, SetEmbedding)
-        self.combination = self._best_combination(groups, generator) if combined else 1.0
+        if isinstance(self.loss.estimator, Multipliable):
+            combined = groups is not None and groups.shape[1] > 1 and not isinstance(self.loss.embedding, SetEmbedding)
+            self.combination = self._best_combination(groups, generator) if combined else 1.0
         report.combination = self.combination
         return report
 
@@ -101,7 +103,9 @@ class NeuralEstimator:
 
     def _combined(self, told: list[DensityBatch], factor: float) -> DensityBatch:
         estimator = self.loss.estimator
-        return estimator.united(told) if math.isinf(factor) else estimator.multiplied(told, factor)
+        if isinstance(estimator, Multipliable) and not math.isinf(factor):
+            return estimator.multiplied(told, factor)
+        return estimator.united(told)
 
 
 def mixture_of(embedding: Embedding, proposal: Belief, train: Fit = TRAIN) -> NeuralEstimator:

@@ -21,10 +21,11 @@ from tensordict import TensorDictBase
 from torch import Tensor
 
 from onlinebayes.embeddings import SetEmbedding
-from onlinebayes.inference.base import Belief, DensityBatch
+from onlinebayes.inference.base import Belief, DensityBatch, Multipliable
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.distributions.marginal import Marginal
 from onlinebayes.inference.loss import NeuralPosteriorLoss
+from onlinebayes.runs import BadInput
 
 
 class Posterior:
@@ -52,18 +53,24 @@ class Posterior:
         Raises:
             ValueError: another ``combine``.
             BadInput: no trajectory, one without a recorded step, values that are not finite or of another width than
-                the embedding's. One unlike anything simulated is not noticed here:
-                :class:`~onlinebayes.inference.Alarm` is asked for that.
+                the embedding's, or the product of densities that have none in closed form (flows). One unlike
+                anything simulated is not noticed here: :class:`~onlinebayes.inference.Alarm` is asked for that.
         """
         if combine not in ("union", "product"):
             raise ValueError(f"combine = '{combine}' is unknown; use 'union' or 'product'")
         if isinstance(self._loss.embedding, SetEmbedding):
             together = self.of_sets(trajectories.unsqueeze(0))[0]
-            return self._with(self._loss.estimator.multiplied([together], widening))
+            return self._with(self._loss.estimator.united([together]))
         batch, estimator = self.each(trajectories), self._loss.estimator
         factors = [batch[i] for i in range(batch.batch_shape[0])]
-        united = combine == "union"
-        return self._with(estimator.united(factors) if united else estimator.multiplied(factors, widening))
+        if combine == "union":
+            return self._with(estimator.united(factors))
+        if not isinstance(estimator, Multipliable):
+            raise BadInput(
+                f"combine = 'product': the densities of {type(estimator).__name__} have no product in closed form",
+                "use combine='union'",
+            )
+        return self._with(estimator.multiplied(factors, widening))
 
     @torch.no_grad()
     def each(self, trajectories: TensorDictBase) -> DensityBatch:

@@ -195,7 +195,7 @@ def truncated(
 
     Args:
         posterior: what is known; an unconditioned one gives its own box back, and of one that is no mixture the box
-            around its draws is taken.
+            around its densest draws is taken.
         within: the proposal that the posterior was trained on, if the next is to be a part of it: the posterior has
             seen nothing elsewhere. Where the two have nothing in common it is left out.
         generator: for the region's threshold and its sampler's trial.
@@ -218,13 +218,16 @@ def truncated(
     if isinstance(mixture, BoxUniform):
         return mixture
     if not isinstance(mixture, TruncatedMixture):
-        return _box_around(mixture, dilation, samples)
+        return _box_around(mixture, dilation, mass, samples, generator)
     return _cut(widened(in_box(mixture, grown(mixture.box, growth)), dilation), within, generator, mass, samples)
 
 
-def _box_around(belief: Belief, dilation: float, samples: int) -> BoxUniform:
-    """The box around a belief's draws, each side ``dilation`` times as long, inside the unit cube."""
-    u = belief.space.to_unit(belief.sample((samples,)))
+def _box_around(belief: Belief, dilation: float, mass: float, samples: int, generator: torch.Generator) -> BoxUniform:
+    """The box around the densest draws of a belief, each side ``dilation`` times as long, inside the unit cube."""
+    theta = belief.sample((samples,), generator)
+    # The few draws of the tails would stretch the box to the bounds.
+    log_q = belief.log_prob(theta) - belief.space.log_abs_det(theta)
+    u = belief.space.to_unit(theta[log_q >= torch.quantile(log_q, 1 - mass)])
     low, high = u.amin(0), u.amax(0)
     margin = (dilation - 1) / 2 * (high - low) + TINY
     return BoxUniform(

@@ -19,7 +19,8 @@ from typing import Any
 import torch
 
 from onlinebayes.inference.base import Belief
-from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
+from onlinebayes.inference.distributions import Box, BoxUniform, FlowDensity, TruncatedMixture
+from onlinebayes.inference.distributions.bijection import UnitBijection
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.proposals import TruncatedProposal
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -148,6 +149,15 @@ def to_state(belief: Belief) -> dict[str, Any]:
             "scale_tril": belief.scale_tril,
             **_box(belief.box),
         }
+    if isinstance(belief, FlowDensity):
+        bijection = belief.bijection
+        return {
+            "kind": "flow",
+            "settings": bijection.settings,
+            "weights": bijection.state_dict(),
+            "context": belief.context,
+            **_box(belief.box),
+        }
     if isinstance(belief, TruncatedProposal):
         within = belief.within
         return {
@@ -156,14 +166,16 @@ def to_state(belief: Belief) -> dict[str, Any]:
             "within": None if within is None else _box_or_belief(within),
             **belief.values(),
         }
-    raise TypeError(f"{type(belief).__name__} cannot be saved; a uniform, a mixture or a truncated proposal can")
+    raise TypeError(
+        f"{type(belief).__name__} cannot be saved; a uniform, a mixture, a flow or a truncated proposal can"
+    )
 
 
 def from_state(space: ParameterSpace, state: Mapping[str, Any]) -> Any:
     """The distribution over ``space`` that :func:`to_state` wrote down.
 
     Raises:
-        BadInput: another number of parameters, or an unknown tag.
+        BadInput: another number of parameters, an unknown tag, or a flow where zuko is not installed.
     """
     kind = state.get("kind")
     if kind == "truncated":
@@ -171,8 +183,8 @@ def from_state(space: ParameterSpace, state: Mapping[str, Any]) -> Any:
         return TruncatedProposal.restored(
             from_state(space, state["mixture"]), None if within is None else from_state(space, within), state
         )
-    if kind not in ("uniform", "mixture", "box"):
-        raise BadInput(f"a saved distribution of kind {kind!r}", "known: uniform, mixture, truncated")
+    if kind not in ("uniform", "mixture", "flow", "box"):
+        raise BadInput(f"a saved distribution of kind {kind!r}", "known: uniform, mixture, flow, truncated")
     low, high = torch.as_tensor(state["low"]), torch.as_tensor(state["high"])
     if len(low) != len(space):
         raise BadInput(
@@ -184,6 +196,8 @@ def from_state(space: ParameterSpace, state: Mapping[str, Any]) -> Any:
         return box
     if kind == "uniform":
         return BoxUniform(space, box)
+    if kind == "flow":
+        return FlowDensity(UnitBijection.restored(state["settings"], state["weights"]), state["context"], box)
     return TruncatedMixture(state["log_weights"], state["mean"], state["scale_tril"], box)
 
 

@@ -147,8 +147,12 @@ def growth(results: ResultTable, folder: Path) -> None:
         times.append(cost.seconds - start)
         results.add(f"two-link arm, {5 * runs} s of data, diagnose", cost.seconds, unit="s")
     add_slope(results, "growth with data", sizes, times)
-    # The model's own numbers are always tried; a problem file chooses among effects.
-    tried = [row["effect"] for row in cost.report["candidates"] if "@" in row["effect"]]
+    # The model's own numbers and values of each run are always tried; a problem file chooses among effects.
+    tried = [
+        row["effect"]
+        for row in cost.report["candidates"]
+        if "@" in row["effect"] and " in each run" not in row["effect"]
+    ]
     file, parts, times = folder / "runs8" / "problem.toml", (4, 2, 1), []
     text = file.read_text(encoding="utf-8")
     for part in parts:

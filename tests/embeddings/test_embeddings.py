@@ -6,15 +6,21 @@ import pytest
 import torch
 
 from onlinebayes.embeddings import (
+    AttentionEmbedding,
+    Embedding,
+    GRUEmbedding,
     JoinedEmbedding,
     LSTMEmbedding,
+    StatisticsEmbedding,
     StepwiseEmbedding,
     SummaryEmbedding,
     TransitionFeatures,
 )
 
 LENGTHS = torch.tensor([7, 1, 4, 0])
-KINDS = ["lstm", "summary", "joined"]
+TRAINED = ["lstm", "gru", "attention"]
+KINDS = [*TRAINED, "summary", "statistics", "joined"]
+STEPWISE = [kind for kind in KINDS if kind != "attention"]
 
 
 def _reference(o: torch.Tensor, a: torch.Tensor) -> torch.Tensor:
@@ -22,10 +28,17 @@ def _reference(o: torch.Tensor, a: torch.Tensor) -> torch.Tensor:
     return torch.stack([o, o + 0.3 * o[..., :1], o - 0.3 * o[..., :1]])
 
 
-def _embedding(kind: str, dtype: torch.dtype = torch.float64) -> StepwiseEmbedding:
+def _embedding(kind: str, dtype: torch.dtype = torch.float64) -> Embedding:
     features = TransitionFeatures(3, 2, reference=_reference, sensitivities=1)
-    lstm, summary = LSTMEmbedding(features, hidden=8), SummaryEmbedding(features)
-    made = {"lstm": lstm, "summary": summary, "joined": JoinedEmbedding([lstm, summary])}[kind].to(dtype)
+    makers = {
+        "lstm": lambda: LSTMEmbedding(features, hidden=8),
+        "gru": lambda: GRUEmbedding(features, hidden=8),
+        "attention": lambda: AttentionEmbedding(features, width=8, heads=2, layers=2),
+        "summary": lambda: SummaryEmbedding(features),
+        "statistics": lambda: StatisticsEmbedding(features),
+        "joined": lambda: JoinedEmbedding([LSTMEmbedding(features, hidden=8), SummaryEmbedding(features)]),
+    }
+    made: Embedding = makers[kind]().to(dtype)
     made.fit(*_batch(dtype))
     return made
 
@@ -41,7 +54,7 @@ def test_shape_and_dtype(kind: str, dtype: torch.dtype) -> None:
     embedding = _embedding(kind, dtype)
     vector = embedding(*_batch(dtype))
     assert vector.shape == (4, embedding.size)
-    assert vector.dtype == embedding.initial(2).dtype == dtype
+    assert vector.dtype == dtype
     assert torch.isfinite(vector).all()
 
 
@@ -56,8 +69,8 @@ def test_padding_never_leaks(kind: str, garbage: float) -> None:
     assert torch.equal(clean, dirty)
     embedding.fit(o, a, n, mask)
     assert all(torch.isfinite(b).all() for b in embedding.buffers())
-    if kind != "summary":
-        dirty.sum().backward()
+    if any(True for _ in embedding.parameters()):
+        dirty.square().sum().backward()
     for name, weight in embedding.named_parameters():
         assert weight.grad is not None, name
         assert torch.isfinite(weight.grad).all(), name
@@ -73,12 +86,14 @@ def test_ragged_rows_equal_their_own_cut_trajectories(kind: str) -> None:
     assert (together[3] == 0).all()
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", STEPWISE)
 @pytest.mark.parametrize(("dtype", "tolerance"), [(torch.float32, 1e-4), (torch.float64, 1e-9)])
 def test_step_by_step_equals_at_once(kind: str, dtype: torch.dtype, tolerance: float) -> None:
     embedding, (o, a, n, _) = _embedding(kind, dtype), _batch(dtype)
+    assert isinstance(embedding, StepwiseEmbedding)
     state = embedding.initial(4)
     assert state.shape == (4, embedding.state_size)
+    assert state.dtype == dtype
     for t in range(7):
         vector, state = embedding.step(embedding.features(o[:, t], a[:, t], n[:, t]), state)
         whole = embedding(o[:, : t + 1], a[:, : t + 1], n[:, : t + 1])
@@ -93,8 +108,9 @@ def test_a_mask_with_a_gap_is_refused(kind: str) -> None:
         embedding(o, a, n, mask)
 
 
-def test_order_matters_to_the_lstm_and_every_weight_gets_a_gradient() -> None:
-    embedding, (o, a, n, _) = _embedding("lstm"), _batch()
+@pytest.mark.parametrize("kind", TRAINED)
+def test_order_matters_and_every_weight_gets_a_gradient(kind: str) -> None:
+    embedding, (o, a, n, _) = _embedding(kind), _batch()
     forth, back = embedding(o, a, n), embedding(o.flip(1), a.flip(1), n.flip(1))
     assert (forth - back).abs().max() > 1e-3
     forth.square().sum().backward()
@@ -125,6 +141,33 @@ def test_the_least_squares_step_finds_the_parameter() -> None:
     torch.testing.assert_close(standard * x.std(correction=0) + x.mean(), x[:, 0, 0], atol=1e-5, rtol=0)
 
 
+def test_the_statistics_are_those_of_bayessim() -> None:
+    o, a, n, mask = _batch()
+    o, a, n, mask = o[:3], a[:3], n[:3], mask[:3]
+    embedding = StatisticsEmbedding(TransitionFeatures(3, 2)).double()
+    embedding.fit(o, a, n, mask)
+    rows = []
+    for row, length in enumerate(LENGTHS[:3].tolist()):
+        d, u = (n - o)[row, :length], a[row, :length]
+        products = torch.einsum("tj,ti->ji", u, d).flatten() / length
+        rows.append(torch.cat([products, d.mean(0), d.std(0, correction=0)]))
+    x = torch.stack(rows)
+    expected = 3 * torch.asinh((x - x.mean(0)) / x.std(0, correction=0) / 3)
+    torch.testing.assert_close(embedding(o, a, n, mask), expected)
+
+
+def test_running_statistics_keep_a_small_spread_about_a_large_mean() -> None:
+    """In single precision sums of squares would lose it."""
+    o, a, n, _ = _batch(torch.float32)
+    n = o + 1 + torch.linspace(0, 1, 4)[:, None, None] + 1e-3 * torch.randn(4, 7, 3)
+    embedding = StatisticsEmbedding(TransitionFeatures(3, 2))
+    embedding.fit(o, a, n, torch.ones(4, 7, dtype=torch.bool))
+    state = embedding.initial(4)
+    for t in range(7):
+        vector, state = embedding.step(embedding.features(o[:, t], a[:, t], n[:, t]), state)
+    torch.testing.assert_close(vector, embedding(o, a, n), rtol=1e-2, atol=1e-2)
+
+
 def test_joining_needs_one_features_object() -> None:
     one, other = (LSTMEmbedding(TransitionFeatures(3, 2), hidden=4) for _ in range(2))
     with pytest.raises(ValueError, match="same features object"):
@@ -133,6 +176,10 @@ def test_joining_needs_one_features_object() -> None:
         JoinedEmbedding([])
     with pytest.raises(ValueError, match="nothing to summarise"):
         SummaryEmbedding(one.features, averages=False)
+    with pytest.raises(ValueError, match="give features products=True"):
+        StatisticsEmbedding(TransitionFeatures(3, 2, products=False))
+    with pytest.raises(ValueError, match="needs a multiple of 8"):
+        AttentionEmbedding(one.features, width=12)
 
 
 @pytest.mark.gpu

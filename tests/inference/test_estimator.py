@@ -138,6 +138,15 @@ def test_the_estimator_writes_its_keys() -> None:
     assert ((out["mean"] >= -0.25) & (out["mean"] <= 1.25)).all()
 
 
+def test_a_diagonal_estimator_has_no_correlations() -> None:
+    loss, data = _loss(TWO), _data(TWO)
+    loss.estimator = MixtureEstimator(TWO, loss.embedding.size, components=3, hidden=16, diagonal=True)
+    loss(data)["loss_posterior"].backward()
+    lower = Posterior(loss).each(data).scale_tril
+    assert torch.equal(lower, torch.diag_embed(torch.diagonal(lower, dim1=-2, dim2=-1)))
+    assert all(weight.grad is not None for weight in loss.estimator.parameters())
+
+
 def test_a_fit_lowers_the_loss_and_is_repeatable() -> None:
     reports = []
     for _ in range(2):

@@ -154,13 +154,16 @@ def test_a_proposal_is_made_of_any_belief() -> None:
         space, box = SPACE, Box.whole(SPACE)
 
         def sample(self, shape=(), generator=None):
-            return self.box.from_frame(0.4 + 0.2 * torch.rand(*shape, 2).double())
+            z = 0.4 + 0.2 * torch.rand(*shape, 2).double()
+            stray = torch.rand(*shape, 1) < 0.005
+            return self.box.from_frame(torch.where(stray, torch.rand(*shape, 2).double(), z))
 
         def log_prob(self, theta):
-            return torch.zeros(theta.shape[:-1])
+            return torch.where(((self.box.to_frame(theta) - 0.5).abs() < 0.1).all(-1), 0.0, -8.0)
 
     proposal = proposals.truncated(Draws(), generator=torch.Generator().manual_seed(0))
-    assert proposal.contains(Draws().sample((100,))).all()
+    corners = torch.tensor([[0.41, 0.41], [0.59, 0.59]]).double()
+    assert proposal.contains(Draws.box.from_frame(corners)).all()
     assert -3.5 < proposal.box.log_volume < -2
 
 
@@ -176,8 +179,8 @@ def test_distributions_are_the_same_after_saving() -> None:
         assert torch.equal(each.log_prob(draws[0]), again.log_prob(draws[0]))
     with pytest.raises(BadInput, match="has 2 parameters, the space 1"):
         from_state(SPACE.subspace(["a"]), to_state(PRIOR))
-    with pytest.raises(BadInput, match="of kind 'flow'"):
-        from_state(SPACE, {"kind": "flow"})
+    with pytest.raises(BadInput, match="of kind 'diffusion'"):
+        from_state(SPACE, {"kind": "diffusion"})
     with pytest.raises(TypeError, match="Marginal cannot be saved"):
         to_state(Marginal(PRIOR, ["a"]))
 
