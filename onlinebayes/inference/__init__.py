@@ -24,7 +24,9 @@ Every name is a part on its own; none knows of a trainer.
 from onlinebayes.inference import calibration, proposals
 from onlinebayes.inference.alarm import Alarm, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
+from onlinebayes.inference.correction import Uncorrectable, corrected
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
+from onlinebayes.inference.epsilon_free import EpsilonFree, EpsilonFreeRun, ProposalRound
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.filtered import filtered_estimator
 from onlinebayes.inference.fit import fit
@@ -45,6 +47,8 @@ __all__ = [
     "BoxUniform",
     "Decision",
     "Density",
+    "EpsilonFree",
+    "EpsilonFreeRun",
     "FitReport",
     "FourierFeatures",
     "Gate",
@@ -55,11 +59,14 @@ __all__ = [
     "PopulationABC",
     "Posterior",
     "PosteriorEstimator",
+    "ProposalRound",
     "RejectionABC",
     "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",
+    "Uncorrectable",
     "calibration",
+    "corrected",
     "filtered_estimator",
     "fit",
     "proposals",

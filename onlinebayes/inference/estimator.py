@@ -90,6 +90,20 @@ class MixtureEstimator(TensorDictModuleBase):
             scale_tril = _with_shear(scale_tril, shear, row, column)
         return self.logits(h), mean, self.widening * scale_tril
 
+    @torch.no_grad()
+    def begin(self, scale: Float[Tensor, " P"]) -> None:
+        """Let all components begin alike, before training, with these scales [widths of the box].
+
+        The first one's weights are copied to the others (Papamakarios and Murray 2016, Algorithm 2). Their weights in
+        the mixture stay different, from which training tells them apart.
+        """
+        for head in (self.mean, self.straight, self.scale, self.shear):
+            for values in head.parameters() if head is not None else ():
+                rows = values.view(self.components, -1)
+                rows[1:] = rows[:1].clone()
+        share = ((scale - SHARPEST) / BROADEST).clamp(SHARPEST, 1 - SHARPEST)
+        self.scale.bias.copy_((torch.logit(share) + 2).repeat(self.components))
+
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the parameters of the mixtures beside the embedding."""
         values = self.parameters_of(tensordict.get("embedding"))
