@@ -27,7 +27,9 @@ Every name is a part on its own; none knows of a trainer.
 from onlinebayes.inference import calibration, proposals, saving, trust
 from onlinebayes.inference.alarm import Alarm, Novelty, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
+from onlinebayes.inference.correction import Uncorrectable, corrected
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
+from onlinebayes.inference.epsilon_free import EpsilonFree, EpsilonFreeRun, ProposalRound
 from onlinebayes.inference.estimator import MixtureEstimator
 from onlinebayes.inference.filtered import filter_of, filtered_estimator
 from onlinebayes.inference.fit import fit
@@ -53,6 +55,8 @@ __all__ = [
     "BoxUniform",
     "Decision",
     "Density",
+    "EpsilonFree",
+    "EpsilonFreeRun",
     "FitReport",
     "FlowEstimator",
     "FourierFeatures",
@@ -69,12 +73,15 @@ __all__ = [
     "PopulationABC",
     "Posterior",
     "PosteriorEstimator",
+    "ProposalRound",
     "RejectionABC",
     "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",
+    "Uncorrectable",
     "WeightedDraws",
     "calibration",
+    "corrected",
     "cross_validate",
     "filter_of",
     "filtered_estimator",

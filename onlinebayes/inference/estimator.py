@@ -137,6 +137,26 @@ class MixtureEstimator(TensorDictModuleBase):
         first = (torch.arange(K, device=place.device) == 0)[:, None]
         return torch.where(first, 0.5, place[:, None, :P]), torch.where(first[..., None], box, unit[:, None])
 
+    @torch.no_grad()
+    def begin(self, scale: Float[Tensor, " P"]) -> None:
+        """Let all components begin alike, before training, with these scales [widths of the box].
+
+        The first one's weights are copied to the others (Papamakarios and Murray 2016, Algorithm 2). Their weights in
+        the mixture stay different, from which training tells them apart.
+
+        Raises:
+            ValueError: a located network, whose components begin at the place that its embedding tells.
+        """
+        if self._located:
+            raise ValueError("a located network begins where its embedding says; begin() is for one in its box")
+        for head in (self.mean, self.straight, self.scale, self.shear):
+            for values in head.parameters() if head is not None else ():
+                rows = values.view(self.components, -1)
+                rows[1:] = rows[:1].clone()
+        limits = IN_BOX
+        share = ((scale - limits.sharpest) / limits.broadest).clamp(limits.sharpest, 1 - limits.sharpest)
+        self.scale.bias.copy_((torch.logit(share) + 2).repeat(self.components))
+
     def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
         """Write the parameters of the mixtures beside the embedding."""
         values = self.parameters_of(tensordict.get("embedding"))
