@@ -114,6 +114,10 @@ class Alarm:
         """How strange the trajectories (n, T) of one system are."""
         return self._novelty.check(self._summaries(measured))
 
+    def each(self, measured: TensorDictBase) -> list[Surprise]:
+        """How strange each of B trajectories (B, T) is by itself."""
+        return [self._novelty.check(row[None]) for row in self._summaries(measured)]
+
     def _summaries(self, trajectories: TensorDictBase) -> Float[Tensor, "B E"]:
         with torch.no_grad():
             return self._embedding(*self._keys.read(trajectories, self._like)).double()

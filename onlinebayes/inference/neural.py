@@ -65,10 +65,17 @@ class NeuralEstimator:
         """Train the loss, then find w on the groups (G, n, T); see :class:`PosteriorEstimator`."""
         report = self._train(self.loss, simulations, generator=generator)
         if isinstance(self.loss.estimator, Multipliable):
-            combined = groups is not None and groups.shape[1] > 1 and not isinstance(self.loss.embedding, SetEmbedding)
-            self.combination = self._best_combination(groups, generator) if combined else 1.0
+            self.combination = 1.0
+        if groups is not None:
+            self.calibrate(groups, generator=generator)
         report.combination = self.combination
         return report
+
+    def calibrate(self, groups: TensorDictBase, *, generator: torch.Generator) -> None:
+        """Find w for another number n of trajectories, on groups (G, n, T); the network stays as it is."""
+        together = isinstance(self.loss.embedding, SetEmbedding)
+        if isinstance(self.loss.estimator, Multipliable) and groups.shape[1] > 1 and not together:
+            self.combination = self._best_combination(groups, generator)
 
     def condition(self, trajectories: TensorDictBase) -> Posterior:
         """The posterior given trajectories (n, T) of one system."""

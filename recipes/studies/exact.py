@@ -15,7 +15,6 @@ Each finished job is kept, so that a second start goes on.
 
 from __future__ import annotations
 
-import json
 import statistics
 import sys
 from collections.abc import Callable
@@ -30,10 +29,11 @@ import tyro
 
 from onlinebayes.inference import LikelihoodEstimator, filter_of, filtered_estimator, fit
 from onlinebayes.inference.calibration import credibility_of
-from onlinebayes.runs import Progress, ResultTable, generator, seed_everything, write_atomic
+from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState
 from recipes import cartpole, pendulum
 from recipes.common import Run, Settings, settle
+from recipes.studies.resumable import kept_or_done
 
 Part = Literal["one round", "recipes"]
 TASKS: dict[str, ModuleType] = {"cartpole": cartpole, "pendulum": pendulum}
@@ -71,20 +71,11 @@ def main(study: Study) -> int:
     with Progress("exact", len(jobs)) as progress:
         for i, (name, job) in enumerate(jobs):
             progress.update(i, name)
-            found[name] = kept(Path(study.out) / f"{name}.json", job)
+            found[name] = kept_or_done(Path(study.out) / f"{name}.json", job)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0
-
-
-def kept(path: Path, job: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What the job gave, from its file where it was done before."""
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, json.dumps(job()))
-    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return result
 
 
 def recipe(task: str, seed: int) -> dict[str, Any]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import Any, TypeVar
 
-from onlinebayes.runs import ResultTable
+from onlinebayes.runs import ResultTable, write_atomic
 
 R = TypeVar("R")
 
@@ -28,6 +29,15 @@ def kept(folder: Path, wanted: Iterable[str], read: Callable[[str], R]) -> dict[
         except (OSError, ValueError, TypeError):
             continue
     return found
+
+
+def kept_or_done(path: Path, job: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """What the job gave, from its file where it was done before."""
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, json.dumps(job()))
+    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return result
 
 
 def code_mark(packages: Iterable[ModuleType], *settings: str) -> str:

@@ -45,6 +45,12 @@ def test_it_rings_on_what_the_simulator_cannot_make(alarm: Alarm) -> None:
     assert alarm.check(far)
 
 
+def test_each_is_one_by_one(alarm: Alarm) -> None:
+    generator = torch.Generator().manual_seed(4)
+    some = simulate(PRIOR.sample((5,), generator), generator)
+    assert [found.p for found in alarm.each(some)] == [alarm.check(some[k : k + 1]).p for k in range(5)]
+
+
 def test_several_trajectories_do_not_make_it_ring_more_often(alarm: Alarm) -> None:
     generator = torch.Generator().manual_seed(3)
     rung = 0

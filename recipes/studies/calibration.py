@@ -1,0 +1,160 @@
+"""``make calibration``: does each estimator's posterior mean what it says? On four systems, one to thirty trajectories.
+
+| part       | what is judged                                                                                    |
+|------------|---------------------------------------------------------------------------------------------------|
+| amortised  | every estimator, 1000 simulations, 500 thetas, n = 1, 6, 30 trajectories of each                    |
+| one by one | truncated rounds, epsilon-free and population ABC, a run for each of 100 thetas, n = 1              |
+| alarm      | measurements of a system with a hidden effect, and clean ones: how often does the alarm ring?     |
+
+TARP error: the mean over levels of | share of truths inside the ball of that credibility - level | (Lemos et al. 2023);
+for an exact posterior .014 with 500 thetas and .03 with 100. Sensors have 1 % noise. Each finished job is kept.
+
+    python -m recipes.studies.calibration [--tasks pendulum] [--parts amortised]       -> docs/results/calibration.json
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from time import process_time
+from typing import Any, Literal
+
+import torch
+import tyro
+
+from onlinebayes.inference import NeuralEstimator
+from onlinebayes.inference.calibration import ball_credibility, credibility_of
+from onlinebayes.runs import Progress, ResultTable
+from recipes.common import settle
+from recipes.studies.one_by_one import SAMPLERS, sampled
+from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
+from recipes.studies.resumable import kept_or_done
+from recipes.studies.ringing import SIZES as EFFECT_SIZES
+from recipes.studies.ringing import rung
+
+Part = Literal["amortised", "one by one", "alarm"]
+NOISE, SIMULATIONS, THETAS, COMBINED_BY, SIZES = 0.01, 1000, 500, 64, (1, 6, 30)
+SEED, MOST = 521, 0.05
+ONE_BY_ONE = ("pendulum", "cartpole")
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to judge."""
+
+    tasks: tuple[str, ...] = tuple(TASKS)
+    """which recipes"""
+    parts: tuple[Part, ...] = ("amortised", "one by one", "alarm")
+    """which parts"""
+    estimators: tuple[str, ...] = tuple(ESTIMATORS)
+    """which of the amortised ones"""
+    out: str = "out/calibration"
+    """finished jobs go here"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+    only_jobs: bool = False
+    """no table, for a process beside others"""
+
+
+def main(study: Study) -> int:
+    """Do what is missing, print the table."""
+    settle()
+    jobs = jobs_of(study)
+    found = {}
+    with Progress("calibration", len(jobs)) as progress:
+        for i, (name, job) in enumerate(jobs.items()):
+            progress.update(i, name)
+            found[name] = kept_or_done(Path(study.out) / f"{name.replace(' ', '_')}.json", job)
+    if study.only_jobs:
+        return 0
+    table = tabled(found, study)
+    print(table.to_markdown())
+    print(f"written: {table.write(study.results)}")
+    return 0
+
+
+def jobs_of(study: Study) -> dict[str, Callable[[], dict[str, Any]]]:
+    """Name -> job."""
+    jobs: dict[str, Callable[[], dict[str, Any]]] = {}
+    for task in study.tasks:
+        if "amortised" in study.parts:
+            jobs |= {f"{task}, {name}": partial(amortised, task, name) for name in study.estimators}
+        if "one by one" in study.parts and task in ONE_BY_ONE:
+            jobs |= {f"{task}, {name}": partial(sampled, task, name, SEED, NOISE) for name in SAMPLERS}
+        if "alarm" in study.parts and task in EFFECT_SIZES:
+            jobs[f"{task}, alarm"] = partial(rung, task, SEED, NOISE)
+    return jobs
+
+
+def amortised(task: str, name: str) -> dict[str, Any]:
+    """One estimator on one system: for each n the log densities and both credibilities of all truths."""
+    draw = begun(SEED)
+    one = OneRound.of(task, SEED, NOISE)
+    simulated, judged = one.simulated(SIMULATIONS), one.groups(THETAS, max(SIZES), 3)
+    combined_by = one.groups(COMBINED_BY, max(SIZES), 2)
+    estimator = ESTIMATORS[name](one, simulated)
+    began = process_time()
+    estimator.fit(simulated, generator=draw)
+    result: dict[str, Any] = {"seconds": process_time() - began}
+    theta = judged["theta"][:, 0, 0]
+    for n in SIZES:
+        if isinstance(estimator, NeuralEstimator):
+            estimator.calibrate(combined_by[:, :n], generator=draw)
+            result[f"combination {n}"] = str(estimator.combination)
+        posterior = estimator.each(judged[:, :n])
+        result[f"density {n}"] = posterior.log_prob(theta).tolist()
+        result[f"region {n}"] = credibility_of(posterior, theta, generator=draw).tolist()
+        result[f"ball {n}"] = ball_credibility(posterior, theta, one.problem.space, generator=draw).tolist()
+    return result
+
+
+def tabled(found: dict[str, dict[str, Any]], study: Study) -> ResultTable:
+    """Rows of all jobs."""
+    whole = Study()
+    some = (study.tasks, study.parts, study.estimators) != (whole.tasks, whole.parts, whole.estimators)
+    table = ResultTable("calibration", f"make calibration{' (a part)' if some else ''}", [SEED])
+    for name, result in found.items():
+        if "rings" in result:
+            add_alarm(table, name, result)
+            continue
+        for n in SIZES:
+            if f"ball {n}" in result:
+                add_cell(table, f"{name}, n = {n}", n, result)
+        table.add(f"{name}: fit, processor time", result["seconds"], unit="s")
+    return table
+
+
+def add_cell(table: ResultTable, name: str, n: int, result: dict[str, Any]) -> None:
+    """One estimator, one system, one n."""
+    density, error = torch.tensor(result[f"density {n}"]), coverage_error(result[f"ball {n}"])
+    table.add(f"{name}: density of the truth", float(density.mean()), spread=float(density.median()), unit="nats")
+    table.add(f"{name}: TARP error", error, goal=f"at most {MOST:g}", holds=error <= MOST)
+    table.add(f"{name}: coverage error", coverage_error(result[f"region {n}"]))
+
+
+def add_alarm(table: ResultTable, name: str, result: dict[str, Any]) -> None:
+    """How often the alarm rang."""
+    clean, moved = (
+        result["clean"],
+        [ring for ring, away in zip(result["rings"], result["away"], strict=True) if away > 2],
+    )
+    share = sum(clean) / len(clean)
+    table.add(f"{name}: rings on clean measurements", share, goal="at most 0.05", holds=share <= 0.05)
+    table.add(f"{name}: measurements whose posterior the effect moves by over 2 sd", len(moved))
+    if moved:
+        share = sum(moved) / len(moved)
+        table.add(f"{name}: rings on these", share, goal="at least 0.9", holds=share >= 0.9)
+
+
+def coverage_error(credibility: list[float]) -> float:
+    """Mean distance between level and share of credibilities at most as large."""
+    levels = torch.linspace(0.05, 0.95, 19)
+    covered = (torch.tensor(credibility)[:, None] <= levels).float().mean(0)
+    return float((covered - levels).abs().mean())
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Study, description=__doc__)))

@@ -1,0 +1,127 @@
+"""Samplers that need a run for each measurement, judged over many: truncated rounds, epsilon-free, population ABC."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from time import process_time
+from typing import Any
+
+import torch
+from jaxtyping import Float
+from tensordict import TensorDict, TensorDictBase
+from torch import Tensor
+
+from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import Belief, BoxUniform, Density, EpsilonFree, PopulationABC, proposals
+from onlinebayes.inference.calibration import ball_credibility, credibility_of
+from onlinebayes.inference.neural import mixture_of
+from onlinebayes.inference.population import Simulate
+from onlinebayes.trainers import Listed
+from recipes.studies.one_round import TRAIN, OneRound, begun
+
+THETAS, ROUND, BATCH, BUDGET = 100, 300, 1000, 20_000
+
+Sampler = Callable[[TensorDictBase, torch.Generator], Density]
+"""(trajectories (1, T), generator) -> posterior."""
+
+
+def simulate_by(one: OneRound, number: int, which: int) -> Simulate:
+    """Trajectories of given parameters, always so many at once."""
+    worlds = one.worlds(number, which)
+
+    def simulate(theta: Float[Tensor, "B P"], _: torch.Generator) -> TensorDict:
+        return worlds.draw([one.policy], Listed(theta))
+
+    return simulate
+
+
+def summary(one: OneRound, proposal: Belief) -> SummaryEmbedding:
+    """The least-squares summary about the centre of a proposal."""
+    simulator, task = one.problem.simulator, one.problem.task
+    reference = SimulatorReference(
+        simulator, proposal.box.cross(), state=one.state, command=task.command, observe=task.observe
+    )
+    return SummaryEmbedding(
+        TransitionFeatures(
+            task.observation_size,
+            task.action_spec.shape[-1],
+            reference=reference,
+            sensitivities=len(simulator.parameters),
+        )
+    )
+
+
+def truncated_rounds(one: OneRound) -> Sampler:
+    """A first round that all share, then one in the region that the first leaves in question."""
+    prior, worlds, draw = one.problem.prior, one.worlds(ROUND, 11), begun(one.seed)
+    first = mixture_of(summary(one, prior), prior, TRAIN)
+    first.fit(worlds.draw([one.policy], prior), generator=draw)
+
+    def sample(measured: TensorDictBase, generator: torch.Generator) -> Density:
+        proposal = proposals.truncated(first.condition(measured).distribution, generator=generator)
+        second = mixture_of(summary(one, proposal), proposal, TRAIN)
+        second.fit(worlds.draw([one.policy], proposal), generator=generator)
+        return second.condition(measured).distribution
+
+    return sample
+
+
+def epsilon_free(one: OneRound) -> Sampler:
+    """Gaussian rounds."""
+    sampler = EpsilonFree(
+        lambda proposal: summary(one, proposal),
+        BoxUniform(one.problem.space),
+        simulate_by(one, ROUND, 12),
+        rounds=2,
+        simulations=ROUND,
+        train=TRAIN,
+    )
+    return lambda measured, generator: sampler.run(measured, generator).belief
+
+
+def population(one: OneRound) -> Sampler:
+    """A cloud that moves."""
+    prior = BoxUniform(one.problem.space)
+    sampler = PopulationABC(summary(one, prior), prior, simulate_by(one, BATCH, 13), batch=BATCH, simulations=BUDGET)
+    return lambda measured, generator: sampler.run(measured, generator).belief
+
+
+SAMPLERS: dict[str, Callable[[OneRound], Sampler]] = {
+    "truncated rounds": truncated_rounds,
+    "epsilon-free": epsilon_free,
+    "population ABC": population,
+}
+
+
+def sampled(task: str, name: str, seed: int, noise: float, thetas: int = THETAS) -> dict[str, Any]:
+    """One sampler on one system: the log densities and both credibilities of all truths, n = 1."""
+    draw = begun(seed)
+    one = OneRound.of(task, seed, noise)
+    judged = one.simulated(thetas, 14)
+    sampler = SAMPLERS[name](one)
+    began = process_time()
+    result: dict[str, Any] = {"density 1": [], "region 1": [], "ball 1": []}
+    for i in range(thetas):
+        theta = judged["theta"][i, 0]
+        posterior = sampler(judged[i : i + 1].exclude("theta"), draw)
+        result["density 1"].append(float(posterior.log_prob(theta)))
+        result["region 1"].append(float(credibility_of(posterior, theta, generator=draw)))
+        ball = ball_credibility(_One(posterior), theta[None], one.problem.space, generator=draw)
+        result["ball 1"].append(float(ball))
+    result["seconds"] = (process_time() - began) / thetas
+    return result
+
+
+class _One:
+    """A single posterior as a batch of one."""
+
+    def __init__(self, posterior: Density) -> None:
+        self._posterior = posterior
+
+    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
+        """Draws (*shape, 1, P)."""
+        return self._posterior.sample(shape, generator).unsqueeze(-2)
+
+    def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Tensor:
+        """Of theta (..., 1, P)."""
+        return self._posterior.log_prob(theta)
