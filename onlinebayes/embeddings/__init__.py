@@ -21,6 +21,7 @@ from onlinebayes.embeddings.joined import JoinedEmbedding
 from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
 from onlinebayes.embeddings.likeliest import likeliest
 from onlinebayes.embeddings.lstm import LSTMEmbedding
+from onlinebayes.embeddings.pooled import PooledEmbedding
 from onlinebayes.embeddings.reference import SimulatorReference
 from onlinebayes.embeddings.statistics import StatisticsEmbedding
 from onlinebayes.embeddings.summary import SummaryEmbedding
@@ -32,6 +33,7 @@ __all__ = [
     "GRUEmbedding",
     "JoinedEmbedding",
     "LSTMEmbedding",
+    "PooledEmbedding",
     "RawTransitions",
     "Reference",
     "Rows",

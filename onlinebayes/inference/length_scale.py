@@ -56,15 +56,14 @@ def length_scales(
     Args:
         loss: its embedding is standardised on the simulations. One that is trained is taken as it is: its distances
             change with training.
-        simulations: trajectories (B, T).
+        simulations: trajectories (B, T), or sets of them (B, n, T).
         factors: see :data:`FACTORS`.
 
     Raises:
         BadInput: more than half of the embeddings are the same.
     """
     loss.standardise(simulations)
-    *values, mask = loss.keys.read(simulations, loss.weight)
-    vectors = loss.embedding(*values, mask)
+    vectors = loss.embed(simulations)
     median = float(torch.pdist(vectors[:: -(-len(vectors) // PAIRED)]).nanmedian())
     if not median > 0:
         raise BadInput(

@@ -16,7 +16,7 @@ from collections.abc import Mapping
 from typing import Any, cast
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from tensordict import TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 from torch import Tensor, nn
@@ -39,10 +39,20 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         embedding: trajectory -> vector; trained.
         estimator: vector -> density, an ``nn.Module``; trained.
         keys: where the trajectories lie in the TensorDict.
+        whole_sets: learn from sets of all n trajectories only, for a use that always has as many; else from sets of
+            one to n.
     """
 
-    def __init__(self, embedding: Embedding, estimator: ConditionalDensity, keys: TrajectoryKeys | None = None) -> None:
+    def __init__(
+        self,
+        embedding: Embedding,
+        estimator: ConditionalDensity,
+        keys: TrajectoryKeys | None = None,
+        *,
+        whole_sets: bool = False,
+    ) -> None:
         super().__init__()
+        self.whole_sets = whole_sets
         self.embedding, self.estimator = embedding, estimator
         self.keys = keys if keys is not None else TrajectoryKeys()
         self.in_keys = [self.keys.observation, self.keys.action, self.keys.following, self.keys.theta]
@@ -62,42 +72,53 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         """All that does not depend on a weight, once before training: z of theta, and features with their mask.
 
         Where the embedding has no weights, its vectors stand in place of the features. Trajectories without a recorded
-        step are left out; see :meth:`TrajectoryKeys.recorded`.
+        step are left out; see :meth:`TrajectoryKeys.recorded`. Of sets (G, n, T) the first trajectory is read of the
+        first set, two of the second, and so on up to n and again, unless whole sets are wanted.
         """
         if trajectories.ndim == 3:
             z = frame_of(self.keys.read_theta(trajectories[:, 0]), self.estimator.box).to(self.weight)
-            return TensorDict({"embedding": self.embed_sets(trajectories, varied=True), "z": z}, batch_size=[len(z)])
-        trajectories = self.keys.usable(trajectories)
-        *values, mask = self.keys.read(trajectories, self.weight)
-        z = frame_of(self.keys.read_theta(trajectories), self.estimator.box).to(self.weight)
-        features = self.embedding.features(*values)
+            features, mask = self._sets(trajectories)
+            if not self.whole_sets:
+                number = torch.arange(mask.shape[1], device=mask.device)
+                size = torch.arange(len(mask), device=mask.device) % len(number) + 1
+                mask = mask & (number < size[:, None])[..., None]
+        else:
+            trajectories = self.keys.usable(trajectories)
+            *values, mask = self.keys.read(trajectories, self.weight)
+            z = frame_of(self.keys.read_theta(trajectories), self.estimator.box).to(self.weight)
+            features = self.embedding.features(*values)
+        told = {"features": features, "mask": mask}
         if not any(True for _ in self.embedding.parameters()):
-            return TensorDict({"embedding": self.embedding.encode(features, mask), "z": z}, batch_size=[z.shape[0]])
-        return TensorDict({"features": features, "mask": mask, "z": z}, batch_size=[z.shape[0]])
+            told = {"embedding": self._encoded(features, mask)}
+        return TensorDict({**told, "z": z}, batch_size=[z.shape[0]])
 
-    def embed_sets(self, groups: TensorDictBase, *, varied: bool = False) -> Float[Tensor, "G E"]:
-        """Vectors of sets of trajectories (G, n, T).
-
-        Args:
-            groups: the sets.
-            varied: read the first trajectory of the first set, two of the second, and so on up to n and again: sets of
-                all sizes to learn from.
+    def embed(self, trajectories: TensorDictBase) -> Float[Tensor, "B E"]:
+        """Vectors of single trajectories (B, T), or of sets (B, n, T).
 
         Raises:
-            BadInput: an embedding of single trajectories.
+            BadInput: sets, for an embedding of single trajectories.
         """
+        if trajectories.ndim == 3:
+            return self._encoded(*self._sets(trajectories))
+        *values, mask = self.keys.read(trajectories, self.weight)
+        return self.embedding(*values, mask)
+
+    def _sets(self, groups: TensorDictBase) -> tuple[Float[Tensor, "G n T F"], Bool[Tensor, "G n T"]]:
+        """Features and mask of sets of trajectories."""
         if not isinstance(self.embedding, SetEmbedding):
             raise BadInput(
                 f"sets of trajectories {tuple(groups.shape)} for {type(self.embedding).__name__}",
                 "embeds one at a time: give trajectories (B, T), or an embedding of sets",
             )
-        G, n = groups.shape[:2]
+        size = groups.shape[:2]
         *values, mask = self.keys.read(groups.flatten(0, 1), self.weight)
-        features, mask = self.embedding.features(*values).unflatten(0, (G, n)), mask.unflatten(0, (G, n))
-        if varied:
-            size = torch.arange(G, device=mask.device) % n + 1
-            mask = mask & (torch.arange(n, device=mask.device) < size[:, None])[..., None]
-        return self.embedding.encode_set(features, mask)
+        return self.embedding.features(*values).unflatten(0, size), mask.unflatten(0, size)
+
+    def _encoded(self, features: Tensor, mask: Tensor) -> Float[Tensor, "B E"]:
+        """Vectors of features made before, of single trajectories or of sets."""
+        if mask.ndim == 3:
+            return cast(SetEmbedding, self.embedding).encode_set(features, mask)
+        return self.embedding.encode(features, mask)
 
     def get_extra_state(self) -> dict[str, Any]:
         """The box that the weights speak of."""
@@ -118,7 +139,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         """The loss of each row that :meth:`prepare` made."""
         embedding = prepared.get("embedding", None)
         if embedding is None:
-            embedding = self.embedding.encode(prepared["features"], prepared["mask"])
+            embedding = self._encoded(prepared["features"], prepared["mask"])
         return -self.estimator.distribution(embedding).log_prob_frame(prepared["z"])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:

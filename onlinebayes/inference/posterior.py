@@ -75,13 +75,12 @@ class Posterior:
     @torch.no_grad()
     def each(self, trajectories: TensorDictBase) -> DensityBatch:
         """One density a trajectory, as a batch (B,): for calibration, where each has a theta of its own."""
-        *values, mask = self._loss.keys.read(trajectories, self._loss.weight)
-        return self._loss.estimator.distribution(self._loss.embedding(*values, mask))
+        return self._loss.estimator.distribution(self._loss.embed(trajectories))
 
     @torch.no_grad()
     def of_sets(self, groups: TensorDictBase) -> DensityBatch:
         """One density for each of G sets of trajectories (G, n, T), by an embedding of sets."""
-        return self._loss.estimator.distribution(self._loss.embed_sets(groups))
+        return self._loss.estimator.distribution(self._loss.embed(groups))
 
     def sample(
         self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None

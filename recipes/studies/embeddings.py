@@ -16,7 +16,6 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-import torch
 import tyro
 
 from onlinebayes.inference.calibration import ball_credibility

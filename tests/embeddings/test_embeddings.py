@@ -11,6 +11,7 @@ from onlinebayes.embeddings import (
     GRUEmbedding,
     JoinedEmbedding,
     LSTMEmbedding,
+    PooledEmbedding,
     StatisticsEmbedding,
     StepwiseEmbedding,
     SummaryEmbedding,
@@ -19,8 +20,8 @@ from onlinebayes.embeddings import (
 
 LENGTHS = torch.tensor([7, 1, 4, 0])
 TRAINED = ["lstm", "gru", "attention"]
-KINDS = [*TRAINED, "summary", "statistics", "joined"]
-STEPWISE = [kind for kind in KINDS if kind != "attention"]
+KINDS = [*TRAINED, "summary", "statistics", "joined", "pooled"]
+STEPWISE = [kind for kind in KINDS if kind not in ("attention", "pooled")]
 
 
 def _reference(o: torch.Tensor, a: torch.Tensor) -> torch.Tensor:
@@ -36,6 +37,7 @@ def _embedding(kind: str, dtype: torch.dtype = torch.float64) -> Embedding:
         "attention": lambda: AttentionEmbedding(features, width=8, heads=2, layers=2),
         "summary": lambda: SummaryEmbedding(features),
         "statistics": lambda: StatisticsEmbedding(features),
+        "pooled": lambda: PooledEmbedding(LSTMEmbedding(features, hidden=8)),
         "joined": lambda: JoinedEmbedding([LSTMEmbedding(features, hidden=8), SummaryEmbedding(features)]),
     }
     made: Embedding = makers[kind]().to(dtype)
