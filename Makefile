@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online figures clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -73,6 +73,16 @@ online: setup    ## online learning beside a posterior first, the prior and an o
 
 exact: setup     ## the neural posterior beside the exact one (an hour; goes on where it was stopped) -> docs/results/exact.json
 	$(BIN)/python -m recipes.studies.exact --out $(OUT)/exact
+calibration: setup  ## does every estimator's posterior mean what it says, and does the alarm ring (an hour or two; goes on where it was stopped) -> docs/results/calibration.json
+	$(BIN)/python -m recipes.studies.calibration --out $(OUT)/calibration
+embeddings: setup  ## what each embedding is worth on four systems (an hour; goes on where it was stopped) -> docs/results/embeddings.json
+	$(BIN)/python -m recipes.studies.embeddings --out $(OUT)/embeddings
+tables: setup    ## Table 4.1 of the thesis, classic systems (an hour; goes on where it was stopped) -> docs/results/tables.json
+	$(BIN)/python -m recipes.studies.tables --out $(OUT)/tables
+table-online: setup  ## Table 5.1 of the thesis, classic systems, without noise and with (an hour or two; goes on where it was stopped) -> docs/results/table-online.json
+	$(BIN)/python -m recipes.studies.table_online --out $(OUT)/table-online
+figures: setup   ## figures 4.3, 4.4, 4.5 and 5.2 of the thesis (half an hour) -> docs/results/figure-*.png
+	$(BIN)/python -m recipes.studies.figures
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 update-speed: setup  ## one gradient step of SAC and DDPG beside torch by hand -> docs/results/update-speed.json

@@ -27,18 +27,19 @@ from typing import Any, Literal
 import torch
 import tyro
 
-from onlinebayes.inference import LikelihoodEstimator, filter_of, filtered_estimator, fit
+from onlinebayes.inference import filtered_estimator, fit
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
-from onlinebayes.trainers import OnlineState
 from recipes import cartpole, pendulum
 from recipes.common import Run, Settings, settle
 from recipes.studies.resumable import kept_or_done
+from recipes.studies.table_online import ended, reference
 
 Part = Literal["one round", "recipes"]
 TASKS: dict[str, ModuleType] = {"cartpole": cartpole, "pendulum": pendulum}
 NOISES, SIZES, MANY = (0.01, 0.05), (1, 3, 6), 30
-THETAS, SIMULATIONS, GROUPS, DRAWS, SOUND = 100, 1000, 64, 300, 50.0
+THETAS, SIMULATIONS, GROUPS, SOUND = 100, 1000, 64, 50.0
+ROWS_OF = {"cartpole": "CartPole", "pendulum": "Pendulum"}
 SEED, SEEDS = 311, (1, 2, 3, 4, 5)
 NEAR = {"cartpole": ("mean", 0.15), "pendulum": ("median", 0.5)}
 END = {"cartpole": 5.3, "pendulum": 7.5}
@@ -80,26 +81,7 @@ def main(study: Study) -> int:
 
 def recipe(task: str, seed: int) -> dict[str, Any]:
     """One run of a recipe; log density of the truth under its last belief and under the exact posterior."""
-    seed_everything(seed)
-    made: Run = TASKS[task].build(Settings(seed=seed))
-    state = made.trainer.run(OnlineState.begin(made.problem.prior))
-    exact = reference(task, made)
-    simulated = made.trainer.simulations.draw(state.policies, made.problem.prior)
-    exact.fit(simulated, generator=generator(seed, "exact"))
-    assert state.real is not None
-    posterior = exact.condition(state.real)
-    return {
-        "ours": float(state.belief.log_prob(made.truth)),
-        "exact": float(posterior.log_prob(made.truth)),
-        "effective": float(posterior.effective),
-    }
-
-
-def reference(task: str, made: Run) -> LikelihoodEstimator:
-    """The exact posterior of a recipe's problem."""
-    problem = made.problem
-    model = filter_of(problem.simulator, problem.task, problem.prior.box, state=TASKS[task].state)
-    return LikelihoodEstimator(model, problem.prior.box, problem.task.action_spec.shape[-1], draws=DRAWS)
+    return ended(ROWS_OF[task], 0.01, seed)
 
 
 def one_round(task: str, noise: float) -> dict[str, Any]:
@@ -110,7 +92,7 @@ def one_round(task: str, noise: float) -> dict[str, Any]:
     draw = generator(SEED, "exact")
     train = partial(fit, epochs=25, batch_size=50, learning_rate=1e-3)
     ours = filtered_estimator(problem.simulator, problem.task, state=TASKS[task].state, train=train)(problem.prior)
-    exact = reference(task, made)
+    exact = reference(made, TASKS[task].state)
     simulated = problem.simulations(SIMULATIONS, steps, SEED + 1).draw([policy], problem.prior)
     groups = problem.simulations(GROUPS, steps, SEED + 2).groups([policy] * max(SIZES), problem.prior)
     judged = problem.simulations(THETAS, steps, SEED + 3).groups([policy] * MANY, problem.prior)

@@ -1,0 +1,134 @@
+"""``make table-online``: the classic rows of the thesis's Table 5.1: what Online BayesSim believes at its end.
+
+    figure = log p_T(true theta)        T outer steps of a recipe, one real trajectory of 50 steps in each
+
+Without sensor noise the motion decides theta completely, so that any figure can be had and the goal is the thesis's;
+with 1 % noise there is a right answer, the exact posterior of the same trajectories, which stands beside ours.
+
+    python -m recipes.studies.table_online [--rows CartPole]       -> docs/results/table-online.json
+"""
+
+from __future__ import annotations
+
+import statistics
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import tyro
+
+from onlinebayes.inference import LikelihoodEstimator, filter_of
+from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
+from onlinebayes.trainers import OnlineState
+from recipes import acrobot, cartpole, pendulum
+from recipes.common import Run, Settings, settle
+from recipes.studies.resumable import kept_or_done
+
+SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300
+
+
+@dataclass(frozen=True)
+class Row:
+    """One row: a recipe, how it is built, and the thesis's figure."""
+
+    recipe: ModuleType
+    build: Callable[[Settings], Run]
+    thesis: float
+
+
+ROWS: dict[str, Row] = {
+    "CartPole": Row(cartpole, cartpole.build, 4.66),
+    "Pendulum": Row(pendulum, pendulum.build, 4.076),
+    "Acrobot, masses": Row(acrobot, acrobot.build, 2.85),
+    "Acrobot, lengths": Row(acrobot, partial(acrobot.build, space=acrobot.LENGTHS), 2.25),
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run."""
+
+    rows: tuple[str, ...] = tuple(ROWS)
+    """which rows"""
+    noises: tuple[float, ...] = NOISES
+    """of the sensors, as a share of each range"""
+    seeds: tuple[int, ...] = SEEDS
+    """of truths, worlds and networks"""
+    out: str = "out/table-online"
+    """finished jobs go here"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+    only_jobs: bool = False
+    """no table, for a process beside others"""
+
+
+def main(study: Study) -> int:
+    """Do what is missing, print the table."""
+    settle()
+    jobs = [(row, noise, seed) for seed in study.seeds for row in study.rows for noise in study.noises]
+    found = {}
+    with Progress("table-online", len(jobs)) as progress:
+        for i, job in enumerate(jobs):
+            words = "-".join(map(str, job)).replace(", ", "-")
+            progress.update(i, words)
+            found[job] = kept_or_done(Path(study.out) / f"{words}.json", partial(ended, *job))
+    if not study.only_jobs:
+        table = tabled(found, study)
+        print(table.to_markdown())
+        print(f"written: {table.write(study.results)}")
+    return 0
+
+
+def ended(name: str, noise: float, seed: int) -> dict[str, Any]:
+    """One run of a recipe: log density of the truth under its last belief; with noise, under the exact posterior."""
+    seed_everything(seed)
+    made = ROWS[name].build(Settings(seed=seed, noise=noise))
+    state = made.trainer.run(OnlineState.begin(made.problem.prior))
+    found = {
+        "ours": float(state.belief.log_prob(made.truth)),
+        "prior": float(made.problem.prior.log_prob(made.truth)),
+        "return": made.problem.score(made.trainer.objective.policy, made.truth),
+    }
+    if noise > 0 and state.real is not None:
+        simulated = made.trainer.simulations.draw(state.policies, made.problem.prior)
+        exact = reference(made, ROWS[name].recipe.state)
+        exact.fit(simulated, generator=generator(seed, "exact"))
+        posterior = exact.condition(state.real)
+        found |= {"exact": float(posterior.log_prob(made.truth)), "effective": float(posterior.effective)}
+    return found
+
+
+def reference(made: Run, state: Callable[..., Any]) -> LikelihoodEstimator:
+    """The exact posterior of a recipe's problem."""
+    problem = made.problem
+    model = filter_of(problem.simulator, problem.task, problem.prior.box, state=state)
+    return LikelihoodEstimator(model, problem.prior.box, problem.task.action_spec.shape[-1], draws=DRAWS)
+
+
+def tabled(found: dict[tuple[str, float, int], dict[str, Any]], study: Study) -> ResultTable:
+    """Rows of all runs."""
+    whole = Study()
+    some = (study.rows, study.noises, study.seeds) != (whole.rows, whole.noises, whole.seeds)
+    table = ResultTable("table-online", f"make table-online{' (a part)' if some else ''}", study.seeds)
+    for row in study.rows:
+        for noise in study.noises:
+            runs, told = [found[row, noise, seed] for seed in study.seeds], f"{row}, noise {100 * noise:g} %"
+            ours = [run["ours"] for run in runs]
+            table.add_seeds(f"{told}: ours", ours, unit="nats")
+            if noise > 0:
+                table.add_seeds(f"{told}: exact posterior", [run["exact"] for run in runs], unit="nats")
+                table.add_seeds(f"{told}: its effective draws", [run["effective"] for run in runs])
+            else:
+                middle, goal = statistics.median(ours), f"above {ROWS[row].thesis:g}, the thesis's"
+                table.add(f"{told}: median", middle, unit="nats", goal=goal, holds=middle > ROWS[row].thesis)
+            table.add_seeds(f"{told}: return on the true system", [run["return"] for run in runs])
+        table.add(f"{row}: the prior", runs[0]["prior"], unit="nats")
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Study, description=__doc__)))
