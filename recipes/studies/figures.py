@@ -32,7 +32,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import Progress, seed_everything
 from onlinebayes.trainers import Listed, OnlineState, returns
 from onlinebayes.transforms import ParameterRandomization
-from recipes import cartpole
+from recipes import cartpole, pendulum
 from recipes.common import Kind, Run, Settings, settle
 from recipes.studies import tables
 from recipes.studies.one_round import OneRound, begun, mixture
@@ -93,16 +93,31 @@ def joint_posteriors() -> Figure:
     return figure
 
 
-def drawn_plane(ax: Axes, posterior: Density, space: ParameterSpace, truth: tuple[float, ...]) -> None:
-    """Density of two parameters over their whole box, dark where it is high; the truth as a star."""
+def drawn_plane(
+    ax: Axes, posterior: Density, space: ParameterSpace, truth: tuple[float, ...], *, zoomed: bool = False
+) -> None:
+    """Density of two parameters, dark where it is high; the truth as a star.
+
+    Args:
+        ax: to draw in.
+        posterior: over the two.
+        space: their names and bounds.
+        truth: theirs.
+        zoomed: show what holds the posterior and the truth, not the whole box.
+    """
+    low, high = (torch.tensor([getattr(p, side) for p in space.values()]).double() for side in ("low", "high"))
+    if zoomed:
+        shown = torch.cat([posterior.sample((2000,)).double(), torch.tensor([truth]).double()])
+        least, most = shown.amin(0), shown.amax(0)
+        low, high = torch.maximum(low, least - 0.1 * (most - least)), torch.minimum(high, most + 0.1 * (most - least))
     axis = (torch.arange(GRID, dtype=torch.float64) + 0.5) / GRID
-    theta = space.from_unit(torch.cartesian_prod(axis, axis))
+    theta = low + (high - low) * torch.cartesian_prod(axis, axis)
     density = posterior.log_prob(theta).exp().reshape(GRID, GRID).T
-    first, second = (space[name] for name in space.names)
-    extent = (first.low, first.high, second.low, second.high)
+    extent = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     ax.imshow(density.sqrt(), origin="lower", extent=extent, aspect="auto", cmap="Blues")
     ax.plot(*truth, "*", color=TRUTH, markersize=12)
-    ax.set(xlabel=f"half length [{first.unit}]", ylabel=f"mass of the pole [{second.unit}]")
+    across, up = space.names
+    ax.set(xlabel=f"{across} [{space[across].unit}]", ylabel=f"{up} [{space[up].unit}]")
 
 
 def by_method() -> Figure:
@@ -170,11 +185,11 @@ def along(run: Run, theta: Tensor) -> Tensor:
 
 
 def step_by_step() -> Figure:
-    """Figure 5.2."""
+    """Figure 5.2, of the pendulum: CartPole is balanced after the first step."""
     seed_everything(SEED)
-    made = cartpole.build(Settings(seed=2), cartpole.MOTOR)
+    made = pendulum.build(Settings(seed=2))
     beliefs: list[Belief] = []
-    found: list[float] = []
+    found = [made.problem.score(made.trainer.objective.policy, made.truth)]
 
     def look(state: OnlineState) -> None:
         beliefs.append(state.belief)
@@ -184,14 +199,12 @@ def step_by_step() -> Figure:
     figure = Figure(figsize=(11, 6), layout="constrained")
     grid = figure.add_gridspec(2, 4)
     ax = figure.add_subplot(grid[0, :])
-    ax.plot(range(1, len(found) + 1), found, "o-", color=POSTERIOR)
-    ax.set(xlabel="outer step", ylabel="return on the true system", title="Online BayesSim on CartPole: force, length")
-    steps = (0, 1, len(beliefs) // 2, len(beliefs) - 1)
-    space = made.problem.space
-    for column, step in enumerate(steps):
+    ax.plot(range(len(found)), found, "o-", color=POSTERIOR)
+    ax.set(xlabel="outer steps", ylabel="return on the true system", title="Online BayesSim on the pendulum")
+    for column, step in enumerate((0, 1, len(beliefs) // 2, len(beliefs) - 1)):
         plane = figure.add_subplot(grid[1, column])
-        drawn_plane(plane, beliefs[step], space, tuple(made.truth.tolist()))
-        plane.set(title=f"belief after step {step + 1}", xlabel="force [N]", ylabel="half length [m]")
+        drawn_plane(plane, beliefs[step], made.problem.space, tuple(made.truth.tolist()), zoomed=True)
+        plane.set_title(f"belief after step {step + 1}")
     return figure
 
 
