@@ -88,3 +88,21 @@ def test_between_stays_between_and_follows_the_mass(a: float, b: float) -> None:
     assert (x.diff() > 0).all()
     share = (log_interval(low.expand_as(x), x) - log_interval(low, high)).exp()
     torch.testing.assert_close(share, w, rtol=1e-6, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("mean", "lower", "expected"),
+    [
+        # A needle along the first side that leaks over the second: a scan of the first side would step over it.
+        ([0.41322, 0.03336], [[3.408e-07, 0.0], [0.07422, 0.03091]], -0.41417),
+        ([0.52906, 1.05395], [[2.182e-04, 0.0], [0.04187, 0.01284]], -2.21442),
+        ([0.47781, -0.03752], [[2.705e-07, 0.0], [2.74098, 1.74225]], None),
+    ],
+)
+def test_a_needle_that_leaks(mean: list[float], lower: list[list[float]], expected: float | None) -> None:
+    ours = float(log_mass_in_cube(torch.tensor(mean).double(), torch.tensor(lower).double()))
+    # The first coordinate never reaches a side, so that the mass is the second one's alone: one difference of Phi.
+    sd = (lower[1][0] ** 2 + lower[1][1] ** 2) ** 0.5
+    alone = float(log_interval(torch.tensor(-mean[1] / sd).double(), torch.tensor((1 - mean[1]) / sd).double()))
+    assert abs(ours - alone) < 1e-3
+    assert expected is None or abs(ours - expected) < 2e-3
