@@ -10,6 +10,7 @@ Rows of a GPU are left out where there is none.
 
 from __future__ import annotations
 
+import itertools
 import os
 import time
 from collections.abc import Callable
@@ -40,12 +41,12 @@ class Settings:
     """numbers of worlds"""
     batches: tuple[int, ...] = (50, 1000)
     """trajectories of one gradient step"""
-    seconds: float = 1.0
+    seconds: float = 0.5
     """of each measurement of worlds [s]"""
-    epochs: int = 2
-    """of each fit; another one before warms up"""
     repeats: int = 3
-    """measurements of a row"""
+    """measurements of a row of worlds"""
+    epochs: int = 3
+    """of each fit; another one before warms up"""
     threads: int = 0
     """of torch on the CPU; 0 for as many as there are cores"""
     seed: int = 0
@@ -96,21 +97,20 @@ EMBEDDINGS: dict[str, Callable[[TransitionFeatures], Embedding]] = {
 }
 
 
-def epoch_seconds(kind: str, batch: int, device: str, epochs: int) -> float:
-    """Of one epoch of a fit."""
+def epoch_seconds(kind: str, batch: int, device: str, epochs: int) -> list[float]:
+    """Of each epoch of a fit but the first, which warms up."""
     embedding = EMBEDDINGS[kind](TransitionFeatures(OBSERVATION, ACTION))
     loss = NeuralPosteriorLoss(embedding, MixtureEstimator(SPACE, embedding.size)).to(device)
-    trajectories = data(device)
-
-    def run(number: int) -> float:
-        start = time.perf_counter()
-        fit(loss, trajectories, generator=torch.Generator().manual_seed(0), epochs=number, batch_size=batch)
-        wait(device)
-        return time.perf_counter() - start
-
-    run(1)
-    # What a fit does once, before and after its epochs, is taken away.
-    return (run(1 + epochs) - run(1)) / epochs
+    ends: list[float] = []
+    fit(
+        loss,
+        data(device),
+        generator=torch.Generator().manual_seed(0),
+        epochs=1 + epochs,
+        batch_size=batch,
+        progress=lambda _epoch, _loss: ends.append(time.perf_counter()),  # the loss is on the host by then
+    )
+    return [after - before for before, after in itertools.pairwise(ends)]
 
 
 def main(settings: Settings) -> None:
@@ -134,7 +134,7 @@ def main(settings: Settings) -> None:
                 progress.update(done := done + 1, name)
         for kind, batch in fits:
             for device, called in devices.items():
-                found = [epoch_seconds(kind, batch, device, settings.epochs) for _ in range(settings.repeats)]
+                found = epoch_seconds(kind, batch, device, settings.epochs)
                 name = f"epoch of a fit, {kind}, batches of {batch}, {called}"
                 table.add(name, median(found), spread=spread(found), unit="s")
                 progress.update(done := done + 1, name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from typing import ClassVar
 
 import pytest
@@ -10,8 +11,10 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism import Scope, Selection, compare, refine
+from onlinebayes.criticism import Scope, Selection, compare, refine, worlds_of
 from onlinebayes.criticism.posterior import posterior_of_log
+from onlinebayes.criticism.report.html import to_html
+from onlinebayes.criticism.report.json import to_json
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.identification.replaying.timed import instants
@@ -90,6 +93,22 @@ def test_an_effect_is_found_on_a_gpu_as_on_the_cpu() -> None:
     assert found["cuda"].accepted == found["cpu"].accepted
     for name, estimate in found["cpu"].parameters.items():
         assert found["cuda"].parameters[name].mean == pytest.approx(estimate.mean, rel=1e-4)
+    worlds = worlds_of(found["cuda"])
+    theta = worlds.sample((8,), torch.Generator().manual_seed(0))
+    torch.testing.assert_close(worlds.mean, worlds_of(found["cpu"]).mean, rtol=1e-4, atol=1e-8)
+    assert worlds.simulator.with_worlds(8).reset(theta).device.type == "cuda"
+    assert "constant_load" in to_html(found["cuda"], title="slider")
+    json.loads(to_json(found["cuda"]))
+
+
+@pytest.mark.gpu
+def test_values_of_every_run_on_a_gpu() -> None:
+    data, found = recorded(runs=4), {}
+    for device in ("cpu", "cuda"):
+        scope = Scope(("mass",))
+        model, given = Slider(["mass"], device=device), data.to(device)
+        found[device] = compare(model, given, holdout=["run3"], selection=Selection(horizon_s=0.8), scope=scope)
+    torch.testing.assert_close(found["cuda"].final.theta.cpu(), found["cpu"].final.theta, rtol=1e-5, atol=1e-8)
 
 
 @pytest.mark.gpu

@@ -114,12 +114,13 @@ def test_the_likelihood_on_a_gpu_is_that_of_the_cpu() -> None:
     draw = torch.Generator().manual_seed(0)
     theta = slides.PRIOR.sample((3,), draw)
     groups = torch.stack([slides.simulate(theta, draw) for _ in range(2)], dim=1)
+    simulations = slides.simulate(slides.PRIOR.sample((100,), draw), draw)
     found = {}
     for device in ("cpu", DEVICE):
         system = slides.Slide(slides.SPACE, device=device)
         model = filter_of(system, slides.Watching(), Box.whole(slides.SPACE), state=slides.state)
         made = LikelihoodEstimator(model, Box.whole(slides.SPACE), 1, draws=200, enough=400.0)
-        made.fit(slides.simulate(slides.PRIOR.sample((100,), torch.Generator().manual_seed(1)), draw), generator=draw)
+        made.fit(simulations, generator=draw)
         made.model.noise.copy_(slides.NOISE)
         batch = made.each(groups.to(device))
         found[device] = batch.log_prob(theta)
