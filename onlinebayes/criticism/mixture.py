@@ -29,7 +29,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 
 @dataclass(frozen=True, eq=False)
 class ModelMixture:
-    """K weighted models in one simulator.
+    """K weighted models in one simulator; their numbers lie on the CPU.
 
     Args:
         simulator: with the additions of all.
@@ -104,13 +104,13 @@ def _wider(one: Parameter, other: Parameter) -> Parameter:
 
 def _embedded(simulator: Identifiable, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:
     """Mean and covariance of a model in the parameters of all; the others' additions are neutral and certain."""
-    mean, move = simulator.nominal.to(torch.float64).clone(), torch.zeros(len(simulator.parameters), len(model.theta))
-    move, spread = move.to(torch.float64), torch.zeros(len(mean), dtype=torch.float64)
+    mean = simulator.nominal.to("cpu", torch.float64).clone()
+    move, spread = mean.new_zeros(len(mean), len(model.theta)), torch.zeros_like(mean)
     for i, columns in _places(simulator, model):
-        own = model.theta[columns].to(torch.float64)
+        own = model.theta[columns].to(mean)
         move[i, columns] = 1 / len(columns)
         mean[i], spread[i] = own.mean(), own.var(correction=0)
-    covariance = move @ model.covariance.to(torch.float64) @ move.T + torch.diag(spread)
+    covariance = move @ model.covariance.to(mean) @ move.T + torch.diag(spread)
     return simulator.parameters.clamp(mean), covariance
 
 

@@ -30,6 +30,11 @@ class Embedding(nn.Module, ABC):
         # Follows the module's dtype and device, for modules without weights too.
         self.register_buffer("_like", torch.empty(0), persistent=False)
 
+    @property
+    def device(self) -> torch.device:
+        """Where it lies."""
+        return self._like.device
+
     def forward(
         self,
         observation: Float[Tensor, "B T O"],

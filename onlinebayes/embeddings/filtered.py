@@ -67,6 +67,7 @@ class FilteredEmbedding(SetEmbedding):
         starts = qmc.Sobol(P, scramble=False).random_base2(3)[1 : 1 + STARTS]
         self.register_buffer("starts", torch.from_numpy(starts))
         self.standard = Standard(self._told)
+        self.to(model.noise.device)
 
     def scale(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> None:
         """Find the noise, then the mean and spread of what the filter gives."""
@@ -107,8 +108,8 @@ class FilteredEmbedding(SetEmbedding):
         beyond = (L @ (L.mT @ found.evidence.score[..., None]))[..., 0]
         z = found.z + beyond.clamp(-FLAT, FLAT)
         diagonal = torch.diagonal(L, dim1=-2, dim2=-1)
-        row, column = torch.tril_indices(P, P, offset=-1)
+        row, column = torch.tril_indices(P, P, offset=-1, device=L.device)
         shear = L[:, row, column] / diagonal[:, row]
         innovation = found.evidence.innovation.clamp_min(1e-12).log()
-        row, column = torch.tril_indices(P, P)
+        row, column = torch.tril_indices(P, P, device=L.device)
         return torch.cat([z, diagonal.log(), shear, innovation, z, L[:, row, column]], dim=-1)

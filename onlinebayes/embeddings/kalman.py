@@ -75,7 +75,7 @@ class SimulatorFilter(nn.Module):
     """A filter through a simulator.
 
     Args:
-        simulator: f; only its ``rollout`` is used.
+        simulator: f; only its ``rollout`` is used. The filter begins where it lies.
         box: what z is.
         observation: number of observed values O.
         state: observations (M, O) -> complete states (M,), the inverse of ``observe``.
@@ -106,15 +106,16 @@ class SimulatorFilter(nn.Module):
         super().__init__()
         self.simulator, self.box, self.observation = simulator, box, observation
         self._state, self._command, self._observe = state, command, observe
-        template = state(torch.zeros(1, observation, dtype=torch.float64))
+        device = simulator.device
+        template = state(torch.zeros(1, observation, dtype=torch.float64, device=device)).to(device)
         self._template = template
         self._keys = [key for key in template.keys(True, True) if cast(Tensor, template.get(key)).is_floating_point()]
         self._sizes = [cast(Tensor, template.get(key)).numel() for key in self._keys]
-        one = torch.ones(observation, dtype=torch.float64)
+        one = torch.ones(observation, dtype=torch.float64, device=device)
         self.register_buffer("noise", 0.01 * one)
         self.register_buffer("start_mean", torch.zeros_like(one))
         self.register_buffer("start_covariance", 1e6 * torch.diag(one))
-        self.register_buffer("spread", torch.ones(sum(self._sizes), dtype=torch.float64))
+        self.register_buffer("spread", torch.ones(sum(self._sizes), dtype=torch.float64, device=device))
 
     def begin_at(self, first: Float[Tensor, "B O"]) -> None:
         """Where trajectories begin, and how far states lie apart, read off their first observations."""

@@ -51,7 +51,7 @@ class SimulatorReference:
         rows, answers = observation.reshape(-1, observation.shape[-1]), len(self.points)
         dtype, device = self.simulator.dtype, self.simulator.device
         commands = self.command(action.reshape(len(rows), -1)).to(device, dtype)
-        repeated = torch.cat([self.state(rows)] * answers)
+        repeated = torch.cat([self.state(rows).to(device)] * answers)
         inputs = TensorDict({"command": commands.repeat(answers, 1).unsqueeze(1)}, batch_size=[answers * len(rows), 1])
         theta = self.points.to(device, dtype)
         times = torch.tensor([self.simulator.dt], dtype=torch.float64)

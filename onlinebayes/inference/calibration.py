@@ -57,7 +57,7 @@ def credibility_of(
 ) -> Float[Tensor, " B"]:
     """alpha of each pair, for B posteriors as one batch; see :func:`credibility`."""
     draws = posterior.sample((samples,), generator)
-    truth = posterior.log_prob(thetas)
+    truth = posterior.log_prob(thetas.to(draws.device))
     return (posterior.log_prob(draws) >= truth).double().mean(0)
 
 
@@ -136,7 +136,8 @@ def ball_credibility(
 ) -> Float[Tensor, " B"]:
     """beta of each pair, for B posteriors as one batch; see :func:`tarp`."""
     draws = space.to_unit(posterior.sample((samples,), generator).double())
-    u = torch.rand(draws.shape[1:], dtype=draws.dtype, device=draws.device, generator=generator)
+    device = draws.device if generator is None else generator.device
+    u = torch.rand(draws.shape[1:], dtype=draws.dtype, device=device, generator=generator).to(draws)
     centre = u if references is None else space.to_unit(references.to(draws))
     farther = (space.to_unit(thetas.to(draws)) - centre).norm(dim=-1)
     return ((draws - centre).norm(dim=-1) < farther).double().mean(0)

@@ -168,7 +168,7 @@ class EpsilonFree:
         self, measured: TensorDictBase, proposal: Proposal, components: int, generator: torch.Generator
     ) -> ProposalRound:
         loss = self._fresh(proposal, components, generator)
-        theta = proposal.sample((self.simulations,), generator)
+        theta = proposal.sample((self.simulations,), generator).to(generator.device)
         self.train(loss, self._labelled(self.simulate(theta, generator), theta), generator=generator)
         learnt = doubled(cast(TruncatedMixture, Posterior(loss).each(measured)))
         outcome = corrected(learnt, proposal)
@@ -183,6 +183,7 @@ class EpsilonFree:
             torch.manual_seed(seed)
             embedding = self.embedding(proposal)
             network = MixtureEstimator(self.prior.space, embedding.size, components=components, box=proposal.box)
+            network.to(embedding.device)
         if isinstance(proposal, TruncatedMixture) and len(proposal.log_weights) == 1:
             network.begin(NARROWER * proposal.scale_tril[0].norm(dim=-1))
         return NeuralPosteriorLoss(embedding, network, self.keys)

@@ -101,11 +101,11 @@ def cross_validate(
             f"{len(candidates)} length scales, {folds} folds of {rows} simulations",
             "needs one length scale, two folds and three simulations a fold, at least",
         )
-    order = torch.randperm(rows, generator=generator, device=generator.device)
+    order = torch.randperm(rows, generator=generator, device=generator.device).cpu()
     seeds = torch.randint(2**31, (folds,), generator=generator, device=generator.device).tolist()
     totals = dict.fromkeys(candidates, 0.0)
     for held, seed in zip(order.tensor_split(folds), seeds, strict=True):
-        kept = torch.ones(rows, dtype=torch.bool, device=order.device)
+        kept = torch.ones(rows, dtype=torch.bool)
         kept[held] = False
         for candidate in totals:
             with torch.random.fork_rng(devices=[]):

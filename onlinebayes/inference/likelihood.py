@@ -80,7 +80,7 @@ class LikelihoodEstimator:
     ) -> FitReport:
         """Read noise and starts off simulations (B, T); theta and groups are not looked at."""
         begin = monotonic()
-        self._embedding.fit(*self._keys.read(self._keys.usable(simulations), self._embedding.starts))
+        self._embedding.fit(*self._keys.read(self._keys.usable(simulations), self.model.noise))
         return FitReport(seconds=monotonic() - begin)
 
     def condition(self, trajectories: TensorDictBase) -> LikelihoodPosterior:
@@ -89,7 +89,7 @@ class LikelihoodEstimator:
 
     def each(self, groups: TensorDictBase) -> LikelihoodPosteriors:
         """G posteriors as one batch (G,), one for each group (G, n, T); their draws are the same at every call."""
-        *values, mask = self._keys.read(groups.flatten(0, 1), self._embedding.starts)
+        *values, mask = self._keys.read(groups.flatten(0, 1), self.model.noise)
         rows = self._embedding.rows(self._embedding.features(*values), mask)
         sets = [Rows(*each) for each in zip(*(part.unflatten(0, groups.shape[:2]) for part in rows), strict=True)]
         found = self._found(sets, FEW_STARTS)
@@ -114,7 +114,7 @@ class LikelihoodEstimator:
     def _about_peaks(self, sets: Sequence[Rows], starts: int) -> TruncatedMixture:
         """For each set a Gaussian about the peak above each of some evenly spread starts, and one over all the box."""
         G, P = len(sets), len(self.space)
-        first = torch.from_numpy(qmc.Sobol(P, scramble=False).random(starts + 1)[1:])
+        first = torch.from_numpy(qmc.Sobol(P, scramble=False).random(starts + 1)[1:]).to(self.model.noise)
         rows = Rows(*(torch.cat(part).repeat(starts, *[1] * (part[0].ndim - 1)) for part in zip(*sets, strict=True)))
         found = climbed(self.model, rows, len(sets[0].mask), first.repeat_interleave(G, 0))
         H = found.evidence.information + torch.eye(P).to(found.z) / FLAT**2
@@ -141,7 +141,7 @@ class _Likelihood:
     def __call__(self, theta: Float[Tensor, "N P"]) -> Float[Tensor, " N"]:
         n = len(self._rows.mask)
         found = []
-        for z in self.box.to_frame(theta).double().split(max(1, AT_ONCE // n)):
+        for z in self.box.to_frame(theta).to(self._rows.first).split(max(1, AT_ONCE // n)):
             many = Rows(*(part.repeat(len(z), *[1] * (part.ndim - 1)) for part in self._rows))
             found.append(self._model.log_likelihood(many, z.repeat_interleave(n, 0)).reshape(-1, n).sum(1))
         return torch.cat(found)
@@ -170,10 +170,10 @@ class LikelihoodPosterior:
         return self._draws.log_mass
 
     def log_prob(self, theta: Float[Tensor, "*shape P"]) -> Float[Tensor, "*shape"]:
-        """Log density at theta [1 / units]; -inf outside the box."""
+        """Log density at theta [1 / units], which lies where theta does; -inf outside the box."""
         inside = self.box.contains(theta)
         theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
-        values = self._likelihood(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape[:-1])
+        values = self._likelihood(theta.reshape(-1, theta.shape[-1])).reshape(theta.shape[:-1]).to(theta.device)
         return torch.where(inside, values - self.log_evidence + self.box.log_abs_det(theta), -torch.inf)
 
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
@@ -183,7 +183,7 @@ class LikelihoodPosterior:
 
     def credibility(self, theta: Float[Tensor, " P"]) -> float:
         """Of the smallest region that holds theta, by the draws that there are; see ``calibration``."""
-        truth = self.log_prob(theta) - self.box.log_abs_det(theta) + self.log_evidence
+        truth = float(self.log_prob(theta) - self.box.log_abs_det(theta) + self.log_evidence)
         return float((self._draws.weight * (self._draws.log_density >= truth)).sum())
 
 

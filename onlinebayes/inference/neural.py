@@ -116,7 +116,7 @@ class NeuralEstimator:
 
 
 def mixture_of(embedding: Embedding, proposal: Belief, train: Fit = TRAIN) -> NeuralEstimator:
-    """A mixture density network behind an embedding, in the box of a proposal."""
+    """A mixture density network behind an embedding, where that lies, in the box of a proposal."""
     located = isinstance(embedding, SetEmbedding) and embedding.located
     network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box, located=located)
-    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network.to(embedding.device)), train)

@@ -27,7 +27,7 @@ from onlinebayes.inference.trajectories import TrajectoryKeys
 from onlinebayes.runs import BadInput
 
 Simulate = Callable[[Float[Tensor, "B P"], torch.Generator], TensorDictBase]
-"""(theta, generator) -> trajectories (B, T)."""
+"""(theta, generator) -> trajectories (B, T). Theta lies where the generator does, the trajectories anywhere."""
 
 LEAST_KEPT = 0.005
 """Of a batch: a round that keeps fewer costs more than it tells."""
@@ -144,7 +144,7 @@ class _Cloud:
     def first(cls, sampler: PopulationABC, measured: TensorDictBase, generator: torch.Generator) -> _Cloud:
         """The nearest of a batch of the prior's."""
         theta = sampler.prior.sample((sampler.batch,), generator)
-        like = torch.zeros((), dtype=torch.float64, device=theta.device)
+        like = torch.zeros((), dtype=torch.float64, device=sampler.embedding.device)
         simulations = sampler.simulate(theta, generator)
         recorded = sampler.keys.recorded(simulations)
         if int(recorded.sum()) < sampler.particles:
@@ -156,7 +156,7 @@ class _Cloud:
         observed = sampler.embedding(*sampler.keys.read(measured, like)).mean(0)
         distance = _distances(sampler, simulations, observed)
         nearest = distance.topk(sampler.particles, largest=False)
-        z = sampler.prior.box.to_frame(theta)[nearest.indices]
+        z = sampler.prior.box.to_frame(theta.to(like))[nearest.indices]
         weight = torch.full_like(nearest.values, 1 / sampler.particles)
         return cls(z, weight, nearest.values, observed)
 
@@ -164,7 +164,8 @@ class _Cloud:
         self, sampler: PopulationABC, z: Float[Tensor, "B P"], generator: torch.Generator
     ) -> Float[Tensor, " B"]:
         """Of fresh simulations."""
-        return _distances(sampler, sampler.simulate(sampler.prior.box.from_frame(z), generator), self.observed)
+        theta = sampler.prior.box.from_frame(z).to(generator.device)
+        return _distances(sampler, sampler.simulate(theta, generator), self.observed)
 
     def covariance(self) -> Float[Tensor, "P P"]:
         """Weighted."""
@@ -178,11 +179,12 @@ class _Cloud:
 
     def proposed(self, lower: Float[Tensor, "P P"], number: int, generator: torch.Generator) -> Float[Tensor, "B P"]:
         """Moved particles inside the box; those that leave it are drawn anew."""
-        found = self.z[:0]
+        found, drawn_on = self.z[:0], generator.device
+        weight = self.weight.to(drawn_on)
         while len(found) < number:
-            which = torch.multinomial(self.weight, 2 * number, replacement=True, generator=generator)
-            noise = torch.randn(2 * number, lower.shape[0], dtype=lower.dtype, device=lower.device, generator=generator)
-            moved = self.z[which] + noise @ lower.T
+            which = torch.multinomial(weight, 2 * number, replacement=True, generator=generator)
+            noise = torch.randn(2 * number, lower.shape[0], dtype=lower.dtype, device=drawn_on, generator=generator)
+            moved = self.z[which.to(self.z.device)] + noise.to(lower) @ lower.T
             found = torch.cat([found, moved[((moved >= 0) & (moved <= 1)).all(-1)]])
         return found[:number]
 

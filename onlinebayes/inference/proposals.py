@@ -123,7 +123,7 @@ class TruncatedProposal:
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
         """Whether theta lies in the region."""
-        return self._inside(self._mixture.box.to_frame(theta))
+        return self._inside(self._mixture.box.to_frame(theta).to(self._low)).to(theta.device)
 
     def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
         """Log density on the original scale [1 / units], by the estimated volume; -inf outside."""

@@ -86,10 +86,11 @@ class RejectionABC:
             BadInput: fewer simulations than are to be accepted, theta outside the box, or what the keys refuse.
         """
         began, recorded = monotonic(), self._keys.usable(simulations)
-        z = frame_of(self._keys.read_theta(recorded).double(), self.box)
+        like = torch.zeros((), dtype=torch.float64, device=self.embedding.device)
+        z = frame_of(self._keys.read_theta(recorded).double(), self.box).to(like)
         if len(z) < self._fewest:
             raise BadInput(f"{len(z)} simulations", f"rejection ABC needs {self._fewest} at the very least")
-        values = self._keys.read(recorded, torch.zeros((), dtype=torch.float64, device=z.device))
+        values = self._keys.read(recorded, like)
         self.embedding.fit(*values)
         self._summaries, self._z = self.embedding(*values), z
         return FitReport(train=[0.0], seconds=monotonic() - began)
@@ -131,8 +132,10 @@ def _adjusted(
     weight = (1 - (distance / (1.001 * distance[:, -1:].clamp_min(1e-300))).square()).clamp_min(0).sqrt()
     away = away - torch.zeros_like(away[:, :1]).clamp(away.amin(1, keepdim=True), away.amax(1, keepdim=True))
     design = torch.cat([torch.ones_like(away[..., :1]), away], dim=-1) * weight[..., None]
-    slope = torch.linalg.lstsq(design, z * weight[..., None], driver="gelsd").solution[:, 1:]
-    moved = z - away @ slope
+    # On the CPU: what a GPU has for it is wrong where columns do not vary.
+    pair = design.cpu(), (z * weight[..., None]).cpu()
+    slope = torch.linalg.lstsq(*pair, driver="gelsd").solution[:, 1:]
+    moved = z - away @ slope.to(z)
     middle = moved.mean(-2, keepdim=True)
     stretched = middle + (moved - middle) * (1 - columns / number) ** -0.5
     # Mirrored at the box's sides: cut off, all that lie beyond one would become a spike on it.

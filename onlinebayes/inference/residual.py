@@ -33,7 +33,7 @@ def residual_estimator(
     """What a trainer asks for: proposal -> a fresh estimator in the proposal's box.
 
     Args:
-        simulator: whose parameters are inferred.
+        simulator: whose parameters are inferred; where it lies, the estimator is trained.
         task: what is commanded and observed.
         state: observations (M, O) -> complete states (M,).
         observe: the inverse of ``state``, for a task that gives several observations; the task's own without it.
@@ -48,6 +48,6 @@ def residual_estimator(
         features = TransitionFeatures(
             task.observation_size, task.action_spec.shape[-1], reference=reference, sensitivities=len(space)
         )
-        return mixture_of(SummaryEmbedding(features), proposal, train)
+        return mixture_of(SummaryEmbedding(features).to(simulator.device), proposal, train)
 
     return estimator

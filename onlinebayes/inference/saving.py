@@ -28,7 +28,7 @@ from onlinebayes.runs import BadInput, one_line, write_atomic
 
 CONTENT, FORMAT = "onlinebayes distribution", 1
 
-DTYPES = {"float64": torch.float64, "float32": torch.float32}
+DTYPES = {"float64": torch.float64, "float32": torch.float32, "int64": torch.int64, "bool": torch.bool}
 
 
 def save(belief: Belief, path: str | Path) -> None:
@@ -50,7 +50,7 @@ def save(belief: Belief, path: str | Path) -> None:
 
 def load(
     path: str | Path, space: ParameterSpace | None = None, *, device: torch.device | str = "cpu"
-) -> BoxUniform | TruncatedMixture | TruncatedProposal:
+) -> BoxUniform | TruncatedMixture | FlowDensity | TruncatedProposal:
     """The distribution that :func:`save` wrote.
 
     Args:

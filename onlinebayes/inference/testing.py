@@ -83,7 +83,7 @@ def _in_the_middle(belief: Belief, draws: Tensor, prior: BoxUniform) -> tuple[fl
     mean, size = dense.mean(0), u.shape[1]
     spread = dense.T.cov().reshape(size, size) + 1e-16 * torch.eye(size).to(u)
     lower = torch.linalg.cholesky(spread)
-    w = 4 * torch.rand(4000, size, dtype=u.dtype, generator=torch.Generator().manual_seed(3)) - 2
+    w = 4 * torch.rand(4000, size, dtype=u.dtype, generator=torch.Generator().manual_seed(3)).to(u) - 2
     points = mean + w @ lower.T
     inside = ((points >= 0) & (points <= 1)).all(-1)
     points = space.from_unit(points.clamp(0, 1))

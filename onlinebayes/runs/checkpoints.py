@@ -98,8 +98,11 @@ class Checkpoints:
         self._rotate(number)
         return path
 
-    def load(self, device: torch.device | str = "cpu") -> Checkpoint | None:
+    def load(self, device: torch.device | str | None = "cpu") -> Checkpoint | None:
         """The newest whole checkpoint; None where there is none yet. What is passed over is told on standard error.
+
+        Args:
+            device: of all tensors; with None each returns to the one it was saved on.
 
         Raises:
             BadInput: there are checkpoints, and none of them is whole.
@@ -148,7 +151,7 @@ class Checkpoints:
         except (OSError, ValueError, KeyError, TypeError):
             return False
 
-    def _read(self, number: int, device: torch.device | str) -> Checkpoint:
+    def _read(self, number: int, device: torch.device | str | None) -> Checkpoint:
         path = self._path(number)
         where = str(path)
         try:

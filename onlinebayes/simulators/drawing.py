@@ -116,10 +116,13 @@ def planar(x: Tensor, z: Tensor, angle: Tensor, y: float = 0.0) -> Float[Tensor,
 def scene(
     systems: Sequence[object], theta: Float[Tensor, " P"], states: TensorDictBase
 ) -> tuple[tuple[Shape, ...], Float[Tensor, "T S 7"]]:
-    """Shapes and poses of those among the systems that can be drawn, e.g. of a simulator and a task with a goal."""
+    """Shapes and poses of those among the systems that can be drawn, e.g. of a simulator and a task with a goal.
+
+    Poses lie on the CPU, where pictures are made.
+    """
     drawn = [system for system in systems if isinstance(system, Drawable)]
     shapes = tuple(shape for system in drawn for shape in system.shapes(theta))
-    poses = [system.poses(theta, states).double() for system in drawn]
+    poses = [system.poses(theta, states).double().cpu() for system in drawn]
     return shapes, torch.cat(poses, dim=1) if poses else torch.zeros(*states.batch_size, 0, 7, dtype=torch.float64)
 
 

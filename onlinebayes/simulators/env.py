@@ -319,9 +319,9 @@ class SimulatorEnv(EnvBase):
                 f"this one has {tuple(self._theta.shape)}: build it as it was",
             )
         restore(self.simulator, state["simulator"])
-        self._theta, self._steps = state["theta"].clone(), state["steps"].clone()
+        self._theta, self._steps = (state[key].to(self.device, copy=True) for key in ("theta", "steps"))
         constant = TensorDict(dict(state["constant"]), batch_size=self.batch_size, device=self.device)
         self._constant = constant.unflatten_keys(".")
         self._state = self._shown(self.simulator.state)
-        self._generator.set_state(state["generator"])
+        self._generator.set_state(state["generator"].cpu())
         self.seeding = None if state["seeding"] is None else tuple(state["seeding"])

@@ -189,12 +189,13 @@ class TorchSimulator(Identifiable):
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
         """Stand where a snapshot was taken; see :meth:`Simulator.restore`."""
-        self._theta, self._q, self._v = (snapshot[key].clone() for key in ("theta", "q", "v"))
+        self._theta, self._q, self._v, self._failed = (
+            snapshot[key].to(self.device, copy=True) for key in ("theta", "q", "v", "failed")
+        )
         self._hidden = {
             key: TensorDict(dict(value), batch_size=(self.worlds,), device=self.device).unflatten_keys(".").clone()
             for key, value in snapshot["hidden"].items()
         }
-        self._failed = snapshot["failed"].clone()
         self._any_failed = bool(self._failed.any())
         self._values = self._name(self._theta)
 

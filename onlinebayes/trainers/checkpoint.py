@@ -15,6 +15,7 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+import torch
 from torchrl.collectors import Collector
 
 from onlinebayes.runs import BadInput, Checkpoints, Stateful, one_line, random_state, restore_part, set_random_state
@@ -48,7 +49,7 @@ class Saver:
         Raises:
             BadInput: no checkpoint is whole, or they are of other networks, worlds or parameters.
         """
-        found = self.checkpoints.load()
+        found = self.checkpoints.load(None if torch.cuda.is_available() else "cpu")
         if found is None:
             return False
         try:

@@ -116,7 +116,7 @@ def behind_sensors(
 ) -> TransformedEnv:
     """The environment with its sensors' noise, where there is any, and further transforms."""
     if sd is not None and bool((sd > 0).any()):
-        env.append_transform(SensorNoise(sd, seed=seed))
+        env.append_transform(SensorNoise(sd.to(env.device or sd.device), seed=seed))
     for transform in transforms():
         env.append_transform(transform)
     return env

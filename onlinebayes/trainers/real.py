@@ -149,15 +149,13 @@ def measured(system: RealSystem, policy: Policy, steps: int, form: TrajectoryFor
     missing = [key for key in keys if data.get(key, None) is None]
     if missing:
         return None, f"the real trajectories lack {missing[0]!r}; the belief stays as it was"
-    if "mask" not in data:
-        data = data.set("mask", torch.ones(data.shape, dtype=torch.bool))
-    return _usable(data, keys)
+    return _usable(_masked(data), keys)
 
 
 def _usable(data: TensorDict, keys: Iterable[Any]) -> tuple[TensorDict | None, str]:
     """The trajectories with at least one step and finite values in every step."""
     mask = data["mask"]
-    finite = torch.ones(data.shape[:1], dtype=torch.bool)
+    finite = torch.ones(data.shape[:1], dtype=torch.bool, device=mask.device)
     for key in keys:
         values = data.get(key).double().flatten(2)
         finite &= (torch.isfinite(values).all(-1) | ~mask).all(-1)
@@ -170,15 +168,24 @@ def _usable(data: TensorDict, keys: Iterable[Any]) -> tuple[TensorDict | None, s
 
 
 def united(parts: Iterable[TensorDictBase]) -> TensorDict:
-    """Trajectories (n_i, T_i) one behind the other, padded with zeros outside the mask to the longest T."""
-    parts = list(parts)
-    longest = max(part.shape[1] for part in parts)
-    return torch.cat([_padded(part, longest) for part in parts])
+    """Trajectories (n_i, T_i) one behind the other, padded with zeros outside the mask to the longest T.
+
+    They lie where the last of them did.
+    """
+    parts = [_masked(part) for part in parts]
+    longest, device = max(part.shape[1] for part in parts), parts[-1]["mask"].device
+    return torch.cat([_padded(part.to(device), longest) for part in parts])
+
+
+def _masked(data: TensorDictBase) -> TensorDictBase:
+    """With the mask of whole trajectories, where there is none."""
+    if "mask" in data:
+        return data
+    device = next(iter(data.values(True, True))).device
+    return data.set("mask", torch.ones(data.shape, dtype=torch.bool, device=device))
 
 
 def _padded(data: TensorDictBase, length: int) -> TensorDictBase:
-    if "mask" not in data:
-        data = data.set("mask", torch.ones(data.shape, dtype=torch.bool))
     if data.shape[1] == length:
         return data
 

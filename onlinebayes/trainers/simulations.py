@@ -38,7 +38,7 @@ class Listed:
 
     def sample(self, shape: tuple[int, ...], /) -> Tensor:
         """Theta (*shape, P)."""
-        index = torch.arange(torch.Size(shape).numel()) % len(self.theta)
+        index = torch.arange(torch.Size(shape).numel(), device=self.theta.device) % len(self.theta)
         return self.theta[index].reshape(*shape, -1)
 
 

@@ -27,14 +27,14 @@ VECTOR, HIDDEN = ("embedding", "vector"), ("embedding", "hidden")
 
 @runtime_checkable
 class StepwiseEmbedding(Protocol):
-    """What is asked of an embedding (a module; see ``onlinebayes.embeddings``)."""
+    """What is asked of an embedding (a module; see ``onlinebayes.embeddings``).
+
+    And ``features``, a module: observation, action, next observation (B, .) -> features (B, F) of single transitions.
+    It cannot stand below: from Python 3.12 on ``isinstance`` does not see a module within a module.
+    """
 
     size: int
     state_size: int
-
-    def features(self, observation: Tensor, action: Tensor, following: Tensor, /) -> Tensor:
-        """Features (B, F) of single transitions."""
-        ...
 
     def initial(self, batch: int, /) -> Tensor:
         """Hidden rows (B, S) before the first step."""
@@ -152,7 +152,8 @@ class TrajectoryEmbedding(Transform):
         observation, following = before.get(self.observation_key), after.get(self.observation_key)
         action = before.get(self.action_key).to(observation.dtype)
         rows = (x.reshape(batch.numel(), -1) for x in (observation, action, following))
-        vector, hidden = self._module.step(self._module.features(*rows), hidden.reshape(batch.numel(), -1))
+        features = cast(nn.Module, self.embedding.features)(*rows)
+        vector, hidden = self._module.step(features, hidden.reshape(batch.numel(), -1))
         return vector.reshape(*batch, -1), hidden.reshape(*batch, -1)
 
     def _initial(self, like: TensorDictBase) -> Tensor:

@@ -35,11 +35,12 @@ class SensorNoise(Transform):
 
     def set_extra_state(self, state: Tensor) -> None:
         """Draw on from there."""
-        self._generator.set_state(state)
+        self._generator.set_state(state.cpu())
 
     def _apply_transform(self, obs: Tensor) -> Tensor:
-        noise = torch.randn(obs.shape, dtype=obs.dtype, device=obs.device, generator=self._generator)
-        return obs + self.get_buffer("sd").to(obs) * noise
+        # An environment moves the transform to its device, but no generator: it draws where it was made.
+        noise = torch.randn(obs.shape, dtype=obs.dtype, device=self._generator.device, generator=self._generator)
+        return obs + self.get_buffer("sd").to(obs) * noise.to(obs)
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         fresh = self._apply_transform(tensordict_reset.get(self.key))

@@ -8,7 +8,8 @@ draw happens before the environment's own reset and reaches it on the leaf ``"th
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Protocol, runtime_checkable
 
 import torch
@@ -53,6 +54,7 @@ class ParameterRandomization(Transform):
         self._distribution, self.theta_key = distribution, theta_key
         self._seeding: tuple[int, int] | None = None
         self._random = None if seed is None else _random_state(seed)
+        self._on_gpu: Tensor | None = None
         self._checked = False
 
     @property
@@ -70,25 +72,37 @@ class ParameterRandomization(Transform):
 
     def get_extra_state(self) -> dict[str, Any]:
         """State of the random numbers that a seed decides, None without one, and the environment's seed they follow."""
-        return {"random": self._random, "seeding": self._seeding}
+        return {"random": self._random, "gpu": self._on_gpu, "seeding": self._seeding}
 
     def set_extra_state(self, state: Mapping[str, Any]) -> None:
         """Draw on from there."""
-        self._random, seeding = state["random"], state["seeding"]
+        random, gpu, seeding = state["random"], state.get("gpu"), state["seeding"]
+        self._random, self._on_gpu = (None if each is None else each.cpu() for each in (random, gpu))
         self._seeding = None if seeding is None else tuple(seeding)
 
     def _draw(self, number: int) -> Tensor:
         with torch.no_grad():
             if self._random is None:
                 return self._distribution.sample((number,))
-            outside = torch.get_rng_state()
-            try:
-                torch.set_rng_state(self._random)
-                drawn = self._distribution.sample((number,))
-                self._random = torch.get_rng_state()
-            finally:
-                torch.set_rng_state(outside)
-            return drawn
+            with self._seeded(self._random):
+                return self._distribution.sample((number,))
+
+    @contextmanager
+    def _seeded(self, random: Tensor) -> Iterator[None]:
+        """Torch's random numbers as the seed has them, also those of a GPU that a distribution may lie on."""
+        outside, outside_on_gpu = torch.get_rng_state(), _gpu_state()
+        try:
+            torch.set_rng_state(random)
+            if self._on_gpu is not None and outside_on_gpu is not None:
+                torch.cuda.set_rng_state(self._on_gpu)
+            elif outside_on_gpu is not None:
+                torch.cuda.manual_seed(torch.initial_seed())
+            yield
+            self._random, self._on_gpu = torch.get_rng_state(), _gpu_state()
+        finally:
+            torch.set_rng_state(outside)
+            if outside_on_gpu is not None:
+                torch.cuda.set_rng_state(outside_on_gpu)
 
     def _call(self, next_tensordict: TensorDictBase) -> TensorDictBase:
         return next_tensordict
@@ -120,7 +134,7 @@ class ParameterRandomization(Transform):
             raise self._unread(base)
         seeding = base.seeding if isinstance(base, SimulatorEnv) else None
         if seeding is not None and seeding != self._seeding:
-            self._random, self._seeding = _random_state(seeding[0]), seeding
+            self._random, self._on_gpu, self._seeding = _random_state(seeding[0]), None, seeding
 
     def _check_read(self, told: TensorDictBase, after: TensorDictBase) -> None:
         """Refuse an environment that has theta and does not take it; ours takes it unless a state holds another."""
@@ -145,6 +159,11 @@ def _base(env: EnvBase) -> EnvBase:
     while isinstance(env, TransformedEnv):
         env = env.base_env
     return env
+
+
+def _gpu_state() -> Tensor | None:
+    """State of the random numbers of the GPU in use; None where none was used so far."""
+    return torch.cuda.get_rng_state() if torch.cuda.is_initialized() else None
 
 
 def _random_state(seed: int) -> Tensor:

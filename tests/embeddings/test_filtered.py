@@ -105,3 +105,21 @@ def test_padding_is_not_read() -> None:
     torch.testing.assert_close(alone, short[2:3])
     told = short[-1, :-2]
     assert bool((told == 0).all())
+
+
+@pytest.mark.gpu
+def test_on_a_gpu_it_gives_the_same() -> None:
+    theta = torch.linspace(0.8, 2.2, 8, dtype=torch.float64)[:, None]
+    data, mask, found = measured(theta, seed=0), torch.ones(8, STEPS, dtype=torch.bool), {}
+    for device in ("cpu", "cuda"):
+        model = SimulatorFilter(
+            Slide(SPACE, device=device), Box.whole(SPACE), 2,
+            state=slide.state, command=lambda a: a, observe=slide.observe,
+        )  # fmt: skip
+        made = FilteredEmbedding(model, 1).double()
+        assert made.device.type == device
+        values = (*(x.to(device) for x in data), mask.to(device))
+        made.fit(*values)
+        found[device] = made(*values)
+        assert found[device].device.type == device
+    torch.testing.assert_close(found["cuda"].cpu(), found["cpu"], rtol=1e-6, atol=1e-6)

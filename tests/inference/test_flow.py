@@ -25,6 +25,7 @@ from onlinebayes.inference import (
     Posterior,
     fit,
     proposals,
+    saving,
 )
 from onlinebayes.inference.distributions import FlowDensity
 from onlinebayes.inference.saving import from_state, to_state
@@ -154,9 +155,11 @@ def test_it_is_the_same_to_the_last_bit_after_saving(kind: str, tmp_path: Path) 
     before = torch.get_rng_state()
     again = from_state(SPACE, loaded.state["belief"])
     assert torch.equal(torch.get_rng_state(), before)
-    draws = [x.sample((200,), torch.Generator().manual_seed(1)) for x in (belief, again)]
-    assert torch.equal(*draws)
-    assert torch.equal(belief.log_prob(draws[0]), again.log_prob(draws[0]))
+    saving.save(belief, tmp_path / "it.json")
+    for other in (again, saving.load(tmp_path / "it.json", SPACE)):
+        draws = [x.sample((200,), torch.Generator().manual_seed(1)) for x in (belief, other)]
+        assert torch.equal(*draws)
+        assert torch.equal(belief.log_prob(draws[0]), other.log_prob(draws[0]))
 
 
 def test_a_proposal_follows_a_flow() -> None:

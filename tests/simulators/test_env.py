@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import gymnasium
 import pytest
 import torch
@@ -164,9 +166,28 @@ def test_it_stays_on_the_simulators_device() -> None:
 
 @pytest.mark.gpu
 def test_on_a_gpu() -> None:
-    env = SimulatorEnv(CartPole(FREE, 64, device="cuda"), CartPoleTask())
+    env = SimulatorEnv(CartPole(FREE, 64, device="cuda"), CartPoleTask(), with_state=True)
     check_env_specs(env)
     assert env.rollout(50, break_when_any_done=False).device.type == "cuda"
+    env.set_seed(3)
+    start = env.reset()
+    saved = {key: value.cpu() if isinstance(value, torch.Tensor) else value for key, value in _flat(env).items()}
+    first = env.rollout(30, _always_left, auto_reset=False, tensordict=start, break_when_any_done=False)
+    env.set_extra_state(saved)
+    again = env.rollout(30, _always_left, auto_reset=False, tensordict=start, break_when_any_done=False)
+    assert torch.equal(first["next", "observation"], again["next", "observation"])
+    assert copy.deepcopy(env).reset()["observation"].device.type == "cuda"
+    state = env.get_state()
+    assert torch.equal(env.reset(state, set_state=True)["state", "qpos"], state["state", "qpos"])
+    assert env.render().shape == (240, 320, 3)
+
+
+def _flat(env: SimulatorEnv) -> dict[str, object]:
+    """The state as a checkpoint that was read on the CPU gives it."""
+    state = env.get_extra_state()
+    simulator = {key: value.cpu() if isinstance(value, torch.Tensor) else value
+                 for key, value in state["simulator"].items()}  # fmt: skip
+    return {**state, "simulator": simulator}
 
 
 def _always_left(tensordict: TensorDict) -> TensorDict:

@@ -40,8 +40,8 @@ def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurem
 
 def _left(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " S"]:
     """RMS of every signal after starts and own values have settled [floors]."""
-    own = torch.tensor([name != address_of(name) for name in simulator.parameters], dtype=torch.bool)
     starts = windows.start
+    own = torch.tensor([name != address_of(name) for name in simulator.parameters], device=starts.device)
     infinite = torch.full_like(windows.noise, float("inf"))
     for step in range(STEPS + 1):
         lin = linearise(simulator, windows, theta, starts)

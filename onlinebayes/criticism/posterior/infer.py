@@ -150,5 +150,5 @@ def _weighted(
     """Draws of theta [SI] with weights that sum to one."""
     if linear:
         theta = belief.sample((DRAWN,), generator)
-        return theta, torch.full((DRAWN,), 1 / DRAWN, dtype=torch.float64)
+        return theta, torch.full((DRAWN,), 1 / DRAWN, dtype=torch.float64, device=theta.device)
     return drawn.box.from_frame(drawn.z), drawn.weight

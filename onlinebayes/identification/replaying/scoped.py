@@ -67,7 +67,7 @@ class ScopedSimulator(SimulatorWrapper):
         """(A, c) of one run, or of the typical world."""
         space, nominal = self.physics.parameters, self.physics.nominal.to(torch.float64)
         known = {} if run is None else self.scope.constants(run)
-        A, c = torch.zeros(len(space), len(self.parameters), dtype=torch.float64), torch.zeros_like(nominal)
+        A, c = nominal.new_zeros(len(space), len(self.parameters)), torch.zeros_like(nominal)
         for i, address in enumerate(space):
             columns = (self.place == i).nonzero()[:, 0].tolist()
             if address in known:

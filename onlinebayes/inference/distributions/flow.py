@@ -48,11 +48,11 @@ class FlowDensity:
     def log_prob(self, theta: Float[Tensor, "*shape P"]) -> Float[Tensor, "*out"]:
         """Log density on the original scale [1 / units]; ``theta`` (*sample, *batch, P) broadcasts against the batch.
 
-        -inf outside the box.
+        -inf outside the box. The answer lies where theta lies.
         """
         inside = self.box.contains(theta)
         theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
-        density = self.log_prob_frame(self.box.to_frame(theta)) + self.box.log_abs_det(theta)
+        density = self.log_prob_frame(self.box.to_frame(theta)).to(theta.device) + self.box.log_abs_det(theta)
         return torch.where(inside, density, -torch.inf)
 
     def log_prob_frame(self, z: Float[Tensor, "*shape P"]) -> Float[Tensor, "*out"]:

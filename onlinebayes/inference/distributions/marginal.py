@@ -50,8 +50,8 @@ class Marginal:
             return BoxUniform(self.space, self.box).log_prob(theta)
         inside = self.box.contains(theta)
         theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
-        density = self._log_prob_frame(self._joint, self.box.to_frame(theta)) + self.box.log_abs_det(theta)
-        return torch.where(inside, density, -torch.inf)
+        density = self._log_prob_frame(self._joint, self.box.to_frame(theta)).to(theta.device)
+        return torch.where(inside, density + self.box.log_abs_det(theta), -torch.inf)
 
     def _log_prob_frame(self, mixture: TruncatedMixture, z: Tensor) -> Tensor:
         S, R = self._keep, self._rest
