@@ -17,10 +17,12 @@ from torch import Tensor
 from envs.acrobot import Acrobot, AcrobotTask
 from envs.cartpole import CartPole, CartPoleTask
 from envs.mountain_car import MountainCarContinuous, MountainCarContinuousTask
-from onlinebayes.inference import BoxUniform
+from onlinebayes.embeddings import FilteredEmbedding
+from onlinebayes.inference import Box, BoxUniform, filter_of
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.trainers import Listed, Problem
+from recipes import acrobot, cartpole, mountain_car
 
 ROLLOUTS, STEPS = 10, 50
 
@@ -34,12 +36,14 @@ class System:
         truth: their true values.
         rows: parameter -> (the thesis's best log density, the least that is asked for here).
         simulate: theta (G, P) -> sets of rollouts (G, n, T).
+        filtered: a fresh embedding by the filter through the simulator, where the library has one.
     """
 
     space: ParameterSpace
     truth: dict[str, float]
     rows: dict[str, tuple[float, float]]
     simulate: Callable[[Float[Tensor, "G P"], torch.Generator], TensorDict]
+    filtered: Callable[[], FilteredEmbedding] | None = None
 
 
 def by_simulator(
@@ -56,6 +60,18 @@ def by_simulator(
         return torch.stack(rows, dim=1)
 
     return simulate
+
+
+def filter_by(
+    simulator: TorchSimulator, task: Task, state: Callable[[Tensor], TensorDict]
+) -> Callable[[], FilteredEmbedding]:
+    """The filter of one of the library's systems."""
+
+    def embedding() -> FilteredEmbedding:
+        model = filter_of(simulator, task, Box.whole(simulator.parameters), state=state)
+        return FilteredEmbedding(model, task.action_spec.shape[-1])
+
+    return embedding
 
 
 def pendulum_steps(theta: Float[Tensor, "G 1"], generator: torch.Generator) -> TensorDict:
@@ -81,9 +97,20 @@ def pendulum_steps(theta: Float[Tensor, "G 1"], generator: torch.Generator) -> T
     return TensorDict({**told, "theta": rows}, batch_size=[*size, STEPS])
 
 
+def _system(
+    simulator: TorchSimulator,
+    task: Task,
+    state: Callable[[Tensor], TensorDict],
+    truth: dict[str, float],
+    rows: dict[str, tuple[float, float]],
+) -> System:
+    """One of the library's systems."""
+    return System(simulator.parameters, truth, rows, by_simulator(simulator, task), filter_by(simulator, task, state))
+
+
 def _acrobot(name: str, bounds: tuple[float, float], unit: str, truth: float, thesis: float, least: float) -> System:
-    space = ParameterSpace({name: Parameter(*bounds, unit)})
-    return System(space, {name: truth}, {name: (thesis, least)}, by_simulator(Acrobot(space), AcrobotTask()))
+    simulator = Acrobot(ParameterSpace({name: Parameter(*bounds, unit)}))
+    return _system(simulator, AcrobotTask(), acrobot.state, {name: truth}, {name: (thesis, least)})
 
 
 CARTPOLE = ParameterSpace({"length": Parameter(0.1, 2.0, "m"), "mass": Parameter(0.1, 2.0, "kg")})
@@ -93,17 +120,19 @@ SYSTEMS: dict[str, System] = {
     "Pendulum": System(
         ParameterSpace({"dt": Parameter(0.01, 0.3, "s")}), {"dt": 0.2}, {"dt": (3.199, 4.0)}, pendulum_steps
     ),
-    "Mountain Car": System(
-        ENGINE,
+    "Mountain Car": _system(
+        MountainCarContinuous(ENGINE),
+        MountainCarContinuousTask(),
+        mountain_car.state,
         {"power": 0.03},
         {"power": (3.901, 5.0)},
-        by_simulator(MountainCarContinuous(ENGINE), MountainCarContinuousTask()),
     ),
-    "CartPole": System(
-        CARTPOLE,
+    "CartPole": _system(
+        CartPole(CARTPOLE),
+        CartPoleTask(),
+        cartpole.state,
         {"length": 0.7, "mass": 1.3},
         {"length": (-0.211, 2.5), "mass": (0.973, 2.5)},
-        by_simulator(CartPole(CARTPOLE), CartPoleTask()),
     ),
     "Acrobot m1": _acrobot("mass1", (0.5, 2.0), "kg", 0.9, 2.046, 2.05),
     "Acrobot m2": _acrobot("mass2", (0.5, 2.0), "kg", 1.2, 2.237, 2.5),
