@@ -3,7 +3,7 @@
     x = statistics of Eq 4.20, averaged over ten rollouts of 50 steps,    2000 thetas of ten rollouts each
     figure = log q(true value | x of ten rollouts of the true system)     five seeds, median
 
-An average of ten rollouts is no draw from simulations of one: the columns learn from averages of ten. Rejection compares
+An average of ten rollouts is no draw from simulations of one: columns learn from averages of ten. Rejection compares
 averages with single rollouts, and is wide for it; the filter reads the ten one by one. CartPole's row for a parameter
 has the other one unknown, too. A row's goal is for the best of its columns, as the thesis's figure is the best of its
 table; there is no sensor noise, so that a sharper method can have any figure.
