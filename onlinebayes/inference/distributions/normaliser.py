@@ -4,7 +4,7 @@
 
 P = 1 is a difference of two error functions. For P = 2 one variable is integrated exactly and the other by
 Gauss-Legendre quadrature, over the part of its interval that holds the mass (the integrand is log-concave, so that
-part is an interval and a coarse scan finds it). For P > 2 separation of variables (Genz 1992) writes Z as a mean over
+part is an interval). For P > 2 separation of variables (Genz 1992) writes Z as a mean over
 the unit cube of P - 1 dimensions, taken over a fixed Sobol sequence: deterministic, and smooth in mu and L.
 
 Everything is done with logarithms: a Gaussian that hardly touches the cube has a small log Z, not NaN.
@@ -24,7 +24,7 @@ from onlinebayes.inference.distributions.normal import between, log_interval
 
 NODES = 24  # of the quadrature: relative error below 1e-6 for ordinary, 1e-3 for needle-like Gaussians
 POINTS = 128  # of the Sobol sequence
-ZOOMS, SCAN, DROP = 3, 17, 30.0
+DROP = 30.0  # log of the peak over what is left out of the integral
 INSIDE = 6.0  # standard deviations from every side at which a Gaussian counts as inside: 2e-9 a side is left out
 
 
@@ -62,7 +62,11 @@ def _two(mean: Tensor, scale_tril: Tensor) -> Tensor:
         return inner - 0.5 * z.square() - 0.5 * math.log(2 * math.pi)
 
     with torch.no_grad():
-        low, high = _where_the_mass_is(log_integrand, a, b)
+        low, high = ((end - a) / (b - a) for end in _where_the_mass_is(m2, l21, l22, a, b))
+        # What rounding leaves of a needle's tail still has a width.
+        least = 100 * torch.finfo(mean.dtype).eps
+        low = low.clamp(0, 1 - least)
+        high = torch.maximum(high.clamp(max=1), low + least)
     nodes, log_weights = _gauss_legendre(NODES, mean.dtype, mean.device)
     # The limits follow a and b with their gradients; where they are inner points the integrand is nothing.
     fraction = low + (high - low) * nodes
@@ -70,22 +74,30 @@ def _two(mean: Tensor, scale_tril: Tensor) -> Tensor:
     return torch.logsumexp(log_f + log_weights + torch.log((b - a) * (high - low)), dim=-1)
 
 
-def _where_the_mass_is(log_f, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:  # type: ignore[no-untyped-def]
-    """Fractions of [a, b] (..., 1) outside of which a log-concave ``log_f`` lies DROP below its peak."""
-    low, high = torch.zeros_like(a), torch.ones_like(a)
-    grid = torch.linspace(0, 1, SCAN, dtype=a.dtype, device=a.device)
-    for _ in range(ZOOMS):
-        fraction = low + (high - low) * grid
-        log_values = log_f(a + (b - a) * fraction)
-        best = log_values.amax(-1, keepdim=True)
-        alive = log_values > best - DROP
-        first = alive.int().argmax(-1, keepdim=True)
-        last = SCAN - 1 - alive.flip(-1).int().argmax(-1, keepdim=True)
-        low, high = (
-            fraction.gather(-1, (first - 1).clamp(min=0)),
-            fraction.gather(-1, (last + 1).clamp(max=SCAN - 1)),
-        )
-    return low, high
+def _where_the_mass_is(m2: Tensor, l21: Tensor, l22: Tensor, a: Tensor, b: Tensor) -> tuple[Tensor, Tensor]:
+    """Ends within [a, b] (..., 1) outside of which the integrand lies DROP or more below its peak.
+
+    Up to a slowly varying factor it is exp(-r^2 / 2), r^2 = z^2 + d^2, where d is how far the second variable's
+    interval lies from its centre: d = max(0, p + s z, -q - s z) with s = -l21 / l22. The set r^2 <= limit of each of
+    the two straight lines is an interval in closed form, and so is the place of the peak.
+    """
+    slope, p, q = -l21 / l22, -m2 / l22, (1 - m2) / l22
+    bend = 1 + slope.square()
+    # Both lines are never above zero at once (q > p): the nearest place is that of the one that is, at z = 0.
+    nearest = torch.where(p > 0, -p * slope / bend, torch.where(q < 0, -q * slope / bend, 0.0))
+    peak = torch.minimum(torch.maximum(nearest, a), b)
+    d = torch.maximum(p + slope * peak, -q - slope * peak).clamp(min=0)
+    limit = peak.square() + d.square() + 2 * DROP
+    low, high = a, b
+    for offset, sign in ((p, 1.0), (-q, -1.0)):
+        # z^2 + (offset + sign slope z)^2 <= limit where the line is above zero, |z| <= sqrt(limit) where it is not.
+        steep = sign * slope
+        root = ((bend * limit - offset.square()).clamp(min=0)).sqrt()
+        outer = limit.sqrt()
+        left, right = (-offset * steep - root) / bend, (-offset * steep + root) / bend
+        low = torch.maximum(low, torch.where(offset + steep * left > 0, left, -outer))
+        high = torch.minimum(high, torch.where(offset + steep * right > 0, right, outer))
+    return torch.minimum(low, peak), torch.maximum(high, peak)
 
 
 def _many(mean: Tensor, scale_tril: Tensor) -> Tensor:
