@@ -61,6 +61,10 @@ class ParameterSpace(Mapping[str, Parameter]):
 
     Args:
         parameters: name -> :class:`Parameter`, in the order of theta's last axis.
+
+    Attributes:
+        low, high: bounds (P,), float64 [units].
+        linear: no parameter is on a log scale.
     """
 
     def __init__(self, parameters: Mapping[str, Parameter] | None = None) -> None:
@@ -70,6 +74,7 @@ class ParameterSpace(Mapping[str, Parameter]):
         self.low = torch.tensor([p.low for p in values], dtype=torch.float64)
         self.high = torch.tensor([p.high for p in values], dtype=torch.float64)
         self._log = torch.tensor([p.scale == "log" for p in values], dtype=torch.bool)
+        self.linear = not bool(self._log.any())
 
     def __getitem__(self, name: str) -> Parameter:
         try:
@@ -161,8 +166,10 @@ class ParameterSpace(Mapping[str, Parameter]):
         """
         self._check_width(theta)
         low, high, log = self._bounds(theta)
-        positive = torch.where(log, low, torch.ones_like(low))
         linear = (theta - low) / (high - low)
+        if self.linear:
+            return linear
+        positive = torch.where(log, low, torch.ones_like(low))
         ratio = torch.where(log, high / positive, torch.full_like(high, math.e))
         logarithmic = torch.log(torch.where(log, theta / positive, torch.ones_like(theta))) / torch.log(ratio)
         return torch.where(log, logarithmic, linear)
@@ -171,17 +178,21 @@ class ParameterSpace(Mapping[str, Parameter]):
         """Theta of a point of the unit cube; the inverse of :meth:`to_unit`."""
         self._check_width(u)
         low, high, log = self._bounds(u)
+        # lerp counts from the nearer end: u = 0 and u = 1 give the bounds exactly.
+        linear = torch.lerp(low, high, u)
+        if self.linear:
+            return linear
         positive = torch.where(log, low, torch.ones_like(low))
         ratio = torch.where(log, high / positive, torch.ones_like(high))
         logarithmic = positive * torch.exp(torch.where(log, u, torch.zeros_like(u)) * torch.log(ratio))
-        # lerp from both ends: u = 0 and u = 1 give the bounds exactly.
-        linear = torch.where(u < 0.5, low + u * (high - low), high - (1 - u) * (high - low))
         return torch.where(log, logarithmic, linear)
 
     def log_abs_det(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
         """log |du / dtheta|: adds to a log density on the cube to give the one on the original scale [1/units]."""
         self._check_width(theta)
         low, high, log = self._bounds(theta)
+        if self.linear:
+            return -torch.log(high - low).sum().expand(theta.shape[:-1])
         positive = torch.where(log, low, torch.ones_like(low))
         ratio = torch.where(log, high / positive, torch.full_like(high, math.e))
         logarithmic = -torch.log(torch.where(log, theta, torch.ones_like(theta))) - torch.log(torch.log(ratio))
@@ -210,7 +221,7 @@ class ParameterSpace(Mapping[str, Parameter]):
         """Theta moved to the nearest point within the bounds."""
         self._check_width(theta)
         low, high, _ = self._bounds(theta)
-        return torch.minimum(torch.maximum(theta, low), high)
+        return torch.clamp(theta, low, high)
 
     def _bounds(self, like: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         return self.low.to(like), self.high.to(like), self._log.to(like.device)

@@ -94,7 +94,11 @@ class MixtureEstimator(TensorDictModuleBase):
         embedding -= self._located
         if not located:
             self.register_buffer("widening", torch.ones(()))
-        self._below = torch.tril_indices(size, size, offset=-1)
+        below = torch.tril_indices(size, size, offset=-1)
+        # Where in L the scales and the shears stand: one product puts them there, and back in the gradient.
+        places = torch.cat([torch.arange(size) * (size + 1), below[0] * size + below[1]])
+        self.register_buffer("_places", nn.functional.one_hot(places, size**2).float(), persistent=False)
+        self._row = below[0]
         layers = (nn.Linear(embedding, hidden), nn.SiLU(), nn.Linear(hidden, hidden), nn.SiLU())
         self.trunk = nn.Sequential(*layers) if trunk is None else trunk
         self.logits = nn.Linear(hidden, components)
@@ -103,7 +107,7 @@ class MixtureEstimator(TensorDictModuleBase):
         self.scale = nn.Linear(hidden, components * size)
         # One parameter has nothing to shear with.
         sheared = size > 1 and not diagonal
-        self.shear = nn.Linear(hidden, components * self._below.shape[1]) if sheared else None
+        self.shear = nn.Linear(hidden, components * below.shape[1]) if sheared else None
 
     def parameters_of(
         self, embedding: Float[Tensor, "B E"]
@@ -116,22 +120,22 @@ class MixtureEstimator(TensorDictModuleBase):
         # A straight path beside the trunk: what is already an estimate of a parameter need not be learnt again.
         mean = _held((self.mean(h) + self.straight(embedding)).view(batch, self.components, size), reach)
         diagonal = sharpest + broadest * torch.sigmoid(self.scale(h).view(batch, self.components, size) - 2)
-        scale_tril = torch.diag_embed(diagonal)
+        entries = diagonal
         if self.shear is not None:
             # A shear counts in units of its row's own scale, so that a ridge is as easy to say as a ball.
-            row, column = self._below.to(h.device)
-            shear = self.shear(h).view(batch, self.components, -1) * diagonal[..., row]
-            scale_tril = _filled(scale_tril, shear, row, column)
+            shear = self.shear(h).view(batch, self.components, -1) * diagonal[..., self._row.to(h.device)]
+            entries = torch.cat([diagonal, shear], dim=-1)
+        scale_tril = entries @ self._places[: entries.shape[-1]].to(entries)
+        scale_tril = scale_tril.view(batch, self.components, size, size)
+        if not self._located:
+            return self.logits(h), 0.5 + mean, self.widening * scale_tril
         centre, unit = self._placed(place)
-        mean, scale_tril = centre + (unit @ mean[..., None])[..., 0], unit @ scale_tril
-        return self.logits(h), mean, scale_tril if self._located else self.widening * scale_tril
+        return self.logits(h), centre + (unit @ mean[..., None])[..., 0], unit @ scale_tril
 
     def _placed(self, place: Float[Tensor, "B C"]) -> tuple[Float[Tensor, "B K P"], Float[Tensor, "B K P P"]]:
-        """c and C of each component: the box's centre and width where nothing is located, and of the first."""
+        """c and C of each component, of the first one the box's centre and width."""
         B, K, P = len(place), self.components, len(self.space)
         box = torch.eye(P).to(place).expand(B, K, P, P)
-        if not self._located:
-            return place.new_full((B, K, P), 0.5), box
         row, column = torch.tril_indices(P, P, device=place.device)
         unit = _filled(place.new_zeros(B, P, P), place[:, P:], row, column)
         first = (torch.arange(K, device=place.device) == 0)[:, None]
@@ -179,7 +183,7 @@ class MixtureEstimator(TensorDictModuleBase):
 
 def _held(x: Tensor, reach: Tensor) -> Tensor:
     """Within (-reach, reach): x itself well inside, smoothly bent towards the limits."""
-    return x * (1 + (x / reach) ** 4) ** -0.25
+    return x * (1 + (x / reach).square().square()).sqrt().rsqrt()
 
 
 def _filled(matrix: Tensor, values: Tensor, row: Tensor, column: Tensor) -> Tensor:

@@ -180,3 +180,24 @@ def test_on_a_gpu_it_gives_the_same() -> None:
     moved = TruncatedMixture(mixture.log_weights.cuda(), mixture.mean.cuda(), mixture.scale_tril.cuda(), mixture.box)
     torch.testing.assert_close(moved.log_prob(theta.cuda()).cpu(), mixture.log_prob(theta))
     assert moved.sample((10,)).device.type == "cuda"
+
+
+# A sixth of the mixture lies outside, or nearly all of it.
+@pytest.mark.parametrize(("mean", "count"), [(0.1, 200_000), (-0.3, 10_000)])
+def test_many_draws_and_densities_are_those_of_few(mean: float, count: int) -> None:
+    mixture = TruncatedMixture(
+        torch.tensor([0.3, 0.7]).double().log(),
+        torch.tensor([[mean, 0.5], [mean, 0.6]]).double(),
+        0.1 * torch.tensor([[[1.0, 0.0], [0.5, 1.0]], [[1.0, 0.0], [0.0, 0.3]]]).double(),
+        Box.whole(TWO),
+    )
+    theta = mixture.sample((count,))
+    pieces = torch.cat([mixture.log_prob(rows) for rows in theta.split(999)])
+    torch.testing.assert_close(mixture.log_prob(theta), pieces)
+    # The mean of 1 / q over the draws in a cell is the cell's volume: within 5 standard errors, seed fixed.
+    z = TWO.to_unit(theta)
+    weight = torch.exp(-mixture.log_prob_frame(z))
+    for level in (0.02, 0.05):
+        cell = weight * ((z[:, 0] < level) & ((z[:, 1] - 0.58).abs() < 0.02))
+        assert abs(float(cell.mean()) - level * 0.04) < 5 * float(cell.std()) / count**0.5
+        assert float(cell.std()) / count**0.5 < 0.1 * level * 0.04, "too few to tell"

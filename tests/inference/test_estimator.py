@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import pytest
 import torch
@@ -215,3 +216,27 @@ def test_a_log_parameter_is_learnt_on_its_logarithm() -> None:
         assert low < value * 3
         assert high > value / 3
         assert high / low < 1e3
+
+
+def test_without_the_normaliser_the_loss_is_an_upper_bound() -> None:
+    loss, data = _loss(TWO, torch.float64), _data(TWO)
+    loss.standardise(data)
+    rows = loss.prepare(data)
+    leak = loss.each(rows, truncated=False) - loss.each(rows)
+    torch.testing.assert_close(leak, -Posterior(loss).each(data).log_normaliser)
+    assert (leak > 0).all()
+
+
+@pytest.mark.parametrize(("rows", "steps"), [(20, 9), (450, 9), (4000, 18)])
+def test_few_trajectories_make_small_batches(rows: int, steps: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    loss, data = _loss(ONE), _data(ONE, rows)
+    taken: list[int] = []
+    each = NeuralPosteriorLoss.each
+
+    def counted(self: NeuralPosteriorLoss, prepared: Mapping[str, torch.Tensor], **truncated: bool) -> torch.Tensor:
+        taken.append(torch.is_grad_enabled())
+        return each(self, prepared, **truncated)
+
+    monkeypatch.setattr(NeuralPosteriorLoss, "each", counted)
+    fit(loss, data, generator=torch.Generator().manual_seed(0), epochs=1)
+    assert sum(taken) == steps

@@ -73,7 +73,9 @@ class Box:
         """Theta of z, in float64, never outside the prior's bounds by rounding."""
         z = z.double()
         low, high = self.low.to(z), self.high.to(z)
-        return self.space.clamp(self.space.from_unit((low + z * (high - low)).clamp(0, 1)))
+        if self.space.linear:
+            return self.space.clamp(torch.lerp(self.space.from_unit(low), self.space.from_unit(high), z))
+        return self.space.clamp(self.space.from_unit(torch.lerp(low, high, z).clamp(0, 1)))
 
     def log_abs_det(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
         """log |dz / dtheta|: adds to a log density of z to give the one of theta."""
@@ -81,6 +83,9 @@ class Box:
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
         """Whether theta lies in the box, edges (and rounding at them) included."""
-        z = self.to_frame(theta)
+        return self.holds(self.to_frame(theta))
+
+    def holds(self, z: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
+        """Whether a point given by its z lies in the box; see :meth:`contains`."""
         slack = 1e-12 / (self.high - self.low).to(z)
         return ((z >= -slack) & (z <= 1 + slack)).all(-1)

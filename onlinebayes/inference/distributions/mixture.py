@@ -18,7 +18,13 @@ from torch import Tensor
 
 from onlinebayes.inference.distributions.box import Box
 from onlinebayes.inference.distributions.normaliser import log_mass_in_cube
-from onlinebayes.inference.distributions.sampling import choose, sample_truncated
+from onlinebayes.inference.distributions.sampling import choose, sample_truncated, sample_whole
+
+WHOLE = 0.1
+"""Share of a mixture in its box from which on it is drawn as a whole, and what falls outside is thrown away."""
+
+PIECE = 262_144
+"""Numbers that are worked on at once on a processor: a million points pass through its cache, not through memory."""
 
 
 class TruncatedMixture:
@@ -69,10 +75,28 @@ class TruncatedMixture:
 
         -inf outside the box; finite inside, however far out in the tails. The answer lies where theta lies.
         """
-        inside = self.box.contains(theta)
-        theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
-        density = self.log_prob_frame(self.box.to_frame(theta)).to(theta.device) + self.box.log_abs_det(theta)
+        own = len(self.batch_shape)
+        shape = theta.shape[: max(theta.ndim - 1 - own, 0)]
+        rows = theta.reshape(-1, *theta.shape[len(shape) :])
+        values = torch.cat([self._log_prob(piece) for piece in rows.split(self._at_once)])
+        return values.reshape((*shape, *values.shape[1:]))
+
+    def _log_prob(self, theta: Float[Tensor, "*shape P"]) -> Float[Tensor, "*out"]:
+        # Column by column in memory: what is done alike to all points of a column runs several times as fast.
+        theta = theta.movedim(-1, 0).contiguous().movedim(0, -1)
+        z = self.box.to_frame(theta)
+        inside = self.box.holds(z)
+        if not bool(inside.all()):
+            theta = torch.where(inside.unsqueeze(-1), theta, self.space.from_unit(self.box.low.to(theta)))
+            z = self.box.to_frame(theta)
+        density = self.log_prob_frame(z).to(theta.device) + self.box.log_abs_det(theta)
         return torch.where(inside, density, -torch.inf)
+
+    @property
+    def _at_once(self) -> int:
+        """Points a mixture of the batch that are worked on together."""
+        numbers = PIECE if self.mean.device.type == "cpu" else 1000 * PIECE
+        return max(1, numbers // max(1, self.log_weights.numel()))
 
     def log_prob_frame(self, z: Float[Tensor, "*shape P"]) -> Float[Tensor, "*out"]:
         """Log density in the box's coordinates, for z inside [0, 1]^P (elsewhere: the mixture's continuation)."""
@@ -82,32 +106,59 @@ class TruncatedMixture:
         """log sum_k w_k N(z; k), without the truncation."""
         z = z.to(self.mean)
         batch = self.mean.shape[:-2]
-        # All draws are right-hand sides of one system a component: its factor is not copied for each of them.
         z = z.expand(*z.shape[: max(z.ndim - 1 - len(batch), 0)], *batch, z.shape[-1])
         shape = z.shape[: z.ndim - 1 - len(batch)]
-        deviation = z.reshape(-1, *batch, 1, z.shape[-1]) - self.mean
-        standard = torch.linalg.solve_triangular(self.scale_tril, deviation.movedim(0, -1), upper=False)
-        standard = standard.movedim(-1, 0).reshape(*shape, *self.mean.shape)
         log_det = torch.log(torch.diagonal(self.scale_tril, dim1=-2, dim2=-1)).sum(-1)
-        constant = 0.5 * math.log(2 * math.pi) * z.shape[-1]
-        log_normal = -0.5 * standard.square().sum(-1) - log_det - constant
-        return torch.logsumexp(self.log_weights + log_normal, dim=-1)
+        peak = self.log_weights - log_det - 0.5 * math.log(2 * math.pi) * z.shape[-1]
+        distance = self._square_distance(z.reshape(-1, *batch, z.shape[-1]))
+        log_normal = torch.add(peak.movedim(-1, 0).unsqueeze(1), distance, alpha=-0.5)
+        return torch.logsumexp(log_normal, dim=0).reshape((*shape, *batch))
+
+    def _square_distance(self, z: Float[Tensor, "S *batch P"]) -> Float[Tensor, "K S *batch"]:
+        """|L_k^-1 (z - mu_k)|^2 by forward substitution, written out: a solver's calls cost more than P^2 products."""
+        mean = self.mean.movedim(-2, 0).unsqueeze(1).unbind(-1)
+        lower = [row.unbind(-1) for row in self.scale_tril.movedim(-3, 0).unsqueeze(1).unbind(-2)]
+        standard: list[Tensor] = []
+        distance = self.mean.new_zeros(())
+        for i, column in enumerate(z.unsqueeze(0).unbind(-1)):
+            rest = column - mean[i]
+            for factor, known in zip(lower[i], standard, strict=False):
+                rest = torch.addcmul(rest, factor, known, value=-1)
+            standard.append(rest * lower[i][i].reciprocal())
+            distance = torch.addcmul(distance, standard[i], standard[i])
+        return distance
 
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Float[Tensor, "*out"]:
         """Theta (*shape, *batch, P), float64, inside the box always."""
-        return self.box.from_frame(self.sample_frame(shape, generator))
+        z = self.sample_frame((torch.Size(shape).numel(),), generator)
+        theta = torch.empty_like(z, dtype=torch.float64)
+        for into, piece in zip(theta.split(self._at_once), z.split(self._at_once), strict=True):
+            into.copy_(self.box.from_frame(piece))
+        return theta.reshape(*shape, *z.shape[1:])
 
     @torch.no_grad()
     def sample_frame(
         self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None
     ) -> Float[Tensor, "*out"]:
         """z (*shape, *batch, P) in [0, 1]^P."""
-        log_weights = self.log_weights + self.log_masses
         count = torch.Size(shape).numel()
         K, P = self.mean.shape[-2:]
+        if not self.batch_shape:
+            return self._sample(count, generator).reshape(*shape, P)
+        log_weights = self.log_weights + self.log_masses
         chosen = choose(log_weights.reshape(-1, K), count, generator).T  # (count, batch)
         index = torch.arange(chosen.shape[1], device=chosen.device)
         mean = self.mean.reshape(-1, K, P)[index, chosen]
         lower = self.scale_tril.reshape(-1, K, P, P)[index, chosen]
         z = sample_truncated(mean.reshape(-1, P), lower.reshape(-1, P, P), generator)
         return z.reshape(*shape, *self.batch_shape, P)
+
+    @torch.no_grad()
+    def _sample(self, count: int, generator: torch.Generator | None) -> Float[Tensor, "N P"]:
+        """z of draws of a single mixture."""
+        share = float(self.log_normaliser.exp())
+        if share > WHOLE:
+            weights = self.log_weights.exp()
+            return sample_whole(weights, self.mean, self.scale_tril, share, count, self._at_once, generator)
+        chosen = choose((self.log_weights + self.log_masses)[None], count, generator)[0]
+        return sample_truncated(self.mean[chosen], self.scale_tril[chosen], generator)

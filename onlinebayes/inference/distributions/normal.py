@@ -15,14 +15,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-# Bounds further out are moved here: log Phi(-1e4) = -5e7 is still an ordinary number in float32.
-FAR = 1e4
-NEAR = -5.0
+# Bounds further out are moved here: log Phi is still an ordinary number there, -5e7 and -5e13.
+FAR = {torch.float32: 1e4, torch.float64: 1e7}
+NEAR = -12.0
 
 
 def log_interval(a: Float[Tensor, "*batch"], b: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
     """Log probability of a < x < b under N(0, 1); finite wherever b > a, differentiable in both."""
-    a, b = a.clamp(-FAR, FAR), b.clamp(-FAR, FAR)
+    far = FAR[a.dtype]
+    a, b = a.clamp(-far, far), b.clamp(-far, far)
     reflect = a > 0
     lower, upper = torch.where(reflect, -b, a), torch.where(reflect, -a, b)
     # erfc is ten times as fast as log_ndtr and as good where it does not underflow: only the far tail takes the other.
@@ -30,9 +31,9 @@ def log_interval(a: Float[Tensor, "*batch"], b: Float[Tensor, "*batch"]) -> Floa
     safe_lower, safe_upper = torch.where(near, lower, -1.0), torch.where(near, upper, 1.0)
     mass = 0.5 * (torch.special.erfc(-safe_upper / math.sqrt(2)) - torch.special.erfc(-safe_lower / math.sqrt(2)))
     result = torch.log(mass.clamp(min=torch.finfo(a.dtype).tiny))
-    far = ~near
-    if bool(far.any()):
-        result = result.masked_scatter(far, _log_interval_far(lower[far], upper[far]))
+    tail = ~near
+    if bool(tail.any()):
+        result = result.masked_scatter(tail, _log_interval_far(lower[tail], upper[tail]))
     return result
 
 
@@ -47,7 +48,8 @@ def between(
     a: Float[Tensor, "*batch"], b: Float[Tensor, "*batch"], w: Float[Tensor, "*batch"]
 ) -> Float[Tensor, "*batch"]:
     """The point of [a, b] below which a share w of that interval's normal mass lies; differentiable in a and b."""
-    near_a, near_b = a.clamp(-FAR, FAR), b.clamp(-FAR, FAR)
+    far = FAR[a.dtype]
+    near_a, near_b = a.clamp(-far, far), b.clamp(-far, far)
     reflect = near_a + near_b > 0
     lower, upper = torch.where(reflect, -near_b, near_a), torch.where(reflect, -near_a, near_b)
     share = torch.where(reflect, 1 - w, w)
