@@ -55,7 +55,7 @@ from recipes import cartpole, pendulum
 from recipes.common import Options, hidden_truth, place_of, status, written
 from recipes.hidden_machine import CARTPOLE, PENDULUM, Equations, Hidden, Machine
 
-STEPS, TRAJECTORIES = 5, 5  # outer steps, and real trajectories in each; the first ones by an untrained policy
+TRAJECTORIES = 5  # real ones in each outer step, the first by an untrained policy
 MOMENTS = (1, 2)  # complete outer steps after which criticism is asked: of 5 and of 10 trajectories
 
 
@@ -153,6 +153,8 @@ class Settings(Options):
     """with criticism; without; a policy in worlds of the truth"""
     noise: float = 0.01
     """standard deviation of the sensor noise, as a share of each observed value's range"""
+    steps: int = 5
+    """outer steps"""
 
 
 @dataclass(frozen=True)
@@ -227,9 +229,9 @@ def trainer_over(
     batches, simulations, epochs = (2, 60, 4) if settings.short else (system.batches, 150, 15)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     if worlds is None:
-        schedule = Schedule(STEPS, batches, system.real_steps, behaviours=2, group=3, first_batches=0)
+        schedule = Schedule(settings.steps, batches, system.real_steps, behaviours=2, group=3, first_batches=0)
     else:
-        schedule = Schedule(STEPS - 1, batches, system.real_steps, "policy-only")
+        schedule = Schedule(settings.steps - 1, batches, system.real_steps, "policy-only")
     return online_trainer(
         problem,
         objective,
