@@ -43,8 +43,8 @@ from onlinebayes.trainers import (
     RealEnvironment,
     RealSystem,
     Recording,
-    RefiningCritic,
     Schedule,
+    SearchCritic,
     SimulatedPlayer,
     Sizes,
     online_trainer,
@@ -55,14 +55,14 @@ from recipes import cartpole, pendulum
 from recipes.common import Options, hidden_truth, place_of, status, written
 from recipes.hidden_machine import CARTPOLE, PENDULUM, Equations, Hidden, Machine
 
-TRAJECTORIES = 5  # real ones in each outer step, the first by an untrained policy
+TRAJECTORIES = 5  # real ones in each outer step
 MOMENTS = (1, 2)  # complete outer steps after which criticism is asked: of 5 and of 10 trajectories
 
 
 class FinePendulum(Pendulum):
     """The model, integrated finely enough to be held against a machine."""
 
-    timestep = 0.025
+    timestep = 0.0125
     defaults = {**Pendulum.defaults, "length": 0.5, "mass": 0.5}  # noqa: RUF012
 
 
@@ -88,6 +88,7 @@ class System:
         truths: bounds of what is hidden behind the seeds, where the task can be done at all with the effect.
         friction, delay: sizes that hurt [N, N m; s].
         batches, batch_steps, real_steps: of an outer step.
+        first_batches: of the first one; 0 where an untrained policy moves the machine well.
     """
 
     model: TorchSimulator
@@ -102,6 +103,7 @@ class System:
     batches: int
     batch_steps: int
     real_steps: int
+    first_batches: int
 
 
 def soft(*specs: Any) -> Objective:
@@ -120,9 +122,10 @@ SYSTEMS = {
         {"length": (0.5, 0.9), "mass": (0.4, 0.8)},
         friction=0.8,
         delay=0.15,
-        batches=24,
+        batches=36,
         batch_steps=16,
         real_steps=50,
+        first_batches=0,
     ),
     "cartpole": System(
         FineCartPole(cartpole.SPACE, dt=CartPole.timestep),
@@ -134,9 +137,10 @@ SYSTEMS = {
         {"length": (0.4, 0.7), "mass": (0.2, 0.5)},
         friction=9.0,
         delay=0.08,
-        batches=20,
+        batches=16,
         batch_steps=64,
-        real_steps=100,
+        real_steps=60,
+        first_batches=20,
     ),
 }
 
@@ -212,7 +216,7 @@ def build(settings: Settings) -> Parts:
         trainer = trainer_over(problem, settings, objective, real)
     else:
         make = partial(trainer_over, settings=settings, objective=objective, real=real)
-        trainer = GrowingTrainer(problem, make, RefiningCritic(LoggedRuns(system.recipe.state)), MOMENTS)
+        trainer = GrowingTrainer(problem, make, SearchCritic(LoggedRuns(system.recipe.state)), MOMENTS)
     further = {} if effect is None else {f"{effect.key}.{effect.magnitude}": hidden.friction or hidden.delay}
     return Parts(trainer, objective, problem, machine, truth, further)
 
@@ -229,9 +233,10 @@ def trainer_over(
     batches, simulations, epochs = (2, 60, 4) if settings.short else (system.batches, 150, 15)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     if worlds is None:
-        schedule = Schedule(settings.steps, batches, system.real_steps, behaviours=2, group=3, first_batches=0)
+        first = min(batches, system.first_batches)
+        schedule = Schedule(settings.steps, batches, system.real_steps, behaviours=2, group=3, first_batches=first)
     else:
-        schedule = Schedule(settings.steps - 1, batches, system.real_steps, "policy-only")
+        schedule = Schedule(settings.steps, batches, system.real_steps, "policy-only")
     return online_trainer(
         problem,
         objective,

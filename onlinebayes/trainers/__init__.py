@@ -1,7 +1,7 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
 from onlinebayes.trainers.checkpoint import Saver
-from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, RefiningCritic
+from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
 from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
 from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.improve import improve
@@ -39,9 +39,9 @@ __all__ = [
     "RealSystem",
     "Record",
     "Recording",
-    "RefiningCritic",
     "Saver",
     "Schedule",
+    "SearchCritic",
     "SimulatedPlayer",
     "Simulations",
     "Sizes",

@@ -1,6 +1,6 @@
 """Who is asked, while a run learns, whether its model lacks something: criticism of the real trajectories.
 
-    critic = RefiningCritic(LoggedRuns(state=...))
+    critic = SearchCritic(LoggedRuns(state=...))
     finding = critic(real, problem, interrupt)          # finding.effects: what the model should get
 
 The trajectories are read as a log: observations back to states, actions to commands. Only what moves the simulated
@@ -11,7 +11,7 @@ cannot tell apart, is said in words, and asked again with more data.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -19,11 +19,11 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism import Criticism, refine
+from onlinebayes.criticism import Explanation, equals, explain, unscoped
 from onlinebayes.measurements import Measurement, Signal
-from onlinebayes.runs import BadInput, Interrupt
+from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators import Identifiable
-from onlinebayes.simulators.effects import Effect
+from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.trainers.problem import Problem
 
 UNMOVED = ("signal", "parameter")
@@ -104,65 +104,66 @@ class LoggedRuns:
         return columns
 
 
+def simple_laws() -> tuple[str, ...]:
+    """Every effect of the vocabulary that contains no simpler one and has not the freedom to imitate others.
+
+    Some trajectories of a few seconds tell that a joint rubs, not how its friction changes with speed.
+    """
+    return tuple(name for name, kind in EFFECTS.items() if not kind.contains and not kind.tried_last)
+
+
 @dataclass(frozen=True)
-class RefiningCritic:
-    """Asks :func:`~onlinebayes.criticism.refine`.
+class SearchCritic:
+    """Asks criticism's search; faults between sensors and table are not looked for, as the table is our own.
 
     Args:
         runs: reads trajectories as a log.
-        candidates: effects that are tried, as there.
+        candidates: effects that are tried, as in :func:`~onlinebayes.criticism.refine`.
         budget_s: processor time of one search [s]; None for no end.
         fewest: trajectories below which nothing is asked.
     """
 
     runs: Callable[[TensorDict, Problem], Measurement]
-    candidates: str | Sequence[str | Effect] = "all"
+    candidates: str | Sequence[str | Effect] = field(default_factory=simple_laws)
     budget_s: float | None = 60.0
-    fewest: int = 2
+    fewest: int = 3
 
     def __call__(self, real: TensorDict, problem: Problem, interrupt: Interrupt) -> Finding:
         """See :class:`Critic`."""
+        told = f"criticism of {len(real)} real trajectories"
         if len(real) < self.fewest:
-            return Finding((), f"criticism needs {self.fewest} real trajectories, there are {len(real)}")
+            return Finding((), f"{told}: too few, it asks for {self.fewest}")
         model = problem.simulator
         if not isinstance(model, Identifiable):
             raise BadInput(f"{type(model).__name__} cannot be criticised", "use an Identifiable simulator")
-        runs = self.runs(real, problem)
-        result = refine(
-            model,
-            runs,
-            holdout=runs.runs[-max(1, int(HELD_OUT * len(runs.runs))) :],
-            candidates=self.candidates,
-            interrupt=interrupt,
-            budget_s=self.budget_s,
-        )
-        return finding_of(result, model, len(real))
+        log = self.runs(real, problem)
+        held_out = log.runs[-max(1, int(HELD_OUT * len(log.runs))) :]
+        watch = Watch(interrupt=interrupt).within(self.budget_s)
+        with one_torch_thread():
+            found = explain(model, log, holdout=held_out, candidates=self.candidates, watch=watch)
+        return finding_of(found, model, told)
 
 
-def finding_of(result: Criticism, model: Identifiable, number: int) -> Finding:
-    """What of a criticism goes into a model; ``number`` of trajectories it was of."""
-    told, found = f"criticism of {number} real trajectories", ", ".join(result.accepted)
-    if result.interrupted or result.verdict not in ("missing_effect", "unexplained") or not _predicts(result):
-        why = "stopped" if result.interrupted else result.verdict.replace("_", " ")
-        wanted = f" ({result.what_to_record})" if result.what_to_record else f" ({found})" if found else ""
-        return Finding((), f"{told}: {why}{wanted}; nothing is added")
+def finding_of(explanation: Explanation, model: Identifiable, told: str) -> Finding:
+    """What of an explanation goes into a model; ``told`` begins its words."""
+    named = ", ".join(explanation.found.hypothesis.keys)
+    if not named:
+        return Finding((), f"{told}: nothing is preferred to the model as it is")
+    if rivals := [key for found in explanation.rounds if found.added for key in equals(found)]:
+        return Finding((), f"{told}: {named}, or as well {', '.join(rivals)}; nothing is added yet")
+    if not _predicts(explanation):
+        return Finding((), f"{told}: {named}, which does not halve the squared error of unseen ones; nothing is added")
     have = {effect.key for effect in model.effects}
-    new = tuple(effect for effect in result.final.simulator.effects if effect.key not in have)
-    if {effect.key for effect in new} != set(result.accepted) or any(effect.target_kind in UNMOVED for effect in new):
-        return Finding((), f"{told}: {found}, which is no law of motion; nothing is added")
+    new = tuple(effect for effect in unscoped(explanation.model).effects if effect.key not in have)
+    if {effect.key for effect in new} != set(named.split(", ")) or any(effect.target_kind in UNMOVED for effect in new):
+        return Finding((), f"{told}: {named}, which is no law of motion; nothing is added")
     sizes = ", ".join(
-        f"{name} {estimate.mean:.3g} ± {estimate.sd:.1g} {estimate.unit}".rstrip()
-        for name, estimate in result.parameters.items()
-        if name.startswith(tuple(f"{key}." for key in result.accepted))
+        f"{name} = {value:.3g}" for name, value in explanation.found.values.items() if name not in model.parameters
     )
-    return Finding(new, f"{told}: the model lacks {found} ({sizes})")
+    return Finding(new, f"{told}: the model lacks {named} ({sizes})")
 
 
-def _predicts(result: Criticism) -> bool:
-    """Whether something was found, and it halves the squared error of the runs that were held out."""
-    error = result.heldout_error
-    before, after = (
-        sum((rms[signal] / max(error.noise_floor[signal], 1e-12)) ** 2 for signal in result.signals if signal in rms)
-        for rms in (error.before, error.after)
-    )
-    return bool(result.accepted) and 2 * after <= before
+def _predicts(explanation: Explanation) -> bool:
+    """Whether what was found halves the squared error of the held-out runs, signals weighed by their error before."""
+    ratios = [(explanation.after[name] / value) ** 2 for name, value in explanation.before.items() if value > 0]
+    return bool(ratios) and min(ratios) <= 0.5 and max(ratios) <= 1.1
