@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import ClassVar
 
 import torch
 from jaxtyping import Bool, Float
@@ -23,6 +24,7 @@ from torchrl.data import OneHot
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, Task, TorchSimulator
 from onlinebayes.simulators.drawing import BLUE, DARK, GREY, Shape, planar
+from onlinebayes.simulators.stepping import Integrator
 
 
 class CartPole(TorchSimulator):
@@ -45,7 +47,7 @@ class CartPole(TorchSimulator):
     joints = (Joint("cart", "slide"), Joint("pole", "hinge"))
     actuators = (Actuator("motor", "cart", gear="force", limit=1.0),)
     timestep = 0.02
-    integrator = "explicit"
+    integrator: ClassVar[Integrator] = "explicit"
 
     def acceleration(
         self,

@@ -20,7 +20,7 @@ from onlinebayes.criticism.hypotheses.explaining import (
 )
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
-from onlinebayes.criticism.hypotheses.ranking import same_as
+from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.mixture import ModelMixture, worlds_of
 from onlinebayes.criticism.results import (
@@ -39,6 +39,7 @@ from onlinebayes.criticism.results import (
 from onlinebayes.criticism.task import prepare
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
+from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
 from onlinebayes.identification.scope import Scope
 
@@ -81,6 +82,7 @@ __all__ = [
     "begun",
     "compare",
     "diagnose",
+    "equals",
     "explain",
     "flexible",
     "grown",
@@ -93,6 +95,7 @@ __all__ = [
     "same_as",
     "target_scales",
     "trials",
+    "unscoped",
     "wider_bounds",
     "worlds_of",
 ]

@@ -11,6 +11,9 @@ Newton. Trajectories of one system add: log likelihood, score and information al
 With ``process`` > 0 the state is disturbed at every step by that many times the sensors' noise. The likelihood of a
 system that is unstable in open loop has a needle for a mode; disturbed, the filter follows the measurement whatever
 theta is, and the mode has a wide slope to climb (see ``likeliest``).
+
+What the simulator's effects remember (a delay's commands on their way) is not a part of s_t: it begins at rest and goes
+on with the predicted state. That is exact for what the commands alone decide.
 """
 
 from __future__ import annotations
@@ -33,6 +36,9 @@ SEEN_STEP = 5e-3
 
 STATE_STEP = 1e-3
 """Of a difference of the state that an observation stands for, in standard deviations of the noise."""
+
+REMEMBERED = "effects"
+"""Key of what effects remember in a simulator's state."""
 
 IMPOSSIBLE = -1e30
 """Log likelihood where the simulator diverged."""
@@ -158,13 +164,23 @@ class SimulatorFilter(nn.Module):
         """Parameters of z, as the simulator takes them."""
         return self.box.from_frame(z).to(self.simulator.device, self.simulator.dtype)
 
-    def stepped(self, x: Float[Tensor, "M S"], theta: Float[Tensor, "M P"], action: Float[Tensor, "M A"]) -> Tensor:
-        """States after one step."""
+    def stepped(
+        self,
+        x: Float[Tensor, "M S"],
+        theta: Float[Tensor, "M P"],
+        action: Float[Tensor, "M A"],
+        remembered: TensorDict | None = None,
+    ) -> tuple[Float[Tensor, "M S"], TensorDict | None]:
+        """States after one step, and what the effects remember then; ``remembered`` before it, at rest without."""
         simulator = self.simulator
         command = self._command(action.to(simulator.dtype)).to(simulator.device, simulator.dtype)
         inputs = TensorDict({"command": command.unsqueeze(1)}, batch_size=[len(x), 1])
         times = torch.tensor([simulator.dt], dtype=torch.float64)
-        return self._packed(simulator.rollout(theta, self._unpacked(x), inputs, times)[:, 0]).to(x)
+        state = self._unpacked(x)
+        if remembered is not None:
+            state.set(REMEMBERED, remembered)
+        after = simulator.rollout(theta, state, inputs, times)[:, 0]
+        return self._packed(after).to(x), after.get(REMEMBERED, None)
 
     def seen(self, x: Float[Tensor, "M S"]) -> Float[Tensor, "M O"]:
         """h."""
@@ -194,6 +210,7 @@ class _Pass:
         self._mean, self._covariance, of_noise = of.started(rows.first)
         self._disturbance = process**2 * of_noise
         self._follows = self._mean.new_zeros(*self._mean.shape, self._slopes)  # d mean / dz
+        self._remembered: TensorDict | None = None
         self._R = torch.diag(of.noise.square()).to(z)
         # One row of z for every state that a step is taken from: the mean, it displaced, z displaced.
         S = self._mean.shape[1]
@@ -248,7 +265,9 @@ class _Pass:
         B, S = x.shape
         steps = self._step * self._of.spread
         states = torch.cat([x[None], x + torch.diag(steps)[:, None], x.expand(P, B, S)]).flatten(0, 1)
-        after = self._of.stepped(states, self._theta, action.repeat(1 + S + P, 1)).reshape(-1, B, S)
+        found, remembered = self._of.stepped(states, self._theta, action.repeat(1 + S + P, 1), self._remembered)
+        self._remembered = remembered
+        after = found.reshape(-1, B, S)
         change = (after[1:] - after[0]).movedim(0, -1)
         return after[0], change[..., :S] / steps, change[..., S:] / self._step
 

@@ -31,6 +31,7 @@ from onlinebayes.inference.correction import Uncorrectable, corrected
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.epsilon_free import EpsilonFree, EpsilonFreeRun, ProposalRound
 from onlinebayes.inference.estimator import MixtureEstimator
+from onlinebayes.inference.extension import extended
 from onlinebayes.inference.filtered import filter_of, filtered_estimator
 from onlinebayes.inference.fit import fit
 from onlinebayes.inference.flow import FlowEstimator
@@ -83,6 +84,7 @@ __all__ = [
     "calibration",
     "corrected",
     "cross_validate",
+    "extended",
     "filter_of",
     "filtered_estimator",
     "fit",

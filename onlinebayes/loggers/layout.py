@@ -26,7 +26,13 @@ INTERVALS = {  # entity -> colour, width, name in the legend
     "proposal/low": (GREY, 1.0, "proposal: 5 %"),
     "proposal/high": (GREY, 1.0, "proposal: 95 %"),
 }
-GROUPS = {"losses": "policy losses", "fit": "fit of the belief", "seconds": "seconds a step", "speed": "speed"}
+GROUPS = {
+    "losses": "policy losses",
+    "fit": "fit of the belief",
+    "seconds": "seconds a step",
+    "speed": "speed",
+    "criticism": "criticism",
+}
 RETURNS = ("online", "oracle", "posterior-first", "prior")
 
 
@@ -50,7 +56,13 @@ def style(name: str, index: int) -> Any:
 
 
 def blueprint(
-    space: ParameterSpace, scalars: Sequence[str], pictures: Sequence[str], view: View | None, speed: float
+    space: ParameterSpace,
+    scalars: Sequence[str],
+    pictures: Sequence[str],
+    view: View | None,
+    speed: float,
+    *,
+    events: bool = False,
 ) -> Any:
     """The layout.
 
@@ -60,6 +72,7 @@ def blueprint(
         pictures: names of all pictures, in the order of their tabs but for the corner, which is first.
         view: what an episode needs; None before the first.
         speed: at which the run is played, again and again.
+        events: whether there are log lines to show.
     """
     import rerun.blueprint as rrb
 
@@ -91,13 +104,14 @@ def blueprint(
         state="collapsed", timeline="time", play_state="playing", loop_mode="all", playback_speed=speed
     )
     summary, curves = rrb.TextDocumentView(name="summary", contents="summary"), rrb.Tabs(*_curves(scalars))
+    told = [summary, *[rrb.TextLogView(name="events", origin="events")] * events]
     above: list[Any]
     below: list[Any]
     if any(name.startswith("belief/") for name in scalars):
-        above = [episode, rrb.Tabs(*seen, rrb.Grid(*marginals, name="marginals"), summary)]
+        above = [episode, rrb.Tabs(*seen, rrb.Grid(*marginals, name="marginals"), *told)]
         below = [_grid("belief", intervals), curves]
     else:
-        above, below = [episode, rrb.Tabs(*seen, summary)], [curves]
+        above, below = [episode, rrb.Tabs(*seen, *told)], [curves]
     return rrb.Blueprint(
         rrb.Vertical(rrb.Horizontal(*above), rrb.Horizontal(*below), row_shares=[3, 2]),
         rrb.BlueprintPanel(state="collapsed"),

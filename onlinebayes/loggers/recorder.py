@@ -3,6 +3,8 @@
 | entity                                   | content                                                    |
 |------------------------------------------|------------------------------------------------------------|
 | ``summary``                              | Markdown: what stands after the step                       |
+| ``events``                               | log lines on what happened, such as a model that grew      |
+| ``criticism/``                           | how many effects criticism has added                       |
 | ``belief/PARAMETER/mean|low|high|truth`` | mean and 90 % interval, the truth where it is known        |
 | ``proposal/PARAMETER/low|high``          | 90 % interval of where simulations are drawn               |
 | ``marginals/PARAMETER/belief|proposal``  | histograms                                                 |
@@ -103,6 +105,7 @@ class RunRecorder:
         self._drawn: dict[str, Shape] = {}
         self._view: View | None = None
         self._layout: tuple[Any, ...] = ()
+        self._events = False
         self._step = 1
 
     def step(self, step: int, values: Mapping[str, float]) -> None:
@@ -133,6 +136,17 @@ class RunRecorder:
 
         self._at(step).log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
 
+    def event(self, step: int, text: str) -> None:
+        """One line on what happened, among the recording's log lines."""
+        import rerun as rr
+
+        self._at(step).log("events", rr.TextLog(text, level=rr.TextLogLevel.INFO))
+        self._events = True
+
+    def grow(self, space: ParameterSpace, truth: Float[Tensor, " P"] | None = None) -> None:
+        """Go on with other parameters, and their true values (nan where one is not known)."""
+        self.space, self.truth = space, truth
+
     def belief(self, step: int, belief: Sampler, proposal: Sampler | None = None) -> None:
         """Intervals and histograms of belief and proposal, parameter by parameter."""
         values: dict[str, float] = {}
@@ -147,7 +161,8 @@ class RunRecorder:
                     values[f"belief/{parameter}/mean"] = float(draws[:, i].mean())
                 values |= {f"{name}/{parameter}/low": float(low[i]), f"{name}/{parameter}/high": float(high[i])}
         if self.truth is not None:
-            values |= {f"belief/{n}/truth": float(v) for n, v in zip(self.space.names, self.truth, strict=True)}
+            told = zip(self.space.names, self.truth.tolist(), strict=True)
+            values |= {f"belief/{name}/truth": value for name, value in told if not math.isnan(value)}
         self._curves(step, values)
         for i, parameter in enumerate(self.space.names):
             self._marginal(step, parameter, {name: draws[:, i].double().cpu().numpy() for name, draws in drawn.items()})
@@ -279,10 +294,12 @@ class RunRecorder:
         """Send the layout where it has changed."""
         # The whole run in some PLAYED seconds; told anew when its length has doubled.
         speed = max(1.0, 2.0 ** math.ceil(math.log2(self._step * self._slot / PLAYED)))
-        now = (speed, tuple(self._scalars), tuple(self._pictures), self._view)
+        now = (speed, self.space.names, tuple(self._scalars), tuple(self._pictures), self._view, self._events)
         if self._opened is not None and now != self._layout:
             self._opened.send_blueprint(
-                layout.blueprint(self.space, list(self._scalars), list(self._pictures), self._view, speed)
+                layout.blueprint(
+                    self.space, list(self._scalars), list(self._pictures), self._view, speed, events=self._events
+                )
             )
             self._layout = now
 

@@ -1,7 +1,9 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
 from onlinebayes.trainers.checkpoint import Saver
+from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
 from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
+from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.journal import Journal
 from onlinebayes.trainers.online import OnlineTrainer
@@ -17,12 +19,16 @@ from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, returns,
 
 __all__ = [
     "Background",
+    "Critic",
     "EnvPlayer",
     "EnvProblem",
     "Episode",
+    "Finding",
     "GrowingFolder",
+    "GrowingTrainer",
     "Journal",
     "Listed",
+    "LoggedRuns",
     "OnlineState",
     "OnlineTrainer",
     "Player",
@@ -35,6 +41,7 @@ __all__ = [
     "Recording",
     "Saver",
     "Schedule",
+    "SearchCritic",
     "SimulatedPlayer",
     "Simulations",
     "Sizes",

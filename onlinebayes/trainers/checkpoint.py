@@ -2,7 +2,7 @@
 
 | part          | what it holds                                                                        |
 |---------------|--------------------------------------------------------------------------------------|
-| ``online``    | belief, proposal, real trajectories, the policies that made them, records, clocks    |
+| ``online``    | belief, proposal, real trajectories, the policies that made them, records, added effects   |
 | ``objective`` | networks, optimisers, replay memory                                                  |
 | ``collector`` | the worlds that the policy learns in, and the step each of them stands at            |
 | ``simulations``, ``held_out``, ``real`` | worlds and sensors of the simulations, and of the system, if it can tell |
@@ -20,6 +20,7 @@ from torchrl.collectors import Collector
 
 from onlinebayes.runs import BadInput, Checkpoints, Stateful, one_line, random_state, restore_part, set_random_state
 from onlinebayes.trainers.env_state import collector_state, env_state, load_collector_state, load_env_state
+from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState
 
@@ -33,7 +34,9 @@ class Saver:
         every: least time between two saves in the middle of a step [s].
     """
 
-    def __init__(self, trainer: OnlineTrainer, checkpoints: Checkpoints, *, every: float = 30.0) -> None:
+    def __init__(
+        self, trainer: OnlineTrainer | GrowingTrainer, checkpoints: Checkpoints, *, every: float = 30.0
+    ) -> None:
         self.trainer, self.checkpoints, self.every = trainer, checkpoints, every
         self._last = time.monotonic()
 
@@ -65,8 +68,10 @@ class Saver:
         return True
 
 
-def run_state(trainer: OnlineTrainer, state: OnlineState) -> dict[str, Any]:
+def run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState) -> dict[str, Any]:
     """See the module."""
+    if isinstance(trainer, GrowingTrainer):
+        trainer = trainer.trainer
     collector = trainer.collector
     return {
         "online": state.state_dict(),
@@ -80,8 +85,11 @@ def run_state(trainer: OnlineTrainer, state: OnlineState) -> dict[str, Any]:
     }
 
 
-def load_run_state(trainer: OnlineTrainer, state: OnlineState, saved: Mapping[str, Any]) -> None:
-    """Bring a trainer and a state that were built anew to where the run stood."""
+def load_run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState, saved: Mapping[str, Any]) -> None:
+    """Bring a trainer and a state that were built anew to where the run stood, with the effects that it had added."""
+    if isinstance(trainer, GrowingTrainer):
+        trainer.regrow(state, saved["online"])
+        trainer = trainer.trainer
     restore_part("objective", trainer.objective, saved["objective"])
     state.load_state_dict(saved["online"], trainer.objective.policy)
     if saved["collector"] is not None and isinstance(trainer.collector, Collector):

@@ -36,6 +36,7 @@ from onlinebayes.transforms import Distribution, ParameterRandomization
 
 Checkpoint = Callable[[OnlineState, bool], None]
 """(state, whether to save now or when it is time again): called wherever the run could go on from."""
+STOPPING = "stopping after the work in hand; Ctrl-C again to stop at once"
 PRIOR_LOSS = -0.02
 """A validation loss above it [nats] says that the estimator knows no more than its box: 0 is the uniform density's."""
 
@@ -76,6 +77,7 @@ class OnlineTrainer:
         *,
         on_step: Callable[[OnlineState], None] | None = None,
         checkpoint: Checkpoint | None = None,
+        until: int | None = None,
     ) -> OnlineState:
         """Take outer steps until the schedule's number is complete or Ctrl-C asks for a stop.
 
@@ -83,6 +85,7 @@ class OnlineTrainer:
             state: ``OnlineState.begin(prior)``, or where an earlier run stood.
             on_step: called after each complete outer step; only a caller who knows the truth can judge here.
             checkpoint: called wherever the run could go on from.
+            until: outer steps after which to pause; all of the schedule's without it.
 
         Returns:
             ``state``, brought forward. A step that Ctrl-C cut short leaves the policy as far as it got, what was
@@ -90,19 +93,24 @@ class OnlineTrainer:
         """
         save = checkpoint if checkpoint is not None else _keep_nothing
         turns = self.schedule.turns
-        message = "stopping after the work in hand; Ctrl-C again to stop at once"
-        with Interrupt(message) as interrupt, Progress("online", len(turns)) as progress:
-            while state.step < len(turns) and not interrupt.requested:
+        until = len(turns) if until is None else min(until, len(turns))
+        with Interrupt(STOPPING) as interrupt, Progress("online", len(turns)) as progress:
+            while state.step < until and not interrupt.requested:
                 completed = self._step(state, interrupt, progress, save)
                 give_back_freed_memory()
                 if completed:
                     if on_step is not None:
                         on_step(state)
                     save(state, True)
-            state.interrupted = state.step < len(turns)
+            state.interrupted = state.step < until
             if state.interrupted:
                 progress.update(state.step, f"stopped; kept: {state.kept()}")
         return state
+
+    def infer(self, state: OnlineState) -> bool:
+        """Let the belief learn anew from the real trajectories so far; False where Ctrl-C ended it before."""
+        with Interrupt(STOPPING) as interrupt, Progress("online", len(self.schedule.turns)) as progress:
+            return self._infer(state, Clock(), interrupt, progress) is not None
 
     def _step(self, state: OnlineState, interrupt: Interrupt, progress: Progress, save: Checkpoint) -> bool:
         """One outer step; False where it was cut short."""

@@ -5,16 +5,18 @@ The recording grows with every step; the page is written when the run ends or st
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 
 import numpy as np
+import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.inference import Belief, BoxUniform, plots
+from onlinebayes.inference import Belief, BoxUniform, extended, plots
 from onlinebayes.inference.calibration import LEVELS
 from onlinebayes.loggers import RunRecorder, tensorboard, write_page
 from onlinebayes.trainers.playing import Episode, Player
@@ -34,6 +36,7 @@ class Recording:
         prior: over the parameters.
         player: plays episodes; without it there are none.
         truth: parameters of the hidden system (P,), where they are known.
+        further: true values of parameters that the model may get while the run learns, by name.
         baselines: returns of other runs by their kind, drawn beside this one's.
         infers: whether there is a belief to show, and not a policy that learns alone.
     """
@@ -45,6 +48,7 @@ class Recording:
     truth: Float[Tensor, " P"] | None = None
     baselines: Mapping[str, float] = field(default_factory=dict)
     infers: bool = True
+    further: Mapping[str, float] = field(default_factory=dict)
     _recorder: RunRecorder | None = field(default=None, init=False)
     _last: tuple[OnlineState, np.ndarray | None, Mapping[str, Episode]] | None = field(default=None, init=False)
 
@@ -59,7 +63,7 @@ class Recording:
             content = page(
                 self.name,
                 state,
-                truth=self.truth,
+                truth=self._truth(state),
                 corner=corner,
                 played=played,
                 baselines=self.baselines,
@@ -72,7 +76,8 @@ class Recording:
         """Record a complete step."""
         played = {} if self.player is None else self.player(state)
         recorder, record = self._opened(played), state.records[-1]
-        corner = self._corner(state.belief) if self.infers else None
+        self._follow(recorder, state)
+        corner = self._corner(state) if self.infers else None
         recorder.step(record.step, _scalars(record))
         before = state.records[-2].frames if len(state.records) > 1 else 0
         recorder.seconds(record.step, record.seconds, record.frames - before)
@@ -102,9 +107,27 @@ class Recording:
             )
         return self._recorder
 
-    def _corner(self, belief: Belief) -> np.ndarray:
-        box = self.prior if isinstance(self.prior, BoxUniform) else None
-        figure = plots.corner(belief, truth=self.truth, prior=box, title=self.name)
+    def _follow(self, recorder: RunRecorder, state: OnlineState) -> None:
+        """Show the parameters that the model has got, and say when it did."""
+        if recorder.space.names != state.belief.space.names:
+            recorder.grow(state.belief.space, self._truth(state))
+        record = state.records[-1]
+        before = state.records[-2].grown if len(state.records) > 1 else ()
+        for effect in (effect for effect in record.grown if effect not in before):
+            recorder.event(record.step, f"the model grew: {effect}")
+
+    def _truth(self, state: OnlineState) -> Float[Tensor, " P"] | None:
+        """True values of the present parameters; nan where one is not known."""
+        if self.truth is None:
+            return None
+        names = state.belief.space.names[len(self.truth) :]
+        return torch.cat([self.truth, self.truth.new_tensor([self.further.get(name, math.nan) for name in names])])
+
+    def _corner(self, state: OnlineState) -> np.ndarray:
+        belief = state.belief
+        box = extended(self.prior, belief.space) if isinstance(self.prior, BoxUniform) else None
+        assert box is None or isinstance(box, BoxUniform)
+        figure = plots.corner(belief, truth=self._truth(state), prior=box, title=self.name)
         figure.canvas.draw()
         return np.asarray(figure.canvas.buffer_rgba())[..., :3].copy()  # type: ignore[attr-defined]
 
@@ -113,6 +136,8 @@ def _scalars(record: Record) -> dict[str, float]:
     values = {f"figures/{name}": value for name, value in record.figures.items() if name != "return"}
     values |= {f"losses/{name}": value for name, value in record.losses.items()}
     values["frames"] = float(record.frames)
+    if "criticism" in record.seconds or record.grown:
+        values["criticism/effects added"] = float(len(record.grown))
     if record.fit is not None and record.fit.validation:
         values["fit/validation loss"] = min(record.fit.validation)
     if record.coverage is not None:
@@ -124,4 +149,6 @@ def _summary(name: str, record: Record, infers: bool) -> str:
     figures = "".join(f"\n| {key} | {value:.4g} |" for key, value in record.figures.items())
     belief = "".join(f"\n| {key} | {mean:.4g} ± {sd:.2g} |" for key, (mean, sd) in record.belief.items() if infers)
     notes = "".join(f"\n- {note}" for note in record.notes)
-    return f"# {name}, step {record.step}\n\n| | |\n|---|---|\n| frames | {record.frames} |{figures}{belief}\n{notes}\n"
+    grown = "".join(f"\n\n**The model has got {effect}.**" for effect in record.grown)
+    table = f"| | |\n|---|---|\n| frames | {record.frames} |{figures}{belief}"
+    return f"# {name}, step {record.step}{grown}\n\n{table}\n{notes}\n"

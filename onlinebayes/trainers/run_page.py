@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -63,7 +64,7 @@ def page(
 def _rows(state: OnlineState, truth: Tensor | None) -> list[list[str]]:
     rows = []
     for i, (parameter, (mean, sd)) in enumerate(state.records[-1].belief.items()):
-        true = [] if truth is None else [f"{float(truth[i]):.4g}"]
+        true = [] if truth is None else ["" if truth[i].isnan() else f"{float(truth[i]):.4g}"]
         rows.append([parameter, state.belief.space[parameter].unit, f"{mean:.4g}", f"{sd:.2g}", *true])
     return rows
 
@@ -82,9 +83,11 @@ def _beliefs(state: OnlineState, truth: Tensor | None) -> list[Curves]:
     records, charts = state.records, []
     steps = ("step", [record.step for record in records])
     for i, parameter in enumerate(records[-1].belief):
-        means, sds = (np.array([record.belief[parameter][k] for record in records]) for k in (0, 1))
+        # A parameter that the model got later has no belief before.
+        told = np.array([record.belief.get(parameter, (math.nan, math.nan)) for record in records])
+        means, sds = told.T
         band = {"mean and sd": ((means - sds).tolist(), (means + sds).tolist())}
-        level = {} if truth is None else {"truth": float(truth[i])}
+        level = {} if truth is None or truth[i].isnan() else {"truth": float(truth[i])}
         unit = state.belief.space[parameter].unit
         title = f"{parameter} [{unit}]" if unit else parameter
         charts.append(Curves(title, steps, {"mean and sd": means.tolist()}, band, level))

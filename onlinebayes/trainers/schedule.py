@@ -41,9 +41,11 @@ class Schedule:
         order: see the module.
         behaviours: how many of the policies so far make the simulations of a fit.
         group: most trajectories of one theta in a held-out group.
+        first_batches: ``policy_batches`` of the first outer step where the order is online; 0 lets an untrained policy
+            move the real system before anything is learnt.
 
     Raises:
-        BadInput: a number below 1 (``policy_batches`` below 0), or an unknown order.
+        BadInput: a number below 1 (batches below 0), or an unknown order.
     """
 
     steps: int = 6
@@ -52,10 +54,12 @@ class Schedule:
     order: Order = "online"
     behaviours: int = 3
     group: int = 8
+    first_batches: int | None = None
 
     def __post_init__(self) -> None:
-        if min(self.steps, self.real_steps, self.behaviours, self.group) < 1 or self.policy_batches < 0:
-            raise BadInput(f"{self}", "every number must be at least 1, policy_batches at least 0")
+        batches = min(self.policy_batches, self.first_batches or 0)
+        if min(self.steps, self.real_steps, self.behaviours, self.group) < 1 or batches < 0:
+            raise BadInput(f"{self}", "every number must be at least 1, batches at least 0")
         if self.order not in ("online", "posterior-first", "policy-only"):
             raise BadInput(f"order = '{self.order}'", "use online, posterior-first or policy-only")
 
@@ -64,7 +68,8 @@ class Schedule:
         """The outer steps in order."""
         learn, infer = Turn(self.policy_batches, False), Turn(0, True)
         if self.order == "online":
-            return (Turn(self.policy_batches, True),) * self.steps
+            first = self.policy_batches if self.first_batches is None else self.first_batches
+            return (Turn(first, True), *(Turn(self.policy_batches, True),) * (self.steps - 1))
         return (
             (infer,) * self.steps + (learn,) * self.steps if self.order == "posterior-first" else (learn,) * self.steps
         )

@@ -18,6 +18,7 @@ from typing import Any, Protocol, runtime_checkable
 from onlinebayes.inference import Belief
 from onlinebayes.runs import RunFolder, write_atomic
 from onlinebayes.trainers.checkpoint import Saver
+from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState, Record
 
@@ -37,7 +38,7 @@ class Watcher(Protocol):
 
 
 def run_in_folder(
-    trainer: OnlineTrainer,
+    trainer: OnlineTrainer | GrowingTrainer,
     prior: Belief,
     folder: RunFolder,
     *,
@@ -113,4 +114,6 @@ def _row(record: Record) -> dict[str, Any]:
     if record.coverage is not None:
         row["fit/coverage"] = record.coverage
     row |= {f"seconds/{name}": round(value, 3) for name, value in record.seconds.items()}
+    if record.grown:
+        row["grown"] = "; ".join(record.grown)
     return row | {"notes": "; ".join(record.notes)}

@@ -34,6 +34,7 @@ class Record:
         notes: what went wrong or was decided, one line each.
         belief: mean and standard deviation of each parameter [SI].
         figures: what a judge said of the step, by name.
+        grown: keys of the effects that criticism had added to the model by then.
     """
 
     step: int
@@ -47,6 +48,7 @@ class Record:
     calibration: tuple[float, ...] = ()
     belief: dict[str, tuple[float, float]] = field(default_factory=dict)
     figures: dict[str, float] = field(default_factory=dict)
+    grown: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +77,9 @@ class OnlineState:
         frames: simulated frames that the policy has learnt from.
         simulated: simulated frames that the belief has learnt from.
         losses: of the last policy batch.
+        effects: that criticism has added to the model, as plain values.
+        criticised: complete outer steps when criticism was last asked.
+        aside: seconds spent on criticism since the last record [s], by the name of the work.
         interrupted: whether the run was stopped before its last step.
     """
 
@@ -90,6 +95,9 @@ class OnlineState:
     frames: int = 0
     simulated: int = 0
     losses: dict[str, float] = field(default_factory=dict)
+    effects: list[dict[str, Any]] = field(default_factory=list)
+    criticised: int = 0
+    aside: dict[str, float] = field(default_factory=dict)
     interrupted: bool = False
 
     @classmethod
@@ -108,15 +116,16 @@ class OnlineState:
             step=self.step + 1,
             frames=self.frames,
             simulated=self.simulated,
-            seconds=seconds,
+            seconds={**self.aside, **seconds},
             losses=dict(self.losses) if self.batches else {},
             notes=tuple(self.notes),
             belief=moments(self.belief),
+            grown=tuple(f"{effect['name']}@{effect['target']}" for effect in self.effects),
         )
         if inferred is not None:
             record = replace(record, fit=inferred.fit, coverage=inferred.coverage, calibration=inferred.calibration)
         self.records.append(record)
-        self.batches, self.measured, self.notes = 0, False, []
+        self.batches, self.measured, self.notes, self.aside = 0, False, [], {}
 
     def kept(self) -> str:
         """What the run has, in words."""
@@ -136,6 +145,9 @@ class OnlineState:
             "clock": [self.batches, self.measured, self.frames, self.simulated],
             "notes": list(self.notes),
             "losses": dict(self.losses),
+            "effects": [dict(effect) for effect in self.effects],
+            "criticised": self.criticised,
+            "aside": dict(self.aside),
         }
 
     def load_state_dict(self, state: Mapping[str, Any], policy: Policy) -> None:
@@ -156,6 +168,8 @@ class OnlineState:
         self.batches, self.measured, self.frames, self.simulated = state["clock"]
         self.notes = list(state["notes"])
         self.losses = dict(state["losses"])
+        self.effects = [dict(effect) for effect in state.get("effects", ())]
+        self.criticised, self.aside = state.get("criticised", 0), dict(state.get("aside", {}))
 
 
 def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:
@@ -179,5 +193,8 @@ def mean_of(record: Record, space: ParameterSpace) -> Float[Tensor, " P"]:
 
 
 def _record(values: Mapping[str, Any]) -> Record:
-    fit, tuples = values["fit"], {name: tuple(values[name]) for name in ("notes", "calibration")}
+    fit, tuples = (
+        values["fit"],
+        {name: tuple(values[name]) for name in ("notes", "calibration", "grown") if name in values},
+    )
     return Record(**{**values, **tuples, "fit": None if fit is None else FitReport(**fit)})
