@@ -16,7 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.mountain_car import HIGH, LOW, MAX_SPEED, MountainCar, MountainCarTask
-from onlinebayes.inference import BoxUniform, fit, residual_estimator
+from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
@@ -37,12 +37,12 @@ def build(settings: Settings) -> Run:
     problem = Problem(MountainCar(SPACE), MountainCarTask(), BoxUniform(SPACE), settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"force": 0.001})
     objective = ppo(*problem.specs, normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024)
-    steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 500, 25)
-    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 300, 25)
+    train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     trainer = online_trainer(
         problem,
         objective,
-        estimator=residual_estimator(problem.simulator, problem.task, state=state, train=train),
+        estimator=filtered_estimator(problem.simulator, problem.task, state=state, train=train),
         real=problem.hidden(truth, settings.seed + 2000),
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=64, batch_steps=128, simulations=simulations, groups=64),
