@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online figures devices clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online known-posteriors figures devices clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -81,6 +81,9 @@ tables: setup    ## Table 4.1 of the thesis, classic systems (an hour; goes on w
 	$(BIN)/python -m recipes.studies.tables --out $(OUT)/tables
 table-online: setup  ## Table 5.1 of the thesis, classic systems, without noise and with (an hour or two; goes on where it was stopped) -> docs/results/table-online.json
 	$(BIN)/python -m recipes.studies.table_online --out $(OUT)/table-online
+known-posteriors: setup  ## our posteriors and sbi's beside exact ones (an hour; goes on where it was stopped) -> docs/results/known-posteriors.json
+	@$(PIP) -e '.[peers]'
+	$(BIN)/python -m recipes.studies.known_posteriors --out $(OUT)/known-posteriors
 figures: setup   ## figures 4.3, 4.4, 4.5 and 5.2 of the thesis (half an hour) -> docs/results/figure-*.png
 	$(BIN)/python -m recipes.studies.figures
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
