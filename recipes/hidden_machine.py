@@ -2,9 +2,9 @@ r"""Machines that hide an effect: equations, integrator and laws written apart f
 
     M(q) dv/dt = f(q, v) + B clip(u(t - T)) - e_j F sign(v_j)
 
-Between two instants of a millisecond: half of the friction's impulse, a Runge-Kutta step of all else, the other half
-(Strang 1968). An impulse never turns a velocity round: it stops the joint, which stays at rest while the load of a
-step is smaller than F. A command takes effect T after it was given, to the millisecond; before the first it was none.
+An instant is a millisecond, and all forces are held over it: a Runge-Kutta step. A joint that turns round within one is
+stopped at its end. A joint at rest stays there, to the last bit, while the force that holds it is no larger than F. A
+command takes effect T after it was given, to the millisecond; before the first it was none.
 """
 
 from __future__ import annotations
@@ -131,14 +131,31 @@ class Machine(Simulator):
         self._commands = line[:, line.shape[1] - self._late :]
         values = dict(zip(self.parameters.names, self._theta.unbind(-1), strict=True))
         for k in range(self._instants):
-            force = self.equations.push(values, line[:, k : k + 1])
-            self._rub(values, INSTANT / 2)
-            self._flow(values, force)
-            self._rub(values, INSTANT / 2)
+            self._advance(values, self.equations.push(values, line[:, k : k + 1]))
         return self.state
 
-    def _flow(self, values: Mapping[str, Tensor], force: Tensor) -> None:
-        """A Runge-Kutta step without friction."""
+    def _advance(self, values: Mapping[str, Tensor], force: Tensor) -> None:
+        """An instant."""
+        q, v, j = self._q, self._v, self.hidden.joint
+        if not self.hidden.friction:
+            self._q, self._v = self._flown(values, force)
+            return
+        bound, none = self.hidden.friction, torch.zeros_like(q)
+        one = none.index_fill(1, torch.tensor([j]), 1.0)
+        acceleration = self.equations.acceleration
+        mobility = acceleration(values, q, v, one) - acceleration(values, q, v, none)  # a column of M^-1
+        free = acceleration(values, q, v, force)[:, j]
+        holding, resting = -free / mobility[:, j], v[:, j] == 0
+        stuck = resting & (holding.abs() <= bound)
+        rubbing = torch.where(stuck, holding, -bound * torch.sign(torch.where(resting, free, v[:, j])))
+        after_q, after_v = self._flown(values, force + rubbing[:, None] * one)
+        stops = stuck | (after_v[:, j] * v[:, j] < 0)
+        impulse = torch.where(stops, -after_v[:, j] / mobility[:, j], torch.zeros_like(free))
+        self._v = torch.where(stops[:, None] & (one > 0), none, after_v + impulse[:, None] * mobility)
+        self._q = torch.where(stuck[:, None] & (one > 0), q, after_q)
+
+    def _flown(self, values: Mapping[str, Tensor], force: Tensor) -> tuple[Tensor, Tensor]:
+        """A Runge-Kutta step under a constant force."""
         h, q, v = INSTANT, self._q, self._v
 
         def rate(dq: Tensor, dv: Tensor, by: float) -> tuple[Tensor, Tensor]:
@@ -150,21 +167,9 @@ class Machine(Simulator):
         b = rate(*a, h / 2)
         c = rate(*b, h / 2)
         d = rate(*c, h)
-        self._q = q + h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0])
         top = self.equations.top_speed
-        self._v = (v + h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])).clamp(-top, top)
-
-    def _rub(self, values: Mapping[str, Tensor], time: float) -> None:
-        """An impulse of friction over a time: as large as F allows, no larger than what stops the joint."""
-        bound, j = self.hidden.friction * time, self.hidden.joint
-        if not bound:
-            return
-        none = torch.zeros_like(self._q)
-        one = torch.nn.functional.one_hot(torch.tensor(j), self.equations.joints).to(none).expand_as(none)
-        acceleration = self.equations.acceleration
-        moves = acceleration(values, self._q, self._v, one) - acceleration(values, self._q, self._v, none)
-        impulse = (-self._v[:, j] / moves[:, j]).clamp(-bound, bound)
-        self._v = self._v + impulse[:, None] * moves
+        after = v + h / 6 * (a[1] + 2 * b[1] + 2 * c[1] + d[1])
+        return q + h / 6 * (a[0] + 2 * b[0] + 2 * c[0] + d[0]), after.clamp(-top, top)
 
     def rollout(self, theta: Tensor, state: TensorDictBase, inputs: TensorDictBase, times: Tensor) -> TensorDict:
         """Not of a machine."""

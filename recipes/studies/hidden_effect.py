@@ -1,13 +1,17 @@
 """``make hidden-effect``: a model that grows while a policy learns in its worlds, one that does not, and an oracle.
 
+| part     | what is run                                                                                             |
+|----------|---------------------------------------------------------------------------------------------------------|
+| naming   | the critic alone, on five and on ten real trajectories, of a policy that learns in worlds of the prior  |
+| learning | whole runs with criticism, without, and an oracle's policy, which learns as much in worlds of the truth |
+
     share = (return - untrained policy's return) / (oracle's return - untrained policy's return)
 
 Machines of ``recipes.hidden_effect``: pendulum and cart-pole with a dry friction, a late actuator, or nothing hidden.
-"With criticism" and "without" are the same run but for the critic; the oracle's policy learns as many batches in worlds
-of the truth. Named: the model has exactly the hidden effect from ten real trajectories on. Machines that hide nothing
-are run until criticism has seen ten real trajectories. Each finished job is kept, so that a second start goes on.
+Named: the last thing that the critic said should be added, within ten real trajectories, is exactly what is hidden.
+Each finished job is kept, so that a second start goes on.
 
-    python -m recipes.studies.hidden_effect [--seeds 0 1] [--systems pendulum]      -> docs/results/hidden-effect.json
+    python -m recipes.studies.hidden_effect [--seeds 0 1] [--parts naming]      -> docs/results/hidden-effect.json
 """
 
 from __future__ import annotations
@@ -18,17 +22,21 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import fmean
-from typing import Any
+from typing import Any, Literal
 
+import torch
 import tyro
+from tensordict import TensorDict
 
-from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomic
-from onlinebayes.trainers import OnlineState
+from onlinebayes.runs import Interrupt, Progress, ResultTable, seed_everything, write_atomic
+from onlinebayes.trainers import Finding, GrowingTrainer, OnlineState, improve
 from recipes.common import settle
 from recipes.hidden_effect import MOMENTS, SYSTEMS, Settings, build
 
+Part = Literal["naming", "learning"]
 KINDS = ("criticised", "blind", "oracle")
 EFFECTS = ("friction", "delay")
+NAMING = "naming"
 EPISODES = 64
 SEEDS = tuple(range(10))
 
@@ -41,6 +49,8 @@ class Study:
     """which machines"""
     effects: tuple[str, ...] = (*EFFECTS, "nothing")
     """what they hide"""
+    parts: tuple[Part, ...] = ("naming", "learning")
+    """which parts"""
     seeds: tuple[int, ...] = SEEDS
     """of truth, networks and noise"""
     out: str = "out/hidden_effect"
@@ -78,7 +88,7 @@ def main(study: Study) -> int:
             if not path.exists() and not late:
                 progress.update(i, job.name)
                 path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomic(path, json.dumps(done(job)))
+                write_atomic(path, json.dumps(named(job) if job.kind == NAMING else learnt(job)))
             if path.exists():
                 found[job] = json.loads(path.read_text(encoding="utf-8"))
     table = tabled(found, study)
@@ -88,22 +98,44 @@ def main(study: Study) -> int:
 
 
 def jobs_of(study: Study) -> list[Job]:
-    """Seed by seed, so that a study that is cut short has whole seeds."""
-    return [
-        Job(system, effect, kind, seed)
-        for seed in study.seeds
-        for system in study.systems
-        for effect in study.effects
-        for kind in (KINDS if effect != "nothing" else KINDS[:1])
-    ]
+    """Naming first; seed by seed, so that a study that is cut short has whole seeds."""
+    cases = [(seed, system, effect) for seed in study.seeds for system in study.systems for effect in study.effects]
+    jobs = [Job(system, effect, NAMING, seed) for seed, system, effect in cases if "naming" in study.parts]
+    learning = [case for case in cases if "learning" in study.parts and case[2] != "nothing"]
+    return jobs + [Job(system, effect, kind, seed) for seed, system, effect in learning for kind in KINDS]
 
 
-def done(job: Job) -> dict[str, Any]:
+def named(job: Job) -> dict[str, Any]:
+    """What the critic says of five and of ten real trajectories."""
+    seed_everything(job.seed)
+    parts = build(Settings(job.seed, system=job.system, effect=job.effect))  # type: ignore[arg-type]
+    growing = parts.trainer
+    assert isinstance(growing, GrowingTrainer)
+    trainer, seen, said, seconds = growing.trainer, list[TensorDict](), list[Finding](), list[float]()
+    with Interrupt() as interrupt:
+        for turn in trainer.schedule.turns[: max(MOMENTS)]:
+            improve(parts.objective, trainer.collector, turn.policy_batches)
+            more = trainer.real.run(parts.objective.policy, trainer.schedule.real_steps)
+            assert more is not None
+            seen.append(more)
+            began = time.process_time()
+            said.append(growing.critic(torch.cat(seen), parts.begun, interrupt))
+            seconds.append(time.process_time() - began)
+            if interrupt.requested:
+                raise KeyboardInterrupt
+    return {
+        "hidden": [name.rpartition(".")[0] for name in parts.further],
+        "said": [[effect.key for effect in finding.effects] for finding in said],
+        "words": [finding.words for finding in said],
+        "seconds": seconds,
+    }
+
+
+def learnt(job: Job) -> dict[str, Any]:
     """What came of a run."""
     began = time.monotonic()
-    steps = max(MOMENTS) + 1 if job.effect == "nothing" else Settings.steps
     seed_everything(job.seed)
-    parts = build(Settings(job.seed, system=job.system, effect=job.effect, kind=job.kind, steps=steps))  # type: ignore[arg-type]
+    parts = build(Settings(job.seed, system=job.system, effect=job.effect, kind=job.kind))  # type: ignore[arg-type]
     before = parts.machine.score(parts.objective.policy, parts.truth, EPISODES)
     state = parts.trainer.run(OnlineState.begin(parts.begun.prior))
     if state.interrupted:
@@ -123,61 +155,64 @@ def done(job: Job) -> dict[str, Any]:
 
 def tabled(found: dict[Job, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    seeds = sorted({job.seed for job in found})
-    whole = len(found) == len(jobs_of(Study()))
-    told = "" if whole else f" (a sample: {len(found)} of {len(jobs_of(Study()))} runs, seeds {seeds})"
+    seeds, every = sorted({job.seed for job in found}), len(jobs_of(Study()))
+    told = "" if len(found) == every else f" (a sample: {len(found)} of {every} jobs, {counted(found)})"
     table = ResultTable("hidden-effect", f"make hidden-effect{told}", seeds)
     for system in study.systems:
         for effect in study.effects:
             runs = {
-                kind: {
-                    job.seed: found[job]
-                    for job in found
-                    if (job.system, job.effect, job.kind) == (system, effect, kind)
-                }
-                for kind in KINDS
+                kind: {seed: found[job] for seed in seeds if (job := Job(system, effect, kind, seed)) in found}
+                for kind in (NAMING, *KINDS)
             }
-            if effect == "nothing":
-                add_nothing(table, system, runs["criticised"])
-            else:
-                add_effect(table, f"{system}, {effect}", runs)
-    every = [run["criticism"] / run["seconds"] for job, run in found.items() if job.kind == "criticised"]
-    if every:
-        table.add("share of a run's seconds that went into criticism, mean", fmean(every))
+            add_naming(table, f"{system}, {effect}", runs[NAMING])
+            if effect != "nothing":
+                add_learning(table, f"{system}, {effect}", runs)
+    spent = [seconds for job, run in found.items() if job.kind == NAMING for seconds in run["seconds"]]
+    if spent:
+        table.add("processor time of one criticism, mean", fmean(spent), unit="s")
     return table
 
 
-def add_nothing(table: ResultTable, system: str, runs: dict[int, dict[str, Any]]) -> None:
-    """What was added where nothing is hidden."""
-    if runs:
-        wrong = sum(bool(run["grown"][-1]) for run in runs.values())
-        goal, holds = "0", wrong == 0
-        table.add(
-            f"{system}, nothing hidden: something added", wrong, unit=f"of {len(runs)} runs", goal=goal, holds=holds
-        )
+def counted(found: dict[Job, dict[str, Any]]) -> str:
+    """How many jobs of each part there are."""
+    naming = sum(job.kind == NAMING for job in found)
+    return f"{naming} of naming and {len(found) - naming} of learning"
 
 
-def add_effect(table: ResultTable, name: str, runs: dict[str, dict[int, dict[str, Any]]]) -> None:
-    """Whether the effect was named, and what that is worth."""
-    if critical := runs["criticised"]:
-        named = sum(run["grown"][-1] == run["hidden"] for run in critical.values())
-        holds = named >= 0.9 * len(critical)
-        table.add(f"{name}: named", named, unit=f"of {len(critical)} runs", goal="at least 9 of 10", holds=holds)
+def add_naming(table: ResultTable, name: str, runs: dict[int, dict[str, Any]]) -> None:
+    """Whether the last that the critic found is what is hidden."""
+    if not runs:
+        return
+    last: list[list[str]] = [next((keys for keys in reversed(run["said"]) if keys), []) for run in runs.values()]
+    unit = f"of {len(runs)} seeds"
+    if name.endswith("nothing"):
+        wrong = sum(bool(keys) for keys in last)
+        table.add(f"{name} hidden: something added", wrong, unit=unit, goal="0", holds=wrong == 0)
+        return
+    right = sum(keys == run["hidden"] for keys, run in zip(last, runs.values(), strict=True))
+    table.add(f"{name}: named", right, unit=unit, goal="at least 9 of 10", holds=right >= 0.9 * len(runs))
+    other = sum(bool(keys) and keys != run["hidden"] for keys, run in zip(last, runs.values(), strict=True))
+    table.add(f"{name}: something else added", other, unit=unit)
+
+
+def add_learning(table: ResultTable, name: str, runs: dict[str, dict[int, dict[str, Any]]]) -> None:
+    """What it is worth that the effect was found."""
     seeds = sorted(set.intersection(*(set(runs[kind]) for kind in KINDS)))
     if not seeds:
         return
+    unit = f"mean of {len(seeds)} seeds"
     oracle, before = (fmean(runs["oracle"][seed][key] for seed in seeds) for key in ("return", "before"))
-    table.add(f"{name}: untrained policy's return", before)
-    table.add(f"{name}: oracle's return", oracle)
+    table.add(f"{name}: untrained policy's return", before, unit=unit)
+    table.add(f"{name}: oracle's return", oracle, unit=unit)
     share = {}
     for kind in KINDS[:2]:
         each = [(runs[kind][seed]["return"] - before) / (oracle - before) for seed in seeds]
         share[kind] = fmean(each)
     most = share["criticised"] - 0.1
     holds = share["criticised"] >= 0.95
-    table.add(f"{name}: share with criticism, mean", share["criticised"], goal="at least 0.95", holds=holds)
+    table.add(f"{name}: share with criticism", share["criticised"], unit=unit, goal="at least 0.95", holds=holds)
     goal = f"at most {most:.2f}"
-    table.add(f"{name}: share without, mean", share["blind"], goal=goal, holds=share["blind"] <= most)
+    table.add(f"{name}: share without", share["blind"], unit=unit, goal=goal, holds=share["blind"] <= most)
 
 
 if __name__ == "__main__":
