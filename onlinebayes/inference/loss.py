@@ -112,8 +112,12 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
                 "embeds one at a time: give trajectories (B, T), or an embedding of sets",
             )
         size = groups.shape[:2]
-        *values, mask = self.keys.read(groups.flatten(0, 1), self.weight)
-        return self.embedding.features(*values).unflatten(0, size), mask.unflatten(0, size)
+        *values, mask = self.keys.read(groups.flatten(0, 1), self.weight, of_sets=True)
+        features, mask = self.embedding.features(*values).unflatten(0, size), mask.unflatten(0, size)
+        empty = ~mask.any(-1).any(-1)
+        if bool(empty.any()):
+            raise BadInput(f"no trajectory of set {int(empty.nonzero()[0])} has a recorded step", "leave the set out")
+        return features, mask
 
     def _encoded(self, features: Tensor, mask: Tensor) -> Float[Tensor, "B E"]:
         """Vectors of features made before, of single trajectories or of sets."""

@@ -44,8 +44,15 @@ class TrajectoryKeys:
     mask: NestedKey = "mask"
     theta: NestedKey = "theta"
 
-    def read(self, trajectories: TensorDictBase, like: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    def read(
+        self, trajectories: TensorDictBase, like: Tensor, *, of_sets: bool = False
+    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
         """Observation, action, next observation in the dtype and on the device of ``like``, and the mask.
+
+        Args:
+            trajectories: (B, T).
+            like: see above.
+            of_sets: they are members of sets, which an empty one only makes smaller.
 
         Raises:
             BadInput: no trajectory, a missing key, another shape, a trajectory without a recorded step (an embedding
@@ -53,7 +60,7 @@ class TrajectoryKeys:
         """
         values = [value.to(like) for value in self._values(trajectories)]
         mask = self._mask(trajectories, values[0].shape[:2]).to(like.device)
-        if bool((~mask.any(1)).any()):
+        if not of_sets and bool((~mask.any(1)).any()):
             row, empty = int((~mask.any(1)).nonzero()[0]), int((~mask.any(1)).sum())
             raise BadInput(f"trajectory {row} ({empty} such) has no recorded step", "leave it out")
         for index, (key, value) in enumerate(zip(self._told, values, strict=True)):

@@ -10,7 +10,7 @@ from tensordict import TensorDict
 
 from onlinebayes.embeddings import LSTMEmbedding, PooledEmbedding, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
-from onlinebayes.runs import seed_everything
+from onlinebayes.runs import BadInput, seed_everything
 from tests.inference.systems import STEPS, exact_log_prob, trajectories
 from tests.inference.test_distributions import _grid
 from tests.inference.test_exact_posteriors import LINEAR, SD, _linear
@@ -64,7 +64,12 @@ def test_order_and_empty_trajectories_do_not_count(estimator: NeuralEstimator) -
     masked = fresh.clone()
     masked["mask"] = torch.ones(masked.shape, dtype=torch.bool)
     masked["mask"][:, 3:] = False
+    # What is padded is not read, whatever stands there.
+    masked["observation"][:, 3:] = float("nan")
     torch.testing.assert_close(estimator.each(masked).log_prob(theta), as_it_is, rtol=1e-4, atol=1e-3)
+    masked["mask"][2] = False
+    with pytest.raises(BadInput, match="no trajectory of set 2 has a recorded step"):
+        estimator.each(masked)
 
 
 def test_the_member_is_trained_with_the_rest() -> None:
