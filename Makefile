@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -86,6 +86,9 @@ robustness: setup  ## policies of make online over the grid of true parameters -
 wall-clock: setup  ## from nothing to solved with a posterior, beside stable-baselines3 and sbi -> docs/results/wall-clock.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.wall_clock --out $(OUT)/wall_clock
+versus-sbi: setup  ## our estimator beside sbi's NPE on the same simulations (four hours; goes on where it was stopped) -> docs/results/versus-sbi.json
+	@$(PIP) -e '.[peers]'
+	$(BIN)/python -m recipes.studies.versus_sbi --out $(OUT)/versus_sbi
 survival: setup  ## a run killed at twenty random moments ends as if it had not been -> docs/results/survival.json
 	$(BIN)/python -m recipes.studies.survival --out $(OUT)/survival
 
