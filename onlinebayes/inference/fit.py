@@ -123,13 +123,13 @@ def _epoch(
 ) -> float:
     """One pass; steps with a gradient that is not finite are left out."""
     order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
-    total, told = 0.0, dict(rows.items())
+    total, told, weights = 0.0, dict(rows.items()), list(loss.parameters())
     for index in order.split(batch_size):
         heed()
         value = loss.each({key: column[index] for key, column in told.items()}, truncated=truncated).mean()
         optimiser.zero_grad(set_to_none=True)
         value.backward()
-        norm = torch.nn.utils.clip_grad_norm_(loss.parameters(), clip)
+        norm = torch.nn.utils.clip_grad_norm_(weights, clip)
         if bool(torch.isfinite(norm)):
             optimiser.step()
         total += float(value.detach()) * len(index)
