@@ -13,11 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-<<<<<<< HEAD
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online known-posteriors figures devices clean
-=======
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock emps measured cost house-size versus-peers effect-pages exact hidden-effect clean
->>>>>>> w-hidden
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online known-posteriors figures hidden-effect devices clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -77,7 +73,6 @@ online: setup    ## online learning beside a posterior first, the prior and an o
 
 exact: setup     ## the neural posterior beside the exact one (an hour; goes on where it was stopped) -> docs/results/exact.json
 	$(BIN)/python -m recipes.studies.exact --out $(OUT)/exact
-<<<<<<< HEAD
 calibration: setup  ## does every estimator's posterior mean what it says, and does the alarm ring (an hour or two; goes on where it was stopped) -> docs/results/calibration.json
 	$(BIN)/python -m recipes.studies.calibration --out $(OUT)/calibration
 embeddings: setup  ## what each embedding is worth on four systems (an hour; goes on where it was stopped) -> docs/results/embeddings.json
@@ -91,10 +86,8 @@ known-posteriors: setup  ## our posteriors and sbi's beside exact ones (an hour;
 	$(BIN)/python -m recipes.studies.known_posteriors --out $(OUT)/known-posteriors
 figures: setup   ## figures 4.3, 4.4, 4.5 and 5.2 of the thesis (half an hour) -> docs/results/figure-*.png
 	$(BIN)/python -m recipes.studies.figures
-=======
 hidden-effect: setup  ## a model that grows while a policy learns (hours; goes on where it was stopped) -> docs/results/hidden-effect.json
 	$(BIN)/python -m recipes.studies.hidden_effect --out $(OUT)/hidden_effect
->>>>>>> w-hidden
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 devices: setup   ## worlds and fits on the CPU and on a GPU (needs one) -> docs/results/devices.json
@@ -110,6 +103,9 @@ robustness: setup  ## policies of make online over the grid of true parameters -
 wall-clock: setup  ## from nothing to solved with a posterior, beside stable-baselines3 and sbi -> docs/results/wall-clock.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.wall_clock --out $(OUT)/wall_clock
+versus-sbi: setup  ## our estimator beside sbi's NPE on the same simulations (four hours; goes on where it was stopped) -> docs/results/versus-sbi.json
+	@$(PIP) -e '.[peers]'
+	$(BIN)/python -m recipes.studies.versus_sbi --out $(OUT)/versus_sbi
 survival: setup  ## a run killed at twenty random moments ends as if it had not been -> docs/results/survival.json
 	$(BIN)/python -m recipes.studies.survival --out $(OUT)/survival
 

@@ -6,7 +6,7 @@ of itself; last, all components are widened by the one factor that suits the hel
 temperature scaling, Guo et al. 2017).
 
 A mixture's normaliser over its box is most of a step's work, and hardly moves it: the density is a little sharper or
-blunter beside the box's sides. It stands in the loss in the last fifth of the training, and in every validation.
+blunter beside the box's sides. It stands in the loss in the last tenth of the training, and in every validation.
 """
 
 from __future__ import annotations
@@ -24,11 +24,15 @@ from onlinebayes.inference.base import FitReport, Widenable
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.runs import BadInput, heed
 
-TRUNCATED = 0.2
+TRUNCATED = 0.1
 """Share of the training, at its end, with the normaliser of the truncation in the loss."""
 
-BATCH, STEPS = 200, 9
-"""Trajectories a step, and least steps an epoch where there are few trajectories."""
+BATCH, STEPS = 100, 9
+"""Trajectories a step, and least steps an epoch where there are few trajectories.
+
+60 epochs of 2000 noise-free simulations of CartPole, three seeds, at a rate of .01: 8.6 nats in 3.6 s, 200 trajectories
+a step 7.9 in 2.3 s, 50 at a rate of .003 8.3 in 5.7 s; coverage errors alike.
+"""
 
 WIDENINGS = (1.0, 1.1, 1.2, 1.35, 1.5, 1.75, 2.0, 2.5, 3.0)
 
@@ -55,7 +59,7 @@ def fit(
         generator: decides the split and the order of the batches, so that a fit can be repeated.
         epochs: largest number of passes over the data.
         seconds: time budget [s]; the fit ends with the epoch in which it runs out.
-        batch_size: trajectories a step; without it 200, or a ninth of the trajectories where that is less.
+        batch_size: trajectories a step; without it 100, or a ninth of the trajectories where that is less.
         learning_rate: Adam's, at the start.
         validation: share of the trajectories held out for early stopping.
         patience: epochs without a lower validation loss after which the fit ends.
@@ -119,13 +123,13 @@ def _epoch(
 ) -> float:
     """One pass; steps with a gradient that is not finite are left out."""
     order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
-    total, told = 0.0, dict(rows.items())
+    total, told, weights = 0.0, dict(rows.items()), list(loss.parameters())
     for index in order.split(batch_size):
         heed()
         value = loss.each({key: column[index] for key, column in told.items()}, truncated=truncated).mean()
         optimiser.zero_grad(set_to_none=True)
         value.backward()
-        norm = torch.nn.utils.clip_grad_norm_(loss.parameters(), clip)
+        norm = torch.nn.utils.clip_grad_norm_(weights, clip)
         if bool(torch.isfinite(norm)):
             optimiser.step()
         total += float(value.detach()) * len(index)

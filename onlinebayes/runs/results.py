@@ -18,7 +18,7 @@ from pathlib import Path
 
 from onlinebayes.runs.files import write_atomic
 
-PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy")
+PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy", "sbi")
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from onlinebayes.inference import NeuralEstimator
 from onlinebayes.inference.calibration import ball_credibility, credibility_of
 from onlinebayes.runs import Progress, ResultTable
 from recipes.common import settle
+from recipes.studies.exact import coverage_error
 from recipes.studies.one_by_one import SAMPLERS, sampled
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
 from recipes.studies.resumable import kept_or_done
@@ -147,13 +148,6 @@ def add_alarm(table: ResultTable, name: str, result: dict[str, Any]) -> None:
     if moved:
         share = sum(moved) / len(moved)
         table.add(f"{name}: rings on these", share, goal="at least 0.9", holds=share >= 0.9)
-
-
-def coverage_error(credibility: list[float]) -> float:
-    """Mean distance between level and share of credibilities at most as large."""
-    levels = torch.linspace(0.05, 0.95, 19)
-    covered = (torch.tensor(credibility)[:, None] <= levels).float().mean(0)
-    return float((covered - levels).abs().mean())
 
 
 if __name__ == "__main__":

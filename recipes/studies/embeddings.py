@@ -21,7 +21,8 @@ import tyro
 from onlinebayes.inference.calibration import ball_credibility
 from onlinebayes.runs import Progress, ResultTable
 from recipes.common import settle
-from recipes.studies.calibration import NOISE, SIMULATIONS, THETAS, coverage_error
+from recipes.studies.calibration import NOISE, SIMULATIONS, THETAS
+from recipes.studies.exact import coverage_error
 from recipes.studies.one_round import EMBEDDINGS, TASKS, OneRound, begun, mixture
 from recipes.studies.resumable import kept_or_done
 

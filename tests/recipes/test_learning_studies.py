@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
+from pathlib import Path
 
 import pytest
 import torch
 
 from onlinebayes.runs import BadInput, ResultTable
-from recipes.studies import robustness, wall_clock
+from recipes.studies import robustness, versus_sbi, wall_clock
 from recipes.studies.wall_clock import Outcome, Stopwatch
 
 
@@ -40,3 +42,46 @@ def test_near_and_far_are_told_apart() -> None:
 def test_a_run_that_has_not_ended_is_asked_for(tmp_path) -> None:
     with pytest.raises(BadInput, match="run make online first"):
         robustness.judged(robustness.Study(runs=str(tmp_path)), "pendulum", 1)
+
+
+def _compared(ours: float, theirs: float) -> versus_sbi.Result:
+    """A job in which all truths are told apart alike, but for a hundredth of a nat."""
+    result = {"density": [theirs, theirs], "our density": [ours - 0.01, ours + 0.01], "coverage": 0.1}
+    seconds = {"fit": 9.0, "our fit": 2.0, "draws": 1.0, "our draws": 0.5, "log_prob": 6.0, "our log_prob": 1.0}
+    return {**result, "our coverage": 0.02, **seconds}
+
+
+def test_ours_is_held_against_the_best_of_sbi_on_our_features(tmp_path: Path) -> None:
+    for method, theirs in (("mdn", 1.0), ("nsf", 1.8), ("nsf raw", 5.0)):
+        name = versus_sbi.name_of("pendulum", 2000, 1, method)
+        (tmp_path / f"{name}.json").write_text(json.dumps(_compared(2.0, theirs)), encoding="utf-8")
+    table = versus_sbi.tabled(tmp_path)
+    rows = {row.name: row for row in table.rows}
+    ahead = rows["pendulum, 2000 simulations: ours above sbi nsf"]
+    assert ahead.value == pytest.approx(0.2)
+    assert ahead.holds is False, ".3 nats are asked for"
+    assert "(a part: 3 of 162 jobs)" in table.command
+    fitting = rows["pendulum, 2000 simulations: fitting, sbi mdn over ours"]
+    assert (fitting.value, fitting.holds) == (4.5, True)
+    assert rows["pendulum, 2000 simulations: 1e6 draws, sbi mdn over ours"].holds is False
+    assert rows["pendulum, 2000 simulations: 1e6 draws, sbi nsf raw over ours"].holds is None
+
+
+def test_an_unknown_method_is_refused() -> None:
+    with pytest.raises(BadInput, match="mnd is unknown; known: mdn, maf"):
+        versus_sbi.Study(methods=("mnd",))
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")  # sbi's own
+def test_sbi_is_compared_and_a_second_start_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("sbi", reason="sbi is one of the peers")
+    study = versus_sbi.Study(
+        ("pendulum",), (200,), (1,), ("mdn",), points=10_000, out=str(tmp_path / "out"), results=tmp_path / "results"
+    )
+    assert versus_sbi.main(study) == 0
+    rows = json.loads((study.results / "versus-sbi.json").read_text(encoding="utf-8"))["rows"]
+    ahead = next(row for row in rows if row["name"] == "pendulum, 200 simulations: ours above sbi mdn")
+    assert ahead["value"] > 0
+    monkeypatch.delattr(versus_sbi, "own")
+    assert versus_sbi.main(study) == 0, "nothing is done twice"

@@ -6,6 +6,7 @@ import pytest
 
 from onlinebayes.runs import ResultTable
 from recipes.studies import calibration, embeddings, one_by_one, ringing, table_online, tables
+from recipes.studies.exact import coverage_error
 from recipes.studies.table_systems import SYSTEMS
 
 
@@ -15,8 +16,8 @@ def rows_of(table: ResultTable) -> dict[str, tuple[float | str, bool | None]]:
 
 def test_credibilities_that_are_uniform_have_no_coverage_error() -> None:
     uniform = [(i + 0.5) / 1000 for i in range(1000)]
-    assert calibration.coverage_error(uniform) < 1e-3
-    assert calibration.coverage_error([0.5 * alpha for alpha in uniform]) > 0.2
+    assert coverage_error(uniform) < 1e-3
+    assert coverage_error([0.5 * alpha for alpha in uniform]) > 0.2
 
 
 def test_the_alarm_is_judged_where_the_posterior_moved() -> None:
@@ -43,7 +44,7 @@ def test_a_sample_of_the_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
     for estimator in calibration.ESTIMATORS:
         result = calibration.amortised("pendulum", estimator)
         # Of sixty exact credibilities the error is .04 in the mean; one in a thousand is above .13.
-        assert calibration.coverage_error(result["ball 1"]) < 0.13, estimator
+        assert coverage_error(result["ball 1"]) < 0.13, estimator
         # The prior has .21 nats.
         assert sum(result["density 1"]) / 60 > 0.5, estimator
 
