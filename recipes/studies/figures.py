@@ -83,12 +83,12 @@ def joint_posteriors() -> Figure:
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     for row, truth in zip(figure.subplots(2, 2), TRUTHS, strict=True):
         measured = system.simulate(torch.tensor([truth], dtype=torch.float64), draw)[0].exclude("theta")
-        drawn_plane(row[0], estimator.condition(measured), system.space, truth)
+        drawn_plane(row[0], estimator.condition(measured), system.space, truth, zoomed=True)
         row[0].set_title("statistics of ten rollouts, no sensor noise", fontsize=10)
         inside = tuple(min(value, 0.95) for value in truth)
         theta = torch.tensor([inside], dtype=torch.float64)
         seen = one.worlds(1, 5).draw([one.policy] * 3, Listed(theta))
-        drawn_plane(row[1], filtered.condition(seen.exclude("theta")), one.problem.space, inside)
+        drawn_plane(row[1], filtered.condition(seen.exclude("theta")), one.problem.space, inside, zoomed=True)
         row[1].set_title("filter, three rollouts, 1 % sensor noise", fontsize=10)
     return figure
 
@@ -115,7 +115,7 @@ def drawn_plane(
     density = posterior.log_prob(theta).exp().reshape(GRID, GRID).T
     extent = (float(low[0]), float(high[0]), float(low[1]), float(high[1]))
     ax.imshow(density.sqrt(), origin="lower", extent=extent, aspect="auto", cmap="Blues")
-    ax.plot(*truth, "*", color=TRUTH, markersize=12)
+    ax.plot(*truth, "*", color=TRUTH, markersize=12, fillstyle="none")
     across, up = space.names
     ax.set(xlabel=f"{across} [{space[across].unit}]", ylabel=f"{up} [{space[up].unit}]")
 
@@ -133,8 +133,8 @@ def by_method() -> Figure:
         estimator, single = make(system.space, sets), column == "rejection"
         estimator.fit(sets[:, 0] if single else sets, generator=draw)
         ax.plot(theta[:, 0], estimator.condition(true).log_prob(theta).exp(), label=column, lw=1.4)
-    ax.axvline(value, color=TRUTH, lw=1)
-    ax.set(xlabel="timestep [s]", ylabel="density [1/s]", title="Posteriors of the pendulum's timestep; truth in red")
+    ax.axvline(value, color="black", lw=1, ls="--", label="truth")
+    ax.set(xlabel="timestep [s]", ylabel="density [1/s]", title="Posteriors of the pendulum's timestep")
     ax.legend(frameon=False, fontsize=8)
     return figure
 
