@@ -187,12 +187,20 @@ def add_naming(table: ResultTable, name: str, runs: dict[int, dict[str, Any]]) -
     unit = f"of {len(runs)} seeds"
     if name.endswith("nothing"):
         wrong = sum(bool(keys) for keys in last)
-        table.add(f"{name} hidden: something added", wrong, unit=unit, goal="0", holds=wrong == 0)
+        holds = held(wrong == 0, len(runs))
+        table.add(f"{name} hidden: something added", wrong, unit=unit, goal="0", holds=holds)
         return
     right = sum(keys == run["hidden"] for keys, run in zip(last, runs.values(), strict=True))
-    table.add(f"{name}: named", right, unit=unit, goal="at least 9 of 10", holds=right >= 0.9 * len(runs))
+    table.add(
+        f"{name}: named", right, unit=unit, goal="at least 9 of 10", holds=held(right >= 0.9 * len(runs), len(runs))
+    )
     other = sum(bool(keys) and keys != run["hidden"] for keys, run in zip(last, runs.values(), strict=True))
     table.add(f"{name}: something else added", other, unit=unit)
+
+
+def held(good: bool, seeds: int) -> bool | None:
+    """Whether a goal over ten seeds holds; fewer can only miss it."""
+    return good if seeds >= len(SEEDS) or not good else None
 
 
 def add_learning(table: ResultTable, name: str, runs: dict[str, dict[int, dict[str, Any]]]) -> None:
