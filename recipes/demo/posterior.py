@@ -150,7 +150,8 @@ def infer(
             "theta", theta[:, None].expand(-1, angle.shape[1] - 1, -1)
         )
         loss = estimator(space, proposal.box, angle.shape[-1], how)
-        report = fit(loss, simulated, generator=draw, epochs=how.epochs)
+        # As the figures of docs/results/demo-seeds were made: smaller steps than fit's own.
+        report = fit(loss, simulated, generator=draw, epochs=how.epochs, batch_size=50, learning_rate=3e-3)
         posterior = Posterior(loss).condition(experiment.trajectories(experiment.angle[None], beside))
         # Inside the last one: a mixture's widest component would reach back to what earlier rounds ruled out.
         proposal = proposals.truncated(posterior, proposal, generator=draw)
