@@ -120,7 +120,7 @@ def hidden_truth(space: ParameterSpace, seed: int, default: dict[str, float]) ->
     """Seed 0: the default values. Seed s: point s of the unscrambled Sobol sequence over the bounds."""
     if seed == 0:
         return space.vector(default)
-    point = qmc.Sobol(d=len(space), scramble=False).random(seed + 1)[seed]
+    point = qmc.Sobol(d=len(space), scramble=False).fast_forward(seed).random(1)[0]
     return space.from_unit(torch.from_numpy(point))
 
 

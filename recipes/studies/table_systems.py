@@ -11,8 +11,10 @@ from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
-from tensordict import TensorDict
+from tensordict import TensorDict, TensorDictBase
+from tensordict.nn import TensorDictModuleBase
 from torch import Tensor
+from torchrl.envs import EnvBase
 
 from envs.acrobot import Acrobot, AcrobotTask
 from envs.cartpole import CartPole, CartPoleTask
@@ -46,6 +48,19 @@ class System:
     filtered: Callable[[], FilteredEmbedding] | None = None
 
 
+class RandomActions(TensorDictModuleBase):
+    """Actions drawn from the environment's specification."""
+
+    def __init__(self, env: EnvBase) -> None:
+        super().__init__()
+        self.in_keys, self.out_keys = ["observation"], ["action"]
+        self._draw = env.rand_action
+
+    def forward(self, tensordict: TensorDictBase) -> TensorDictBase:
+        """Writes the action."""
+        return self._draw(tensordict)
+
+
 def by_simulator(
     simulator: TorchSimulator, task: Task
 ) -> Callable[[Float[Tensor, "G P"], torch.Generator], TensorDict]:
@@ -55,8 +70,9 @@ def by_simulator(
         seed = int(torch.randint(2**31, (), generator=generator))
         problem = Problem(simulator, task, BoxUniform(simulator.parameters))
         worlds = problem.simulations(len(theta), STEPS, seed)
+        policy = RandomActions(worlds.env)
         torch.manual_seed(seed)
-        rows = [worlds.draw([worlds.env.rand_action], Listed(theta)) for _ in range(ROLLOUTS)]
+        rows = [worlds.draw([policy], Listed(theta)) for _ in range(ROLLOUTS)]
         return torch.stack(rows, dim=1)
 
     return simulate
