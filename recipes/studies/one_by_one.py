@@ -105,8 +105,9 @@ def sampled(task: str, name: str, seed: int, noise: float, thetas: int = THETAS)
         theta = judged["theta"][i, 0]
         posterior = sampler(judged[i : i + 1].exclude("theta"), draw)
         result["density 1"].append(float(posterior.log_prob(theta)))
-        result["region 1"].append(float(credibility_of(posterior, theta, generator=draw)))
-        ball = ball_credibility(_One(posterior), theta[None], one.problem.space, generator=draw)
+        alone = _One(posterior)
+        result["region 1"].append(float(credibility_of(alone, theta[None], generator=draw)))
+        ball = ball_credibility(alone, theta[None], one.problem.space, generator=draw)
         result["ball 1"].append(float(ball))
     result["seconds"] = (process_time() - began) / thetas
     return result
