@@ -26,8 +26,8 @@ from torch.utils.tensorboard import SummaryWriter
 
 from onlinebayes.parameters import ParameterSpace
 
-LEAKAGE = {"num_rejection_samples": 1000}
-"""Draws by which sbi finds what leaks out of the prior, for each of the held-out trajectories."""
+LEAKAGE = 1000
+"""Draws by which is found what leaks out of the prior, for each of the held-out trajectories."""
 
 
 def raw(trajectories: TensorDict) -> Tensor:
@@ -51,26 +51,35 @@ def fitted(method: str, space: ParameterSpace, theta: Tensor, x: Tensor) -> Dire
 
 
 class Each:
-    """sbi's posteriors given x (B, X) as a batch, as our calibration asks them.
+    """sbi's posteriors given x (B, X) as a batch, each with draws of its network, of which some lie outside the prior.
+
+    sbi draws until enough lie inside, for hours where a network has put next to nothing there. Here a posterior has
+    the same number of draws, and what leaks out of the prior is their share outside.
 
     Args:
         posterior: of NPE.
         x: what each is conditioned on.
+
+    Attributes:
+        inside: share of each network's draws inside the prior (B,), at least one of them.
     """
 
     def __init__(self, posterior: DirectPosterior, x: Tensor) -> None:
         self._posterior, self._x = posterior, x
-
-    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Tensor:
-        """Theta (*shape, B, P); sbi reads torch's global random numbers."""
-        return self._posterior.sample_batched(shape, self._x, show_progress_bars=False)
+        drawn = posterior.sample_batched((LEAKAGE,), x, show_progress_bars=False, reject_outside_prior=False)
+        self._densities = self._log_prob(drawn)
+        self.inside = torch.isfinite(self._densities).float().mean(0).clamp(min=1 / LEAKAGE)
 
     def log_prob(self, theta: Tensor) -> Tensor:
-        """Log density without the correction for leakage, the same factor for all theta of a posterior."""
-        rows = theta.float().reshape(-1, *theta.shape[-2:])
-        return self._posterior.log_prob_batched(rows, self._x, norm_posterior=False).reshape(theta.shape[:-1])
+        """Log density of one theta each (B, P), corrected for what leaks out."""
+        return self._log_prob(theta[None])[0] - self.inside.log()
 
-    def truth(self, theta: Tensor) -> Tensor:
-        """Log density of one theta each (B, P), corrected."""
-        rows = theta.float()[None]
-        return self._posterior.log_prob_batched(rows, self._x, leakage_correction_params=LEAKAGE)[0]
+    def credibility(self, theta: Tensor) -> Tensor:
+        """That of the smallest region with theta on its edge, one for each posterior; 1 where no draw lies inside."""
+        denser = (self._densities >= self._log_prob(theta[None])) & torch.isfinite(self._densities)
+        share = denser.float().mean(0) / self.inside
+        return torch.where(torch.isfinite(self._densities).any(0), share, 1.0)
+
+    def _log_prob(self, theta: Tensor) -> Tensor:
+        """Log density (S, B) of the networks, -inf outside the prior."""
+        return self._posterior.log_prob_batched(theta.float(), self._x, norm_posterior=False)

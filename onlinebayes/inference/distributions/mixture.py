@@ -130,11 +130,10 @@ class TruncatedMixture:
 
     def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> Float[Tensor, "*out"]:
         """Theta (*shape, *batch, P), float64, inside the box always."""
-        z = self.sample_frame((torch.Size(shape).numel(),), generator)
-        theta = torch.empty_like(z, dtype=torch.float64)
-        for into, piece in zip(theta.split(self._at_once), z.split(self._at_once), strict=True):
-            into.copy_(self.box.from_frame(piece))
-        return theta.reshape(*shape, *z.shape[1:])
+        theta = self.sample_frame((torch.Size(shape).numel(),), generator).double()
+        for piece in theta.split(self._at_once):  # in place: fresh memory takes longer than the numbers
+            piece.copy_(self.box.from_frame(piece))
+        return theta.reshape(*shape, *theta.shape[1:])
 
     @torch.no_grad()
     def sample_frame(
