@@ -15,6 +15,7 @@ from envs.cartpole import CartPole, CartPoleTask
 from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator, SimulatorEnv
+from onlinebayes.simulators.testing import check_env
 
 FREE = ["length", "mass"]
 
@@ -65,6 +66,11 @@ class Wrapped(Simulator):
 
     def with_worlds(self, worlds):
         raise AssertionError
+
+
+@pytest.mark.parametrize("make", [_cartpole, _pendulum], ids=["cartpole", "pendulum"])
+def test_conformance(make) -> None:
+    check_env(make)
 
 
 def test_any_simulator_will_do() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -135,6 +135,19 @@ class Worlds:
         sensors = np.array(self.batch.bind("sensordata"))[:, list(self.system.sensor_places)]
         self.batch.state[...] = before
         return sensors
+
+    def put(self, key: str, columns: Sequence[int], value: float) -> None:
+        """Write one number into columns of a part of the state of every world that has not failed."""
+        rows, part = self._alive(), self.system.record.columns[key]
+        places = [part.start + column for column in columns]
+        if rows is None:
+            self._record[:, places] = value
+        else:
+            self._record[np.ix_(rows, places)] = value
+
+    def look(self) -> None:
+        """Bring what follows from positions and velocities alone (``xpos``, ``cvel``) up to the present states."""
+        self._run(partial(self.batch.forward, stage=mujoco.mjtStage.mjSTAGE_VEL), None)
 
     # --- running ------------------------------------------------------------------------------------------------
 
