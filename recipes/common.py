@@ -94,6 +94,7 @@ class Run(Generic[P]):
         truth: hidden from the trainer; judges the run.
         player: shows the hidden system; the problem's own without it.
         to_beat: return that the policy has to beat, where the run is about the policy alone.
+        figures: gives further figures for the log of each outer step.
     """
 
     problem: P
@@ -101,12 +102,14 @@ class Run(Generic[P]):
     truth: Float[Tensor, " P"]
     player: Player | None = None
     to_beat: float | None = None
+    figures: Callable[[], dict[str, float]] = dict
 
     def judge(self, state: OnlineState) -> dict[str, float]:
         """Log density of the truth, and the policy's return on the real system."""
         return {
             "return": self.problem.score(self.trainer.objective.policy, self.truth),
             "log density of the truth": float(state.belief.log_prob(self.truth)),
+            **self.figures(),
         }
 
     def seen_by(self) -> Player | None:

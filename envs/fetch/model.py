@@ -126,6 +126,8 @@ def scene(name: str, lean: bool = False) -> Scene:
     for geom in spec.geoms:
         if not geom.name and geom.parent.name == "table0":
             geom.name = "table0"
+        if geom.parent.name == MOCAP:
+            geom.rgba[3] = 0.0  # bars as long as the robot, which nobody wants to see
     weld = spec.equalities[0]
     weld.data[:11] = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]  # gripper and mocap body in one place
     if lean:

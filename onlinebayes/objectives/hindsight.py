@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from typing import Any, final
 
 import torch
-from jaxtyping import Bool, Int
+from jaxtyping import Bool, Float, Int
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 
@@ -30,6 +30,9 @@ from onlinebayes.runs import BadInput
 
 LEFT = "steps_left"
 """Where the ring keeps the number of steps that follow in the same episode."""
+
+LEADS = "leads_elsewhere"
+"""Where it keeps whether the episode ends elsewhere than it is at this step."""
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,9 @@ class Hindsight:
         terminated: the same -> whether the episode ends there (*batch), for tasks that end at success; without it a
             transition keeps what was recorded.
         k: transitions with another goal for each one with its own.
+        elsewhere: share of one's own transitions from steps that lead elsewhere: by the reward, the goal achieved at
+            the episode's end is not the one that was achieved at the step. An object that is hardly ever touched
+            teaches nothing else, as every goal told anew is where it lies.
         achieved_key: of the goal that a state has reached; read after the step.
         desired_key: of the goal that is told anew.
     """
@@ -48,6 +54,7 @@ class Hindsight:
     reward: Callable[[Tensor, Tensor], Tensor]
     terminated: Callable[[Tensor, Tensor], Tensor] | None = None
     k: float = 4.0
+    elsewhere: float = 0.0
     achieved_key: NestedKey = "achieved_goal"
     desired_key: NestedKey = "desired_goal"
 
@@ -90,6 +97,7 @@ class EpisodeReplay:
         self.reward_key, self.done_key, self.terminated_key = after(reward_key), after(done_key), after(terminated_key)
         self._own, self._shown = (TransitionBuffer(size, device=device) for _ in range(2))
         self._keys: list[NestedKey] = []
+        self._leading: dict[TransitionBuffer, Int[Tensor, " n"]] = {}
 
     def __len__(self) -> int:
         """Steps of one's own that are there."""
@@ -137,7 +145,7 @@ class EpisodeReplay:
         """
         self._own.load_state_dict(state["own"])
         self._shown.load_state_dict(state["shown"])
-        self._keys = list(state["keys"])
+        self._keys, self._leading = list(state["keys"]), {}
 
     def _remember(self, ring: TransitionBuffer, data: TensorDictBase) -> None:
         data = data if data.ndim > 1 else data.unsqueeze(0)
@@ -153,10 +161,28 @@ class EpisodeReplay:
         done = data[self.done_key].reshape(data.batch_size)
         mask = data[self.mask_key].reshape(done.shape) if self.mask_key in keys else torch.ones_like(done)
         self._keys = self._keys or sorted(keys - {self.mask_key}, key=str)
-        ring.extend(data.select(*self._keys).set(LEFT, steps_left(done, mask))[mask])
+        left = steps_left(done, mask)
+        rows = data.select(*self._keys).set(LEFT, left)
+        if self.hindsight and self.hindsight.elsewhere:
+            rows[LEADS] = leads_elsewhere(data[after(self.hindsight.achieved_key)], left, self.hindsight.reward)
+        ring.extend(rows[mask])
+        self._leading.pop(ring, None)
+
+    def _starts(self, ring: TransitionBuffer, number: int) -> Int[Tensor, " B"]:
+        """Steps at which transitions begin: uniform, but for a share of those that lead elsewhere."""
+        start = torch.randint(len(ring), (number,), device=ring.device)
+        if not self.hindsight or not self.hindsight.elsewhere:
+            return start
+        if ring not in self._leading:
+            rows = torch.arange(len(ring), device=ring.device)
+            self._leading[ring] = ring.at(rows, [LEADS])[LEADS].nonzero().squeeze(-1)
+        leading, some = self._leading[ring], round(self.hindsight.elsewhere * number)
+        if len(leading):
+            start[:some] = leading[torch.randint(len(leading), (some,), device=ring.device)]
+        return start
 
     def _draw(self, ring: TransitionBuffer, number: int) -> dict[Any, Tensor]:
-        start = torch.randint(len(ring), (number,), device=ring.device)
+        start = self._starts(ring, number)
         left = ring.at(start, [LEFT])[LEFT]
         offsets = torch.arange(self.steps, device=ring.device)
         window = start.unsqueeze(-1) + torch.minimum(offsets, left.unsqueeze(-1))
@@ -211,3 +237,18 @@ def steps_left(done: Bool[Tensor, "*n T"], mask: Bool[Tensor, "*n T"]) -> Int[Te
     # The nearest end at or after each step: a running minimum from behind.
     end = torch.where(ends, step, steps).flip(-1).cummin(-1).values.flip(-1)
     return end - step
+
+
+def leads_elsewhere(
+    achieved: Float[Tensor, "*n T G"], left: Int[Tensor, "*n T"], reward: Callable[[Tensor, Tensor], Tensor]
+) -> Bool[Tensor, "*n T"]:
+    """Whether the goal achieved at an episode's end is worth less than itself for the one achieved at each step.
+
+    Args:
+        achieved: after each step.
+        left: of :func:`steps_left`.
+        reward: achieved and desired goals -> rewards.
+    """
+    end = torch.arange(left.shape[-1], device=left.device) + left
+    last = achieved.gather(-2, end.unsqueeze(-1).expand_as(achieved))
+    return reward(last, achieved).reshape(left.shape) < reward(achieved, achieved).reshape(left.shape)

@@ -87,9 +87,10 @@ def line(state: OnlineState) -> str:
     """The last step, for a terminal."""
     record = state.records[-1]
     figures = "  ".join(f"{name} {value:.4g}" for name, value in record.figures.items())
-    belief = ", ".join(f"{name} {mean:.4g} ± {sd:.2g}" for name, (mean, sd) in record.belief.items())
+    known = ", ".join(f"{name} {mean:.4g} ± {sd:.2g}" for name, (mean, sd) in record.belief.items())
+    belief = f"  belief: {known}" if known else ""
     notes = "".join(f"\n     {note}" for note in record.notes)
-    return f"step {record.step}: {record.frames} frames  {figures}  belief: {belief}{notes}"
+    return f"step {record.step}: {record.frames} frames  {figures}{belief}{notes}"
 
 
 def as_csv(state: OnlineState) -> str:

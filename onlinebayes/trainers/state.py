@@ -182,6 +182,8 @@ def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:
 
 def moments(belief: Belief) -> dict[str, tuple[float, float]]:
     """Mean and standard deviation of each parameter [SI], by draws with a fixed seed."""
+    if not len(belief.space):
+        return {}
     draws = belief.sample((4000,), torch.Generator().manual_seed(0))
     each = zip(draws.mean(0).tolist(), draws.std(0).tolist(), strict=True)
     return dict(zip(belief.space.names, each, strict=True))

@@ -7,7 +7,7 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight, steps_left
+from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight, leads_elsewhere, steps_left
 from onlinebayes.runs import BadInput
 
 GAMMA = 0.9
@@ -236,3 +236,19 @@ def test_one_row_is_an_episode():
     buffer.extend(episodes(1, 6)[0])
     assert len(buffer) == 6
     assert buffer.sample(3).batch_size == (3,)
+
+
+def test_steps_that_lead_elsewhere_come_as_often_as_is_asked() -> None:
+    """Of two episodes of five steps, the object of the second moves at its third step."""
+    data = episodes(2, 5)
+    data["next", "achieved_goal"] = torch.zeros(2, 5, 1)
+    data["next", "achieved_goal"][1, 2:] = 1.0
+    left = steps_left(data["next", "done"][..., 0], torch.ones(2, 5, dtype=torch.bool))
+    flags = leads_elsewhere(data["next", "achieved_goal"], left, reward)
+    assert flags.tolist() == [[False] * 5, [True, True, False, False, False]]
+    buffer = EpisodeReplay(100, 1000, hindsight=Hindsight(reward, elsewhere=0.6))
+    buffer.extend(data)
+    episode, step = buffer.sample()["observation"].unbind(-1)
+    share = float(((episode == 1) & (step < 2)).float().mean())
+    # .6 from the two steps, of the others as many as chance gives: binomial, standard deviation .013.
+    assert abs(share - (0.6 + 0.4 * 0.2)) < 0.06

@@ -13,6 +13,7 @@ from torch import Tensor
 from onlinebayes.simulators.drawing import Kind, Shape
 
 GROUPS = 3  # as in MuJoCo's own viewer: groups 0, 1, 2
+FACES = 400  # of a mesh that is drawn; a robot's visual meshes have tens of thousands, which no small picture shows
 FAR = 10.0  # half size of a plane without an end, in extents of the model
 # Type of a geom -> kind of the shape, and how many of its sizes count.
 KINDS: dict[int, tuple[Kind, int]] = {
@@ -94,5 +95,27 @@ def _mesh(model: mujoco.MjModel, geom: int) -> tuple[Float[Tensor, "V 3"], Int[T
     mesh = int(model.geom_dataid[geom])
     first, count = int(model.mesh_vertadr[mesh]), int(model.mesh_vertnum[mesh])
     face, faces = int(model.mesh_faceadr[mesh]), int(model.mesh_facenum[mesh])
-    vertices = torch.from_numpy(np.array(model.mesh_vert[first : first + count], dtype=np.float64))
-    return vertices, torch.from_numpy(np.array(model.mesh_face[face : face + faces], dtype=np.int64))
+    vertices = np.array(model.mesh_vert[first : first + count], dtype=np.float64)
+    thin = _thinned(vertices, np.array(model.mesh_face[face : face + faces], dtype=np.int64))
+    return torch.from_numpy(thin[0]), torch.from_numpy(thin[1])
+
+
+def _thinned(
+    vertices: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]
+) -> tuple[Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """A mesh of at most :data:`FACES` faces, or nearly: vertices that share a cell of a grid become one.
+
+    Rossignac and Borrel, Multi-Resolution 3D Approximations for Rendering Complex Scenes (1993).
+    """
+    cells = 24
+    while len(faces) > FACES and cells > 2:
+        low, extent = vertices.min(0), max(float(np.ptp(vertices, axis=0).max()), 1e-12)
+        place = np.floor((vertices - low) / extent * cells).astype(np.int64)
+        _, group = np.unique(place, axis=0, return_inverse=True)
+        group = group.ravel()
+        number = np.bincount(group)
+        means = [np.bincount(group, weights=vertices[:, axis]) / number for axis in range(3)]
+        joined = group[faces]
+        flat = (joined[:, 0] == joined[:, 1]) | (joined[:, 1] == joined[:, 2]) | (joined[:, 0] == joined[:, 2])
+        vertices, faces, cells = np.stack(means, axis=-1), joined[~flat], cells * 3 // 4
+    return vertices, faces

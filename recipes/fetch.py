@@ -1,0 +1,152 @@
+"""What the recipes of the Fetch arm share: worlds to learn in and to be judged in, DDPG with hindsight, success.
+
+The policy learns in lean worlds, whose idle parts are left out; inference and judges have the exact ones. Settings of
+the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks and returns of three steps.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import torch
+from jaxtyping import Float
+from tensordict.nn import TensorDictModule, TensorDictSequential
+from torch import Tensor
+from torchrl.envs.utils import ExplorationType, set_exploration_type
+
+from envs.fetch import FetchSimulator, FetchTask, ScriptedPusher, scene
+from onlinebayes.embeddings import JoinedEmbedding, LSTMEmbedding, SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import Belief, BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
+from onlinebayes.objectives import DDPG, Exploration, Hindsight, ddpg
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.trainers import OnlineTrainer, Point, Problem, collector_of
+from onlinebayes.trainers.trajectories import Policy
+from onlinebayes.transforms import Distribution, ParameterRandomization
+
+WORLDS, STEPS = 64, 50
+MOVED = 0.01
+"""From where on an object counts as moved [m]."""
+
+
+@dataclass(frozen=True)
+class Fetch:
+    """One task, in worlds to learn in and in exact ones."""
+
+    lean: Problem
+    exact: Problem
+
+    @property
+    def task(self) -> FetchTask:
+        """The task."""
+        assert isinstance(self.exact.task, FetchTask)
+        return self.exact.task
+
+
+def fetch(name: str, space: ParameterSpace) -> Fetch:
+    """A task whose worlds have parameters of a space, by default uniform in it.
+
+    Args:
+        name: ``"reach"``, ``"push"`` or ``"slide"``.
+        space: the unknown parameters.
+    """
+    lean, exact = (
+        Problem(FetchSimulator(place, space, threads=1), FetchTask(place), BoxUniform(space))
+        for place in (scene(name, lean=True), scene(name))
+    )
+    return Fetch(lean, exact)
+
+
+def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float = 0.0) -> DDPG:
+    """DDPG with hindsight.
+
+    Args:
+        made: the task.
+        frames_per_update: fresh frames for which one gradient step is taken.
+        demonstrations: share of a minibatch from demonstrations.
+    """
+    return ddpg(
+        *made.lean.specs,
+        in_keys=["observation", "desired_goal"],
+        hindsight=Hindsight(made.task.goal_reward, elsewhere=0.5),
+        widths=(64, 64, 64),
+        gamma=0.95,
+        value_range=(-20.0, 0.0),
+        action_penalty=0.1,
+        tau=0.05,
+        memory=500_000,
+        frames_per_update=frames_per_update,
+        demonstrations=demonstrations,
+    )
+
+
+def demonstrate(made: Fetch, learner: DDPG, worlds: Distribution, batches: int, seed: int) -> None:
+    """Show what :class:`~envs.fetch.ScriptedPusher` does, a tenth of its actions at random, in 64 worlds a batch."""
+    low, high = made.task.action_spec.space.low, made.task.action_spec.space.high
+    shaken = TensorDictModule(Exploration(low, high, epsilon=0.1, noise=0.1), ["action"], ["action"])
+    env = made.lean.worlds(WORLDS, ParameterRandomization(worlds), seed)
+    shown = collector_of(env, TensorDictSequential(ScriptedPusher(), shaken), STEPS)
+    for _ in range(batches):
+        learner.demonstrate(shown.next())
+    shown.shutdown()
+
+
+@dataclass(frozen=True)
+class Success:
+    """Shares of episodes.
+
+    Attributes:
+        last, ever: with the goal reached at the last step, at any step.
+        at_start: with the goal reached before anything was done.
+        moved: whose object, or gripper, was moved.
+    """
+
+    last: float
+    ever: float
+    at_start: float
+    moved: float
+
+
+@torch.no_grad()
+def success(problem: Problem, policy: Policy, worlds: Distribution, episodes: int = 128, seed: int = 77) -> Success:
+    """What a policy's deterministic action reaches in worlds of one kind."""
+    reached, moved, start = outcomes(problem, policy, worlds, episodes, seed)
+    shares = (reached[:, -1], reached.any(1), start, moved)
+    return Success(*(float(share.double().mean()) for share in shares))
+
+
+@torch.no_grad()
+def outcomes(
+    problem: Problem, policy: Policy, worlds: Distribution, episodes: int, seed: int
+) -> tuple[Tensor, Tensor, Tensor]:
+    """Of each episode whether the goal is reached after each step (N, T), whether the object moved, and the start."""
+    task = problem.task
+    assert isinstance(task, FetchTask)
+    env = problem.worlds(episodes, ParameterRandomization(worlds), seed)
+    with set_exploration_type(ExplorationType.DETERMINISTIC):
+        data = env.rollout(task.horizon, policy, break_when_any_done=False)
+    achieved, goal = data["next", "achieved_goal"], data["next", "desired_goal"]
+    began = data["achieved_goal"][:, 0]
+    moved = (achieved[:, -1] - began).norm(dim=-1) > MOVED
+    return task.success(achieved, goal), moved, task.success(began, goal[:, 0])
+
+
+def figures(made: Fetch, policy: Policy, truth: Float[Tensor, " P"]) -> dict[str, float]:
+    """Success on the exact worlds, by name, for a run's log."""
+    found = success(made.exact, policy, Point(truth))
+    return {f"success {name}": value for name, value in vars(found).items()}
+
+
+def learning_in(trainer: OnlineTrainer, made: Fetch, seed: int) -> OnlineTrainer:
+    """The trainer whose policy learns in the lean worlds."""
+    drawn = ParameterRandomization(made.lean.prior)
+    env = made.lean.worlds(WORLDS, drawn, seed)
+    return replace(trainer, collector=collector_of(env, trainer.objective.policy, STEPS), randomization=drawn)
+
+
+def friction_estimator(epochs: int, proposal: Belief) -> NeuralEstimator:
+    """Trajectories -> LSTM and averages -> a mixture over the friction."""
+    features = TransitionFeatures(25, 4)
+    embedding = JoinedEmbedding([LSTMEmbedding(features), SummaryEmbedding(features)])
+    network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), partial(fit, epochs=epochs, batch_size=50))
