@@ -85,10 +85,10 @@ def demonstrate(made: Fetch, learner: DDPG, worlds: Distribution, batches: int, 
     low, high = made.task.action_spec.space.low, made.task.action_spec.space.high
     shaken = TensorDictModule(Exploration(low, high, epsilon=0.1, noise=0.1), ["action"], ["action"])
     env = made.lean.worlds(WORLDS, ParameterRandomization(worlds), seed)
-    shown = collector_of(env, TensorDictSequential(ScriptedPusher(), shaken), STEPS)
-    for _ in range(batches):
-        learner.demonstrate(shown.next())
-    shown.shutdown()
+    policy = TensorDictSequential(ScriptedPusher(), shaken)
+    with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
+        for _ in range(batches):
+            learner.demonstrate(env.rollout(STEPS, policy, break_when_any_done=False))
 
 
 @dataclass(frozen=True)
@@ -107,19 +107,33 @@ class Success:
     moved: float
 
 
-@torch.no_grad()
 def success(problem: Problem, policy: Policy, worlds: Distribution, episodes: int = 128, seed: int = 77) -> Success:
     """What a policy's deterministic action reaches in worlds of one kind."""
-    reached, moved, start = outcomes(problem, policy, worlds, episodes, seed)
-    shares = (reached[:, -1], reached.any(1), start, moved)
+    found = outcomes(problem, policy, worlds, episodes, seed)
+    shares = (found.reached[:, -1], found.reached.any(1), found.at_start, found.moved)
     return Success(*(float(share.double().mean()) for share in shares))
 
 
+@dataclass(frozen=True)
+class Outcomes:
+    """What became of episodes.
+
+    Attributes:
+        reached: whether the goal is reached after each step (N, T).
+        at_start: whether it was before anything was done (N,).
+        moved: whether the object was moved (N,).
+        theta: of the worlds (N, P).
+    """
+
+    reached: Tensor
+    at_start: Tensor
+    moved: Tensor
+    theta: Tensor
+
+
 @torch.no_grad()
-def outcomes(
-    problem: Problem, policy: Policy, worlds: Distribution, episodes: int, seed: int
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Of each episode whether the goal is reached after each step (N, T), whether the object moved, and the start."""
+def outcomes(problem: Problem, policy: Policy, worlds: Distribution, episodes: int, seed: int) -> Outcomes:
+    """Episodes of a policy's deterministic action."""
     task = problem.task
     assert isinstance(task, FetchTask)
     env = problem.worlds(episodes, ParameterRandomization(worlds), seed)
@@ -128,7 +142,7 @@ def outcomes(
     achieved, goal = data["next", "achieved_goal"], data["next", "desired_goal"]
     began = data["achieved_goal"][:, 0]
     moved = (achieved[:, -1] - began).norm(dim=-1) > MOVED
-    return task.success(achieved, goal), moved, task.success(began, goal[:, 0])
+    return Outcomes(task.success(achieved, goal), task.success(began, goal[:, 0]), moved, data["theta"][:, 0])
 
 
 def figures(made: Fetch, policy: Policy, truth: Float[Tensor, " P"]) -> dict[str, float]:

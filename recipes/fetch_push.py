@@ -1,4 +1,4 @@
-"""The Fetch arm pushes a block whose friction nobody knows: hindsight, demonstrations, and a posterior over the friction.
+"""The Fetch arm pushes a block of unknown friction: hindsight, demonstrations, and a posterior over the friction.
 
     python -m recipes.fetch_push [--demonstrations 0] [--kind prior]      ten minutes; Ctrl-C and again goes on
 

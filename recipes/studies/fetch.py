@@ -1,0 +1,197 @@
+"""``make fetch``: what DDPG with hindsight reaches on the Fetch arm, with demonstrations and without, and how fast.
+
+| case         | friction | shown   | goal                                              |
+|--------------|----------|---------|---------------------------------------------------|
+| reach        | -        | nothing | 1.0 within 5,000 steps                            |
+| push         | 1        | a fifth | .95 within 400,000 steps                          |
+| push, alone  | 1        | nothing | .9                                                |
+| push, prior  | U[.1, 2] | a fifth | .9, and .8 in the quarter of the smoothest blocks |
+| slide        | .1       | nothing | .5                                                |
+| slide, prior | U[.1, 1] | nothing | a curve                                           |
+
+Success: the share of 256 episodes of exact worlds whose goal is reached at the last step. Learning is in lean worlds.
+The scripted pusher stands beside. Each job is kept, and saved while it runs, so that a second start goes on.
+
+    python -m recipes.studies.fetch [--cases push] [--seeds 1]       -> docs/results/fetch.json
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+import tyro
+
+from envs.fetch import FRICTION, ScriptedPusher
+from onlinebayes.objectives import DDPG
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import Checkpoints, Progress, ResultTable, seed_everything
+from onlinebayes.trainers import Point, collector_of
+from onlinebayes.transforms import Distribution, ParameterRandomization
+from recipes.common import settle
+from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
+from recipes.studies.resumable import kept_or_done
+
+SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
+
+
+@dataclass(frozen=True)
+class Case:
+    """One task and how it is learnt.
+
+    Args:
+        task: of the arm.
+        batches: of one episode in each world.
+        goal: least share of successes.
+        friction: bounds of the friction in the worlds; the task's own without.
+        demonstrations: share of a minibatch.
+        frames_per_update: fresh frames for which one gradient step is taken.
+        worlds: in which it learns.
+    """
+
+    task: str
+    batches: int
+    goal: float | None
+    friction: tuple[float, float] | None = None
+    demonstrations: float = 0.0
+    frames_per_update: int = 16
+    worlds: int = WORLDS
+
+
+CASES: dict[str, Case] = {
+    "reach": Case("reach", 2, 1.0, frames_per_update=4, worlds=50),
+    "push": Case("push", 124, 0.95, demonstrations=0.2),
+    "push, alone": Case("push", 310, 0.9),
+    "push, prior": Case("push", 156, 0.9, (0.1, 2.0), demonstrations=0.2),
+    "slide": Case("slide", 500, 0.5),
+    "slide, prior": Case("slide", 500, None, (0.1, 1.0)),
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to run."""
+
+    cases: tuple[str, ...] = tuple(CASES)
+    """which ones"""
+    seeds: tuple[int, ...] = SEEDS
+    """of networks and worlds"""
+    out: str = "out/fetch"
+    """finished jobs go here"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+
+
+def main(study: Study) -> int:
+    """Do what is missing, print the table."""
+    settle()
+    jobs = [(case, seed) for seed in study.seeds for case in study.cases]
+    found: dict[tuple[str, int], dict[str, Any]] = {}
+    with Progress("fetch", len(jobs)) as progress:
+        for i, (case, seed) in enumerate(jobs):
+            place = Path(study.out) / f"{case.replace(', ', '-')}-{seed}"
+            progress.update(i, place.name)
+            found[case, seed] = kept_or_done(place.with_suffix(".json"), partial(learnt, CASES[case], seed, place))
+    table = tabled(found, study)
+    print(table.to_markdown())
+    print(f"written: {table.write(study.results)}")
+    return 0 if table.holds else 1
+
+
+def made_of(case: Case) -> tuple[Fetch, Distribution]:
+    """The task, and the distribution of its worlds."""
+    low, high = case.friction or (0.05, 2.0)
+    space = ParameterSpace({} if case.task == "reach" else {FRICTION: Parameter(low, high)})
+    made = fetch(case.task, space)
+    return made, made.lean.prior if case.friction else Point(made.lean.simulator.nominal)
+
+
+def learnt(case: Case, seed: int, place: Path) -> dict[str, Any]:
+    """Learn, look at it on the way, and judge the last policy on exact worlds."""
+    learner, course = policy_of(case, seed, place)
+    made, worlds = made_of(case)
+    found = success(made.exact, learner.policy, worlds, EPISODES)
+    result = {**asdict(found), "course": course, "frames": case.batches * case.worlds * STEPS}
+    if case.friction:
+        result["quarters"] = quarters(made, learner, worlds)
+    if case.task == "push":
+        result["scripted"] = success(made.exact, ScriptedPusher(), worlds, EPISODES).last
+    return result
+
+
+def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, float]]]:
+    """The learner after its last batch, and how it came there; it goes on from what is saved in ``place``."""
+    seed_everything(seed)
+    made, worlds = made_of(case)
+    learner = objective(made, frames_per_update=case.frames_per_update, demonstrations=case.demonstrations)
+    saved, course, done = Checkpoints(place, "fetch", keep=1), [], 0
+    if (checkpoint := saved.load()) is not None:
+        learner.load_state_dict(checkpoint.state["objective"])
+        course, done = checkpoint.state["course"], checkpoint.state["done"]
+    elif case.demonstrations:
+        demonstrate(made, learner, worlds, 5, seed + 5000)
+    if done == case.batches:
+        return learner, course
+    env = made.lean.worlds(case.worlds, ParameterRandomization(worlds), seed + 100 * done)
+    collector, begun = collector_of(env, learner.policy, STEPS), time.process_time()
+    before = course[-1]["seconds"] if course else 0.0
+    every = max(1, case.batches // LOOKS)
+    for batch in range(done + 1, case.batches + 1):
+        data = collector.next()
+        assert data is not None
+        learner.update(data)
+        if batch % every == 0 or batch == case.batches:
+            seconds = before + time.process_time() - begun
+            seen = success(made.lean, learner.policy, worlds, EPISODES // 2)
+            course.append({"frames": batch * data.numel(), "seconds": seconds, **asdict(seen)})
+            saved.save({"objective": learner.state_dict(), "course": course, "done": batch})
+    return learner, course
+
+
+def quarters(made: Fetch, learner: DDPG, worlds: Distribution) -> list[float]:
+    """Success at the last step in quarters of the episodes, from the smoothest blocks to the roughest."""
+    found = outcomes(made.exact, learner.policy, worlds, 4 * EPISODES, 78)
+    order = found.theta[:, 0].argsort()
+    return [float(part.double().mean()) for part in found.reached[order, -1].chunk(QUARTERS)]
+
+
+def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
+    """Rows of all jobs."""
+    some = study.cases != tuple(CASES) or study.seeds != SEEDS
+    table = ResultTable("fetch", f"make fetch{' (a part)' if some else ''}", study.seeds)
+    for name in study.cases:
+        case, of = CASES[name], [found[name, seed] for seed in study.seeds]
+        last = [job["last"] for job in of]
+        table.add_seeds(f"{name}: success on exact worlds", last)
+        if case.goal is not None:
+            table.add(f"{name}: the worst seed", min(last), goal=f">= {case.goal}", holds=min(last) >= case.goal)
+        for key, told in (("ever", "at any step"), ("at_start", "before anything was done"), ("moved", "object moved")):
+            table.add_seeds(f"{name}: {told}", [job[key] for job in of])
+        if case.friction:
+            for k, told in ((0, "smoothest"), (QUARTERS - 1, "roughest")):
+                least = 0.8 if k == 0 and case.demonstrations else None
+                table.add_seeds(f"{name}: {told} quarter", [job["quarters"][k] for job in of], least=least)
+        if "scripted" in of[0]:
+            table.add_seeds(f"{name}: the scripted pusher", [job["scripted"] for job in of])
+        table.add(f"{name}: steps", of[0]["frames"], unit="steps")
+        table.add_seeds(f"{name}: processor time", [job["course"][-1]["seconds"] for job in of], unit="s")
+        for step in course_of(of):
+            table.add(f"{name}: after {step['frames']:,.0f} steps", step["last"], unit="median share, lean worlds")
+    return table
+
+
+def course_of(jobs: list[dict[str, Any]]) -> Iterator[dict[str, float]]:
+    """The medians of the jobs' courses at each look."""
+    for steps in zip(*(job["course"] for job in jobs), strict=True):
+        middle = torch.tensor([[step["frames"], step["last"]] for step in steps]).median(0).values.tolist()
+        yield dict(zip(("frames", "last"), middle, strict=True))
+
+
+if __name__ == "__main__":
+    sys.exit(main(tyro.cli(Study, description=__doc__)))
