@@ -15,8 +15,8 @@ from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from envs.fetch import FetchSimulator, FetchTask, ScriptedPusher, scene
-from onlinebayes.embeddings import JoinedEmbedding, LSTMEmbedding, SummaryEmbedding, TransitionFeatures
+from envs.fetch import FetchSimulator, FetchTask, ScriptedPusher, motion, scene
+from onlinebayes.embeddings import LSTMEmbedding, TransitionFeatures
 from onlinebayes.inference import Belief, BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
 from onlinebayes.objectives import DDPG, Exploration, Hindsight, ddpg
 from onlinebayes.parameters import ParameterSpace
@@ -159,8 +159,7 @@ def learning_in(trainer: OnlineTrainer, made: Fetch, seed: int) -> OnlineTrainer
 
 
 def friction_estimator(epochs: int, proposal: Belief) -> NeuralEstimator:
-    """Trajectories -> LSTM and averages -> a mixture over the friction."""
-    features = TransitionFeatures(25, 4)
-    embedding = JoinedEmbedding([LSTMEmbedding(features), SummaryEmbedding(features)])
+    """Trajectories -> LSTM over how object and gripper move -> a mixture over the friction."""
+    embedding = LSTMEmbedding(TransitionFeatures(12, 4, view=motion))
     network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box)
     return NeuralEstimator(NeuralPosteriorLoss(embedding, network), partial(fit, epochs=epochs, batch_size=50))

@@ -42,34 +42,60 @@ class Settings(common.Settings):
             raise BadInput(problem, "needs .05 <= low < high <= 2 and 0 <= demonstrations < 1")
 
 
+@dataclass(frozen=True)
+class Amounts:
+    """How much of everything.
+
+    Attributes:
+        first: batches in worlds of the prior, before anything is measured.
+        steps: outer steps.
+        batches: of each of the others.
+        simulations: of a fit, of each policy.
+        epochs: of a fit.
+        shown: batches of demonstrations.
+    """
+
+    first: int
+    steps: int
+    batches: int
+    simulations: int
+    epochs: int
+    shown: int = 5
+
+
+SHORT = Amounts(first=4, steps=2, batches=2, simulations=100, epochs=4, shown=2)
+LONG = Amounts(first=80, steps=6, batches=12, simulations=1000, epochs=40)
+
+
 def build(settings: Settings) -> Run:
     """The whole composition: worlds, prior, objective, estimator, real system, trainer."""
-    return build_task("push", settings, demonstrated=4 if settings.short else 10)
+    return build_task("push", settings, SHORT if settings.short else LONG)
 
 
-def build_task(name: str, settings: Settings, demonstrated: int) -> Run:
+def build_task(name: str, settings: Settings, much: Amounts) -> Run:
     """A task whose object has an unknown friction.
 
     Args:
         name: ``"push"`` or ``"slide"``.
         settings: of the run.
-        demonstrated: batches of 64 episodes that are shown.
+        much: how much of everything.
     """
     space = ParameterSpace({FRICTION: Parameter(settings.low, settings.high)})
     made = fetch(name, space)
     learner = objective(made, demonstrations=settings.demonstrations)
     if settings.demonstrations:
-        demonstrate(made, learner, made.lean.prior, demonstrated, settings.seed + 5000)
-    truth = hidden_truth(space, settings.seed, {FRICTION: min(settings.high, 1.0)})
-    first, steps, batches, simulations, epochs = (4, 2, 2, 100, 4) if settings.short else (80, 6, 12, 1000, 40)
-    schedule = settings.schedule(steps, batches, real_steps=STEPS)
+        demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
+    truth = hidden_truth(space, settings.seed, {FRICTION: (settings.low + settings.high) / 2})
+    schedule = settings.schedule(much.steps, much.batches, real_steps=STEPS)
+    if schedule.order == "online":
+        schedule = replace(schedule, first_batches=much.first)
     trainer = online_trainer(
         made.exact,
         learner,
-        estimator=partial(friction_estimator, epochs),
+        estimator=partial(friction_estimator, much.epochs),
         real=made.exact.hidden(truth, settings.seed + 2000),
-        schedule=replace(schedule, first_batches=first) if schedule.order == "online" else schedule,
-        sizes=Sizes(simulations=simulations, groups=32),
+        schedule=schedule,
+        sizes=Sizes(simulations=much.simulations, groups=32),
         worlds=settings.worlds(made.exact, truth),
         seed=settings.seed,
     )

@@ -3,6 +3,6 @@
 from envs.fetch.model import FRICTION, PHYSICAL, Scene, scene
 from envs.fetch.pusher import ScriptedPusher
 from envs.fetch.simulator import FetchSimulator
-from envs.fetch.task import FetchTask
+from envs.fetch.task import FetchTask, motion
 
-__all__ = ["FRICTION", "PHYSICAL", "FetchSimulator", "FetchTask", "Scene", "ScriptedPusher", "scene"]
+__all__ = ["FRICTION", "PHYSICAL", "FetchSimulator", "FetchTask", "Scene", "ScriptedPusher", "motion", "scene"]

@@ -154,3 +154,11 @@ class FetchTask(Task):
 def _square(n: int, width: int, like: Tensor, generator: torch.Generator) -> Float[Tensor, "n width"]:
     """Uniform in -1 .. 1."""
     return 2 * torch.rand(n, width, dtype=like.dtype, device=like.device, generator=generator) - 1
+
+
+def motion(observation: Float[Tensor, "*batch 25"]) -> Float[Tensor, "*batch 12"]:
+    """What tells of friction: object - gripper [m], the object's velocity [m/s], its angular velocity [rad/s], the
+    gripper's velocity [m/s]. In an observation the object's velocity is seen from the gripper, which moves."""
+    gripper = observation[..., 20:23]
+    moving, turning = observation[..., 14:17] + gripper, observation[..., 17:20]
+    return torch.cat([observation[..., 6:9], moving / STEP, turning / STEP, gripper / STEP], dim=-1)

@@ -46,6 +46,8 @@ class TransitionFeatures(nn.Module):
         reference: see :data:`Reference`; it adds the residuals, with ``products`` their products with the action, and
             with ``sensitivities`` the sums of a least-squares step. It is called without gradients.
         sensitivities: number P of parameters the reference displaces; 0 where it answers at the centre only.
+        view: observation -> the O values that features are made of, where the observed ones hide what matters (a
+            speed that is only seen from a moving gripper); not beside a reference.
 
     Attributes:
         signals: number F of features f.
@@ -53,7 +55,7 @@ class TransitionFeatures(nn.Module):
         size: length of a feature vector, 2 F + S: (z, standardised f, sums).
 
     Raises:
-        ValueError: sensitivities without a reference.
+        ValueError: sensitivities without a reference, or a view beside one.
     """
 
     mean: Tensor
@@ -69,12 +71,15 @@ class TransitionFeatures(nn.Module):
         squash: bool = True,
         reference: Reference | None = None,
         sensitivities: int = 0,
+        view: Callable[[Tensor], Tensor] | None = None,
     ) -> None:
         super().__init__()
+        if view is not None and reference is not None:
+            raise ValueError("a view and a reference; give one of them")
         if sensitivities and reference is None:
             raise ValueError(f"{sensitivities} sensitivities need a reference; give one, or sensitivities=0")
         self.observation, self.action, self.products, self.squash = observation, action, products, squash
-        self.reference, self.sensitivities = reference, sensitivities
+        self.reference, self.sensitivities, self.view = reference, sensitivities, view
         pairs = action * observation if products else 0
         self.signals = 2 * observation + action + pairs + (observation + pairs if reference is not None else 0)
         self.sums = sensitivities + sensitivities * (sensitivities + 1) // 2
@@ -121,8 +126,10 @@ class TransitionFeatures(nn.Module):
 
     def _parts(self, observation: Tensor, action: Tensor, following: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """f (..., F), r (..., O) and J (..., P, O), in float64: differences of near-equal float32 values."""
-        _check_widths(observation, action, self.observation, self.action)
         o, a, n = observation.double(), action.double(), following.double()
+        if self.view is not None:
+            o, n = self.view(o), self.view(n)
+        _check_widths(o, a, self.observation, self.action)
         parts = [o, a, n - o]
         residual, jacobian = torch.zeros_like(o), o.new_zeros(*o.shape[:-1], self.sensitivities, self.observation)
         if self.products:

@@ -110,3 +110,15 @@ def test_small_differences_of_large_values_survive() -> None:
     features.fit(o, torch.zeros(100, 1), n)
     z = features(o, torch.zeros(100, 1), n)[:, 2]
     assert torch.corrcoef(torch.stack([z, torch.arange(100.0)]))[0, 1] > 0.999
+
+
+def test_features_of_a_view_are_those_of_what_it_shows() -> None:
+    o, a = torch.randn(6, 5, 3), torch.randn(6, 5, 1)
+    n = o + 0.1 * torch.randn_like(o)
+    seen = TransitionFeatures(2, 1, view=lambda x: x[..., :2] * 10)
+    plain = TransitionFeatures(2, 1)
+    for features, pair in ((seen, (o, n)), (plain, (o[..., :2] * 10, n[..., :2] * 10))):
+        features.fit(pair[0], a, pair[1])
+    torch.testing.assert_close(seen(o, a, n), plain(o[..., :2] * 10, a, n[..., :2] * 10))
+    with pytest.raises(ValueError, match="a view and a reference"):
+        TransitionFeatures(2, 1, view=lambda x: x, reference=lambda o, a: o[None])

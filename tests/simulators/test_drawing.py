@@ -249,3 +249,16 @@ def test_a_textured_ground_has_its_textures_mean_colour() -> None:
     ground, ball = mujoco_drawing.shapes(spec.compile())
     assert ground.colour == pytest.approx((0.2, 0.4, 0.3, 1.0), abs=0.01)
     assert ball.colour == pytest.approx((0.1, 0.2, 0.3, 1.0))
+
+
+def test_a_fine_mesh_is_drawn_with_few_faces() -> None:
+    text = """<mujoco><asset><mesh name="ball" builtin="sphere" params="4"/></asset>
+    <worldbody><body><geom type="mesh" mesh="ball"/></body></worldbody></mujoco>"""
+    model = mujoco.MjModel.from_xml_string(text)
+    assert model.nmeshface > 2000
+    (ball,) = mujoco_drawing.shapes(model)
+    assert ball.faces is not None and ball.vertices is not None
+    assert 100 < len(ball.faces) <= mujoco_drawing.FACES
+    assert int(ball.faces.max()) < len(ball.vertices)
+    radius = ball.vertices.norm(dim=-1)
+    assert 0.9 < float(radius.min()) <= float(radius.max()) <= 1.001
