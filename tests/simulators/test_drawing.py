@@ -257,7 +257,8 @@ def test_a_fine_mesh_is_drawn_with_few_faces() -> None:
     model = mujoco.MjModel.from_xml_string(text)
     assert model.nmeshface > 2000
     (ball,) = mujoco_drawing.shapes(model)
-    assert ball.faces is not None and ball.vertices is not None
+    assert ball.faces is not None
+    assert ball.vertices is not None
     assert 100 < len(ball.faces) <= mujoco_drawing.FACES
     assert int(ball.faces.max()) < len(ball.vertices)
     radius = ball.vertices.norm(dim=-1)
