@@ -66,9 +66,9 @@ class Case:
 
 CASES: dict[str, Case] = {
     "reach": Case("reach", 2, 1.0, frames_per_update=4, worlds=50),
-    "push": Case("push", 124, 0.95, demonstrations=0.2),
+    "push": Case("push", 124, 0.95, demonstrations=0.2, frames_per_update=8),
     "push, alone": Case("push", 310, 0.9),
-    "push, prior": Case("push", 156, 0.9, (0.1, 2.0), demonstrations=0.2),
+    "push, prior": Case("push", 156, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
     "slide": Case("slide", 500, 0.5),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0)),
 }
