@@ -145,9 +145,9 @@ def outcomes(problem: Problem, policy: Policy, worlds: Distribution, episodes: i
     return Outcomes(task.success(achieved, goal), task.success(began, goal[:, 0]), moved, data["theta"][:, 0])
 
 
-def figures(made: Fetch, policy: Policy, truth: Float[Tensor, " P"]) -> dict[str, float]:
+def figures(made: Fetch, policy: Policy, truth: Float[Tensor, " P"], episodes: int = 128) -> dict[str, float]:
     """Success on the exact worlds, by name, for a run's log."""
-    found = success(made.exact, policy, Point(truth))
+    found = success(made.exact, policy, Point(truth), episodes)
     return {f"success {name}": value for name, value in vars(found).items()}
 
 

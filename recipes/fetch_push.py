@@ -53,6 +53,8 @@ class Amounts:
         simulations: of a fit, of each policy.
         epochs: of a fit.
         shown: batches of demonstrations.
+        groups: held-out thetas by which the belief is judged.
+        judged: episodes by which the policy is judged.
     """
 
     first: int
@@ -61,9 +63,11 @@ class Amounts:
     simulations: int
     epochs: int
     shown: int = 5
+    groups: int = 32
+    judged: int = 128
 
 
-SHORT = Amounts(first=4, steps=2, batches=2, simulations=100, epochs=4, shown=2)
+SHORT = Amounts(first=4, steps=2, batches=2, simulations=48, epochs=4, shown=2, groups=16, judged=32)
 LONG = Amounts(first=80, steps=6, batches=12, simulations=1000, epochs=40)
 
 
@@ -95,12 +99,12 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
         estimator=partial(friction_estimator, much.epochs),
         real=made.exact.hidden(truth, settings.seed + 2000),
         schedule=schedule,
-        sizes=Sizes(simulations=much.simulations, groups=32),
+        sizes=Sizes(simulations=much.simulations, groups=much.groups),
         worlds=settings.worlds(made.exact, truth),
         seed=settings.seed,
     )
     trainer = learning_in(trainer, made, settings.seed)
-    return Run(made.exact, trainer, truth, figures=lambda: figures(made, learner.policy, truth))
+    return Run(made.exact, trainer, truth, figures=lambda: figures(made, learner.policy, truth, much.judged))
 
 
 if __name__ == "__main__":

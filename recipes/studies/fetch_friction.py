@@ -109,7 +109,7 @@ def main(study: Study) -> int:
 
 def answered(question: Question, seed: int, policies: Path) -> dict[str, Any]:
     """Simulate, fit, and judge the posteriors of held-out trajectories."""
-    made = fetch(question.task, ParameterSpace({FRICTION: Parameter(*question.friction)}))
+    made = fetch(question.task, space_of(question))
     policy = disturbed(made, trained(question.task, seed, policies))
     seed_everything(seed)
     data = trajectories(made, policy, question, SIMULATIONS + HELD_OUT, seed)
@@ -125,6 +125,11 @@ def answered(question: Question, seed: int, policies: Path) -> dict[str, Any]:
         "coverage": coverage_error(alpha.tolist()),
         "prior": float(made.exact.prior.log_prob(theta).mean()),
     }
+
+
+def space_of(question: Question) -> ParameterSpace:
+    """The unknown friction."""
+    return ParameterSpace({FRICTION: Parameter(*question.friction)})
 
 
 def trained(task: str, seed: int, policies: Path) -> Policy:

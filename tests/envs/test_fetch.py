@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +14,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.simulators.testing import check_engine, check_env
+from recipes.studies.fetch_peer import environments
 
 robotics = pytest.importorskip("gymnasium_robotics")
 WORLDS, STEPS = 16, 50
@@ -23,27 +23,10 @@ SPACE = ParameterSpace({FRICTION: PHYSICAL[FRICTION]})
 
 
 @pytest.fixture
-def reference(monkeypatch):
-    """Gymnasium-Robotics' environments; its check that two enums are one fails with newer versions of MuJoCo."""
-    import mujoco
-    from gymnasium_robotics.envs.fetch import push, reach, slide
-    from gymnasium_robotics.utils import mujoco_utils
-
-    class Loose:
-        """The engine, with numbers for the members of its enums."""
-
-        def __getattr__(self, name):
-            found = getattr(mujoco, name)
-            if not hasattr(found, "__members__"):
-                return found
-            return SimpleNamespace(**{member: int(value) for member, value in found.__members__.items()})
-
-    monkeypatch.setattr(mujoco_utils, "mujoco", Loose())
-    return {
-        "reach": reach.MujocoFetchReachEnv,
-        "push": push.MujocoFetchPushEnv,
-        "slide": slide.MujocoFetchSlideEnv,
-    }
+def reference():
+    """Gymnasium-Robotics' environments."""
+    with environments() as known:
+        yield known
 
 
 @pytest.mark.parametrize("name", TASKS)

@@ -1,0 +1,62 @@
+"""Short forms of the Fetch recipes, and what their studies are made of."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+import torch
+
+from envs.fetch import ScriptedPusher
+from recipes import fetch_push, fetch_reach, fetch_slide
+from recipes.common import run
+from recipes.fetch import fetch
+from recipes.studies import fetch_friction
+
+pytestmark = pytest.mark.usefixtures("without_shape_checks")
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    assert {"run.json", "run.rrd", "run.html"} <= {path.name for path in folder.iterdir()}
+    with (folder / "log.csv").open(encoding="utf-8") as file:
+        return list(csv.DictReader(file))
+
+
+@pytest.mark.slow
+def test_reach_is_learnt_within_five_thousand_steps(tmp_path: Path) -> None:
+    """The seed is fixed: no false failures on one machine; 128 episodes on exact worlds."""
+    settings = fetch_reach.Settings(short=True, out=str(tmp_path))
+    assert run("fetch_reach", fetch_reach.build, settings) == 0
+    last = rows(tmp_path / "fetch_reach-oracle-0-short")[-1]
+    assert int(last["frames"]) == 5000
+    assert float(last["figure/success last"]) == 1.0
+
+
+@pytest.mark.parametrize(
+    "recipe",
+    [pytest.param(fetch_push, marks=pytest.mark.slow), pytest.param(fetch_slide, marks=pytest.mark.long)],
+    ids=["push", "slide"],
+)
+def test_short_forms_connect_all_pieces(recipe, tmp_path: Path) -> None:
+    """Too short to learn from: what is asked is that all is there and finite."""
+    name = recipe.__name__.split(".")[-1]
+    assert run(name, recipe.build, recipe.Settings(short=True, out=str(tmp_path))) in (0, 1)
+    found = rows(tmp_path / f"{name}-online-0-short")
+    assert [row["step"] for row in found] == ["1", "2"]
+    for row in found:
+        figures = [float(value) for key, value in row.items() if key.startswith("figure/")]
+        assert torch.tensor(figures).isfinite().all()
+        assert "narrowed" in row["notes"] or "widened" in row["notes"]
+
+
+def test_the_protocol_has_the_same_starts_for_every_theta() -> None:
+    question = fetch_friction.Question("push", 2, (0.1, 1.0), 0.0)
+    made = fetch("push", fetch_friction.space_of(question))
+    data = fetch_friction.trajectories(made, ScriptedPusher(), question, 3, seed=0)
+    assert data["observation"].shape == (3, 50, 50)
+    first = data["observation"][:, 0]
+    assert torch.equal(first, first[:1].expand_as(first))
+    assert not torch.equal(first[:, 3:5], first[:, 28:30])
+    assert data["theta"][:, 0].unique().numel() == 3
+    assert float((data["next", "observation"][0, -1] - data["next", "observation"][1, -1]).abs().max()) > 1e-3
