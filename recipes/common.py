@@ -74,8 +74,8 @@ class Settings(Options):
         self.workers()  # refuses what cannot be
 
     def workers(self) -> Workers | None:
-        """What steps the worlds; None for this process. Nothing is started before they are needed."""
-        return OnRay(self.ray_workers) if self.ray_workers else None
+        """What steps the worlds; None for this process."""
+        return workers_of(self.ray_workers)
 
     def schedule(self, steps: int, policy_batches: int, real_steps: int) -> Schedule:
         """The schedule of this kind of run."""
@@ -87,6 +87,11 @@ class Settings(Options):
         if self.kind == "prior":
             return problem.prior
         return Point(truth) if self.kind == "oracle" else None
+
+
+def workers_of(number: int) -> Workers | None:
+    """So many on Ray; None for this process alone. Nothing is started before they are needed."""
+    return OnRay(number) if number else None
 
 
 P = TypeVar("P", bound=Worlds, default=Problem, covariant=True)

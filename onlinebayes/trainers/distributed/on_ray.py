@@ -15,9 +15,10 @@ from __future__ import annotations
 
 import importlib.util
 import itertools
+import logging
 import os
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import torch
@@ -54,16 +55,18 @@ class OnRay:
         self._actors: list[Any] = []
         self._names = itertools.count()
 
-    def work(self, do: Callable[[J], R], jobs: Sequence[J]) -> Iterator[tuple[int, R]]:
+    def work(self, do: Callable[[J], R], jobs: Iterable[J]) -> Iterator[tuple[int, R]]:
         """A job at a time for each worker; those that are at one when the caller stops listening are ended."""
-        ray, waiting = self._ray(), list(enumerate(jobs))[::-1]
+        ray, waiting = self._ray(), enumerate(jobs)
         told, running = ray.put(do), dict[Any, tuple[int, int]]()
         free = list(range(self.number))
         try:
-            while waiting or running:
-                while waiting and free:
-                    (i, job), worker = waiting.pop(), free.pop()
-                    running[self._actor(worker).do.remote(told, job)] = (i, worker)
+            while True:
+                while free and (item := next(waiting, None)) is not None:
+                    worker = free.pop()
+                    running[self._actor(worker).do.remote(told, item[1])] = (item[0], worker)
+                if not running:
+                    return
                 (ready, *_), _ = ray.wait(list(running))
                 answer = self._answer(ready)
                 i, worker = running.pop(ready)
@@ -103,9 +106,10 @@ class OnRay:
 
         if not ray.is_initialized():
             self._actors = []
-            here = not os.environ.get("RAY_ADDRESS")
-            own = {"num_cpus": max(self.number * self.cpus, os.cpu_count() or 1), "include_dashboard": False}
-            ray.init(log_to_driver=False, logging_level="warning", **(own if here else {}))
+            quiet = {"log_to_driver": False, "logging_level": logging.WARNING}
+            if not os.environ.get("RAY_ADDRESS"):
+                quiet |= {"num_cpus": max(self.number * self.cpus, os.cpu_count() or 1), "include_dashboard": False}
+            ray.init(**quiet)  # type: ignore[arg-type]
             self._started = True
         return ray
 

@@ -11,7 +11,7 @@ depends on where the work was done, or on how often.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar, runtime_checkable
 
@@ -30,8 +30,8 @@ class Workers(Protocol):
     def number(self) -> int:
         """How many there are, which is into how many parts work is divided."""
 
-    def work(self, do: Callable[[J], R], jobs: Sequence[J]) -> Iterator[tuple[int, R]]:
-        """Do all jobs; (number of the job, result) as they come. What a job raises is raised here."""
+    def work(self, do: Callable[[J], R], jobs: Iterable[J]) -> Iterator[tuple[int, R]]:
+        """Do all jobs, each looked up when it is its turn; (number, result) as they come. What one raises is raised."""
 
     def station(self, makes: Sequence[Callable[[], Callable[[Any], Any]]]) -> Station:
         """Let each ``make`` build an object that stays with a worker and answers questions."""
@@ -50,7 +50,7 @@ class Here:
 
     number: int = 1
 
-    def work(self, do: Callable[[J], R], jobs: Sequence[J]) -> Iterator[tuple[int, R]]:
+    def work(self, do: Callable[[J], R], jobs: Iterable[J]) -> Iterator[tuple[int, R]]:
         """One after the other."""
         for i, job in enumerate(jobs):
             yield i, do(job)
