@@ -71,7 +71,6 @@ class Settings(Options):
     def __post_init__(self) -> None:
         if self.seed < 0 or not 0 <= self.noise < 1:
             raise BadInput(f"seed {self.seed}, noise {self.noise}", "needs seed >= 0 and 0 <= noise < 1")
-        self.workers()  # refuses what cannot be
 
     def workers(self) -> Workers | None:
         """What steps the worlds; None for this process."""
@@ -169,7 +168,7 @@ def status(play: Callable[[Any], int], settings: type, description: str | None) 
 def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     """One run; 0 when it does what it promises, 130 when it was stopped."""
     seed_everything(settings.seed)
-    place = place_of(name, settings)
+    place, _ = place_of(name, settings), settings.workers()  # which refuses before there is a folder
     with RunFolder(place, name, settings=told(settings)) as folder, closing(built(build, settings)) as made:
         kinds, infers = baselines(name, settings), made.trainer.schedule.order != "policy-only"
         with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:

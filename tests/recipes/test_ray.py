@@ -2,80 +2,73 @@
 
 from __future__ import annotations
 
+import csv
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import cloudpickle
 import pytest
 
 from onlinebayes.runs import BadInput, seed_everything
-from onlinebayes.trainers import RealSystem
-from onlinebayes.trainers.distributed import Here, OnRay, Workers
-from recipes import cartpole, common, pendulum
+from onlinebayes.trainers.distributed import Here
+from recipes import acrobot, cartpole, common, custom_gym, dm_control, mountain_car, pendulum, reach
 from recipes.common import Run, Settings
 from recipes.studies.resumable import each_kept_or_done
-from recipes.studies.survival import differing, last
 
+BUILDS = {
+    "acrobot": acrobot.build,
+    "cartpole": cartpole.build,
+    "custom_gym": custom_gym.build,
+    "dm_control": dm_control.build,
+    "mountain_car": mountain_car.build,
+    "pendulum": pendulum.build,
+    "reach": reach.build,
+}
+SETTINGS = {"custom_gym": custom_gym.Settings, "dm_control": dm_control.Settings}
+CASES = [pytest.param(name, marks=pytest.mark.slow if name == "dm_control" else ()) for name in sorted(BUILDS)]
 checked_elsewhere = pytest.mark.usefixtures("without_shape_checks")
 
 
-def pid(_: int) -> int:
-    return os.getpid()
+def travelled(it: Any) -> Any:
+    """As a worker gets it."""
+    return pickle.loads(cloudpickle.dumps(it))
 
 
-@dataclass
-class Killing:
-    """In the place of the real system: kills a worker whenever it is asked."""
+class Travelling:
+    """This process, in which everything travels as it does to Ray's workers."""
 
-    real: RealSystem
-    workers: Workers
-    killed: list[int]
+    number = 2
 
-    def run(self, policy, steps):
-        victim = max(dict(self.workers.work(pid, range(2))).values())
-        assert victim != os.getpid()
-        os.kill(victim, signal.SIGKILL)
-        self.killed.append(victim)
-        return self.real.run(policy, steps)
+    def work(self, do, jobs):
+        yield from ((i, travelled(do)(travelled(job))) for i, job in enumerate(jobs))
 
+    def station(self, makes):
+        ask = Here().station([travelled(make) for make in makes])
+        return lambda questions: travelled(ask(travelled(questions)))
 
-def with_killer(build, killed: list[int], settings: Settings) -> Run:
-    made = build(settings)
-    if isinstance(made.workers, OnRay):
-        made = replace(made, trainer=replace(made.trainer, real=Killing(made.trainer.real, made.workers, killed)))
-    return made
+    def close(self) -> None:
+        pass
 
 
-def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the parts of a run be worked on here, one after the other."""
-    monkeypatch.setattr(common, "workers_of", lambda number: Here(number) if number else None)
-
-
-def end(folder: Path, name: str) -> dict[str, Any]:
-    """The last checkpoint, without Python's own random numbers: Ray draws from them, and nothing of ours does."""
-    found = last(folder, name)
-    del found["random"]["python"]
-    return found
-
-
-@pytest.mark.slow
 @checked_elsewhere
-def test_a_run_whose_workers_are_killed_ends_as_it_ends_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    killed: list[int] = []
-    settings = Settings(short=True, ray_workers=2, out=str(tmp_path / "ray"))
-    assert common.run("pendulum", partial(with_killer, pendulum.build, killed), settings) == 0
-    assert len(killed) == 2, "one in each outer step"
-    here(monkeypatch)
-    assert common.run("pendulum", pendulum.build, replace(settings, out=str(tmp_path / "here"))) == 0
-    first, second = (end(tmp_path / where, "pendulum") for where in ("ray", "here"))
-    assert differing(first, second) == []
-    assert first["online"]["clock"][2:] == second["online"]["clock"][2:], "frames of the policy and of the belief"
+@pytest.mark.parametrize("name", CASES)
+def test_a_recipe_steps_its_worlds_in_parts(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(common, "workers_of", lambda number: Travelling() if number else None)
+    made = BUILDS[name](SETTINGS.get(name, Settings)(short=True, ray_workers=2))
+    trainer = made.trainer
+    trainer.collector.reset()
+    assert trainer.objective.update(trainer.collector.next())
+    groups = trainer.held_out.groups([trainer.objective.policy], made.problem.prior)
+    assert len(groups["theta"].flatten(0, 2).unique(dim=0)) == len(groups) > 2
+    made.close()
 
 
 def command(out: Path) -> list[str]:
@@ -83,10 +76,9 @@ def command(out: Path) -> list[str]:
 
 
 @pytest.mark.slow
-@checked_elsewhere
-def test_a_run_that_is_stopped_ends_its_workers_and_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    root, folder = Path(__file__).parents[2], tmp_path / "ray" / "cartpole-online-0-short"
-    begun = subprocess.Popen(command(tmp_path / "ray"), cwd=root, start_new_session=True)
+def test_a_run_that_is_stopped_ends_its_workers_and_goes_on(tmp_path: Path) -> None:
+    root, folder = Path(__file__).parents[2], tmp_path / "cartpole-online-0-short"
+    begun = subprocess.Popen(command(tmp_path), cwd=root, start_new_session=True)
     until = time.monotonic() + 180
     while not list(folder.glob("checkpoint-*.json")) and time.monotonic() < until:
         time.sleep(0.05)
@@ -95,10 +87,10 @@ def test_a_run_that_is_stopped_ends_its_workers_and_goes_on(tmp_path: Path, monk
     assert begun.wait(60) == 130
     assert time.monotonic() - asked < 30
     assert of_session(begun.pid) == [], "nothing is left"
-    assert subprocess.run(command(tmp_path / "ray"), cwd=root, timeout=200).returncode == 0
-    here(monkeypatch)
-    assert common.run("cartpole", cartpole.build, Settings(short=True, ray_workers=2, out=str(tmp_path / "here"))) == 0
-    assert differing(end(tmp_path / "ray", "cartpole"), end(tmp_path / "here", "cartpole")) == []
+    ended = subprocess.run(command(tmp_path), cwd=root, timeout=240, capture_output=True, text=True, check=True)
+    assert f"going on in {folder}" in ended.stdout
+    with (folder / "log.csv").open() as file:
+        assert [row["frames"] for row in csv.DictReader(file)] == ["8192", "16384"]
 
 
 def of_session(leader: int) -> list[str]:
@@ -152,11 +144,14 @@ def test_what_is_kept_is_not_done_again(tmp_path: Path) -> None:
     assert done == [2]
 
 
-def test_without_ray_a_run_says_what_to_install(monkeypatch: pytest.MonkeyPatch, capsys: Any) -> None:
+def test_without_ray_a_run_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    monkeypatch.setattr(sys, "argv", ["recipe", "--ray-workers", "2"])
+    monkeypatch.setattr(sys, "argv", ["recipe", "--ray-workers", "2", "--out", str(tmp_path / "out")])
     assert common.main("cartpole", cartpole.build, None) == 2
     assert capsys.readouterr().err == "Ray is not installed; pip install 'onlinebayes[ray]'\n"
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_recipe_that_does_without_ray_says_so(tmp_path: Path) -> None:
@@ -166,4 +161,4 @@ def test_a_recipe_that_does_without_ray_says_so(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="leave out --ray-workers"):
         common.run("pendulum", build, Settings(short=True, ray_workers=2, out=str(tmp_path)))
     with pytest.raises(BadInput, match="give at least one of each"):
-        Settings(ray_workers=-1)
+        common.run("pendulum", pendulum.build, Settings(ray_workers=-1, out=str(tmp_path)))

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -18,11 +18,24 @@ from tensordict.nn import TensorDictModule
 from torchrl.envs import Transform
 
 from envs.pendulum import Pendulum, PendulumTask
-from onlinebayes.inference import BoxUniform
+from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
+from onlinebayes.inference import Belief, BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
 from onlinebayes.objectives import ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, Checkpoints, seed_everything
-from onlinebayes.trainers import Point, Problem
+from onlinebayes.runs import BadInput, Checkpoints, plain, seed_everything
+from onlinebayes.trainers import (
+    OnlineState,
+    OnlineTrainer,
+    Point,
+    Problem,
+    RealEnvironment,
+    Saver,
+    Schedule,
+    Sizes,
+    collector_of,
+    online_trainer,
+)
+from onlinebayes.trainers.checkpoint import run_state
 from onlinebayes.trainers.distributed import (
     Here,
     OnRay,
@@ -33,6 +46,7 @@ from onlinebayes.trainers.distributed import (
     in_parts,
 )
 from onlinebayes.transforms import ParameterRandomization
+from recipes.studies.survival import differing
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 PRIOR = BoxUniform(SPACE)
@@ -190,6 +204,12 @@ def test_without_chance_parts_give_what_the_whole_gives(workers: Workers) -> Non
     seed_everything(1)
     parts = PartedSimulations(problem.worlds, WORLDS, STEPS, workers, 99).draw([acts], PRIOR)
     assert same(parts, whole)
+    drawn, believed = ParameterRandomization(PRIOR), ParameterRandomization(Point(BELIEVED))
+    plain = collector_of(problem.worlds(WORLDS, believed, 5), acts, 5)
+    parted = PartedCollector(in_parts(problem.worlds, WORLDS, 2, 99), acts, 5, drawn, workers, 99)
+    drawn.set_distribution(Point(BELIEVED))
+    parted.reset()
+    assert [same(parted.next(), plain.next()) for _ in range(4)] == 4 * [True], "episodes end in between"
 
 
 @pytest.mark.slow
@@ -230,6 +250,79 @@ def test_a_worker_killed_in_a_simulation_loses_nothing(ray: OnRay, tmp_path: Pat
     assert same(found, PartedSimulations(PROBLEM.worlds, WORLDS, STEPS, Here(2), 5).draw([acts], PRIOR))
 
 
+def pid(_: int) -> int:
+    return os.getpid()
+
+
+@dataclass
+class Deadly:
+    """In the place of the real system: kills a worker whenever it is asked."""
+
+    real: RealEnvironment
+    workers: Workers
+    killed: list[int] = field(default_factory=list)
+
+    def run(self, policy, steps):
+        victim = max(dict(self.workers.work(pid, range(2))).values())
+        if victim != os.getpid():
+            os.kill(victim, signal.SIGKILL)
+            self.killed.append(victim)
+        return self.real.run(policy, steps)
+
+    def state_dict(self):
+        return self.real.state_dict()
+
+    def load_state_dict(self, state):
+        self.real.load_state_dict(state)
+
+
+def trainer(workers: Workers) -> OnlineTrainer:
+    """Small, and whatever it believes."""
+    seed_everything(0)
+    problem = replace(PROBLEM, task=PendulumTask(horizon=30))
+    return online_trainer(
+        problem,
+        ppo(*problem.specs, minibatch=64, epochs=1),
+        estimator=estimator,
+        real=Deadly(problem.hidden(BELIEVED, 7), workers),
+        schedule=Schedule(2, 2, real_steps=20, behaviours=2),
+        sizes=Sizes(worlds=7, batch_steps=16, simulations=61, groups=24),
+        workers=workers,
+        seed=0,
+    )
+
+
+def estimator(proposal: Belief) -> NeuralEstimator:
+    embedding = SummaryEmbedding(TransitionFeatures(3, 1))
+    network = MixtureEstimator(SPACE, embedding.size, hidden=16, box=proposal.box)
+    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), partial(fit, epochs=2, batch_size=50))
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_shape_checks")
+def test_a_run_whose_workers_die_and_that_is_stopped_ends_as_one_here(ray: OnRay, tmp_path: Path) -> None:
+    """One dies in each outer step; between the two the run is begun anew from its checkpoint."""
+    expected, state = trainer(Here(2)), OnlineState.begin(PRIOR)
+    whole = run_state(expected, expected.run(state))
+    first, begun = trainer(ray), OnlineState.begin(PRIOR)
+    first.run(begun, checkpoint=Saver(first, Checkpoints(tmp_path, "test")), until=1)
+    second, state = trainer(ray), OnlineState.begin(PRIOR)
+    assert Saver(second, Checkpoints(tmp_path, "test")).resume(state)
+    found = run_state(second, second.run(state))
+    assert (len(first.real.killed), len(second.real.killed)) == (1, 1)
+    for each in (whole, found):
+        each["random"].pop("python")  # Ray draws from it, and nothing of ours does
+    assert (state.frames, state.simulated) == (2 * 2 * 7 * 16, (61 + 24 + 2 * 61 + 2 * 24) * 20)
+    assert differing(plain(whole), plain(found)) == []
+
+
+@pytest.mark.slow
+def test_more_workers_than_a_cluster_has_room_for_are_refused(ray: OnRay) -> None:
+    list(ray.work(abs, [1]))
+    with pytest.raises(BadInput, match="999 Ray workers of 1 CPUs, and the cluster has"):
+        list(OnRay(999).work(abs, [1]))
+
+
 @pytest.mark.slow
 def test_work_that_always_kills_its_worker_ends(ray: OnRay) -> None:
     with pytest.raises(BadInput, match="Ray workers died 2 times at the same work"):
@@ -252,6 +345,7 @@ except ValueError as error:
 """
 
 
+@pytest.mark.slow
 def test_ray_is_an_extra() -> None:
     told = subprocess.run([sys.executable, "-c", WITHOUT], capture_output=True, text=True, check=True, timeout=120)
     assert told.stdout == "Ray is not installed; pip install 'onlinebayes[ray]'\n"

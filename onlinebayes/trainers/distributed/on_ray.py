@@ -97,20 +97,31 @@ class OnRay:
         for worker in range(len(self._actors)):
             self._end(worker)
         if self._started:
-            self._ray().shutdown()
+            import ray
+
+            ray.shutdown()
         self._started, self._actors = False, []
 
     def _ray(self) -> Any:
-        """Ray, with a cluster."""
+        """Ray, with a cluster.
+
+        Raises:
+            BadInput: the cluster is too small.
+        """
         import ray
 
         if not ray.is_initialized():
             self._actors = []
             quiet = {"log_to_driver": False, "logging_level": logging.WARNING}
             if not os.environ.get("RAY_ADDRESS"):
-                quiet |= {"num_cpus": max(self.number * self.cpus, os.cpu_count() or 1), "include_dashboard": False}
+                cpus = max(self.number * self.cpus, os.cpu_count() or 1)
+                quiet |= {"address": "local", "num_cpus": cpus, "include_dashboard": False}
             ray.init(**quiet)  # type: ignore[arg-type]
             self._started = True
+        there = ray.cluster_resources().get("CPU", 0)
+        if there < self.number * self.cpus:
+            told = f"{self.number} Ray workers of {self.cpus} CPUs, and the cluster has {there:g}"
+            raise BadInput(told, "ask for fewer, or let more nodes join")
         return ray
 
     def _actor(self, worker: int) -> Any:
