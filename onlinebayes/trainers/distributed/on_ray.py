@@ -112,11 +112,11 @@ class OnRay:
 
         if not ray.is_initialized():
             self._actors = []
-            quiet = {"log_to_driver": False, "logging_level": logging.WARNING}
+            quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.WARNING}
             if not os.environ.get("RAY_ADDRESS"):
                 cpus = max(self.number * self.cpus, os.cpu_count() or 1)
                 quiet |= {"address": "local", "num_cpus": cpus, "include_dashboard": False}
-            ray.init(**quiet)  # type: ignore[arg-type]
+            ray.init(**quiet)
             self._started = True
         there = ray.cluster_resources().get("CPU", 0)
         if there < self.number * self.cpus:
@@ -166,9 +166,11 @@ class OnRay:
                 raise error.cause from error
             raise
         except exceptions.RayError as error:
+            words = str(error).strip().splitlines()
             raise BadInput(
-                f"Ray workers died {self.retries + 1} times at the same work: {one_line(str(error))[:300]}",
-                "look at their memory, and at Ray's logs",
+                f"Ray workers died at a piece of work that is tried {self.retries + 1} times: "
+                + one_line(" ... ".join(line[:200] for line in (words[0], words[-1]))),
+                "look at their memory, at what they can import, and at Ray's logs",
             ) from error
 
 
