@@ -326,7 +326,7 @@ def test_more_workers_than_a_cluster_has_room_for_are_refused(ray: OnRay) -> Non
 @pytest.mark.slow
 def test_work_that_always_kills_its_worker_ends(ray: OnRay) -> None:
     with pytest.raises(
-        BadInput, match="Ray workers died at a piece of work that is tried 2 times: .* look at their memory"
+        BadInput, match=r"Ray workers died at a piece of work that is tried 2 times: .* look at their memory"
     ):
         list(ray.work(os._exit, [3]))
 
