@@ -59,7 +59,7 @@ WHERE = ["here", pytest.param("ray", marks=pytest.mark.slow)]
 @pytest.fixture(scope="module")
 def ray() -> Iterator[OnRay]:
     """Two workers that all tests of this file share, for it takes seconds to start them."""
-    workers = OnRay(2, retries=1)
+    workers = OnRay(2)
     yield workers
     workers.close()
 
@@ -325,10 +325,13 @@ def test_more_workers_than_a_cluster_has_room_for_are_refused(ray: OnRay) -> Non
 
 @pytest.mark.slow
 def test_work_that_always_kills_its_worker_ends(ray: OnRay) -> None:
-    with pytest.raises(
-        BadInput, match=r"Ray workers died at a piece of work that is tried 2 times: .* look at their memory"
-    ):
-        list(ray.work(os._exit, [3]))
+    ray.close()
+    alone = OnRay(1, retries=1)
+    try:
+        with pytest.raises(BadInput, match=r"died at a piece of work that is tried 2 times: .*; look at their memory"):
+            list(alone.work(os._exit, [3]))
+    finally:
+        alone.close()
 
 
 def test_no_workers_are_refused() -> None:

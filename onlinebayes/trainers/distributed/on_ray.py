@@ -39,7 +39,8 @@ class OnRay:
     Args:
         number: of workers.
         cpus: that Ray sets aside for each, and threads of torch there.
-        retries: deaths at one piece of work that are made up for; one that always kills must not go on for ever.
+        retries: of a piece of work, for one that always kills its worker must not go on for ever. A death may cost two
+            of them: Ray counts its attempts to reach a worker that is gone.
 
     Raises:
         BadInput: fewer than one worker or CPU, or Ray is not installed.
