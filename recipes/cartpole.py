@@ -43,6 +43,7 @@ def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
     objective = ppo(*problem.specs, epochs=10)
     steps, batches, simulations, epochs = (2, 2, 150, 10) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
+    workers = settings.workers()
     trainer = online_trainer(
         problem,
         objective,
@@ -51,9 +52,10 @@ def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=64, batch_steps=64, simulations=simulations, groups=64),
         worlds=settings.worlds(problem, truth),
+        workers=workers,
         seed=settings.seed,
     )
-    return Run(problem, trainer, truth)
+    return Run(problem, trainer, truth, workers=workers)
 
 
 if __name__ == "__main__":

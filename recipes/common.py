@@ -6,6 +6,7 @@ import csv
 import logging
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -32,6 +33,7 @@ from onlinebayes.trainers import (
     Worlds,
     run_in_folder,
 )
+from onlinebayes.trainers.distributed import OnRay, Workers
 from onlinebayes.transforms import Distribution
 
 Kind = Literal["online", "posterior-first", "prior", "oracle"]
@@ -63,10 +65,16 @@ class Settings(Options):
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     kind: Kind = "online"
     """online; posterior first, then the policy; a policy in worlds of the prior; an oracle's, in worlds of the truth"""
+    ray_workers: int = 0
+    """workers on Ray that step the worlds, of this machine or of the cluster at RAY_ADDRESS; 0: this process does"""
 
     def __post_init__(self) -> None:
         if self.seed < 0 or not 0 <= self.noise < 1:
             raise BadInput(f"seed {self.seed}, noise {self.noise}", "needs seed >= 0 and 0 <= noise < 1")
+
+    def workers(self) -> Workers | None:
+        """What steps the worlds; None for this process."""
+        return workers_of(self.ray_workers)
 
     def schedule(self, steps: int, policy_batches: int, real_steps: int) -> Schedule:
         """The schedule of this kind of run."""
@@ -78,6 +86,11 @@ class Settings(Options):
         if self.kind == "prior":
             return problem.prior
         return Point(truth) if self.kind == "oracle" else None
+
+
+def workers_of(number: int) -> Workers | None:
+    """So many on Ray; None for this process alone. Nothing is started before they are needed."""
+    return OnRay(number) if number else None
 
 
 P = TypeVar("P", bound=Worlds, default=Problem, covariant=True)
@@ -95,6 +108,7 @@ class Run(Generic[P]):
         player: shows the hidden system; the problem's own without it.
         to_beat: return that the policy has to beat, where the run is about the policy alone.
         figures: gives further figures for the log of each outer step.
+        workers: that step the trainer's worlds, to be closed at the end.
     """
 
     problem: P
@@ -103,6 +117,12 @@ class Run(Generic[P]):
     player: Player | None = None
     to_beat: float | None = None
     figures: Callable[[], dict[str, float]] = dict
+    workers: Workers | None = None
+
+    def close(self) -> None:
+        """End what the run has started."""
+        if self.workers is not None:
+            self.workers.close()
 
     def judge(self, state: OnlineState) -> dict[str, float]:
         """Log density of the truth, and the policy's return on the real system."""
@@ -151,11 +171,9 @@ def status(play: Callable[[Any], int], settings: type, description: str | None) 
 def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     """One run; 0 when it does what it promises, 130 when it was stopped."""
     seed_everything(settings.seed)
-    place = place_of(name, settings)
-    told = {key: value for key, value in asdict(settings).items() if key != "out"}
-    with RunFolder(place, name, settings=told) as folder:
-        made, kinds = build(settings), baselines(name, settings)
-        infers = made.trainer.schedule.order != "policy-only"
+    place, _ = place_of(name, settings), settings.workers()  # which refuses before there is a folder
+    with RunFolder(place, name, settings=told(settings)) as folder, closing(built(build, settings)) as made:
+        kinds, infers = baselines(name, settings), made.trainer.schedule.order != "policy-only"
         with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:
             state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
         if state.interrupted:
@@ -165,6 +183,24 @@ def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     good = outcome(made, state)
     print(written(place))
     return good
+
+
+def told(settings: Settings) -> dict[str, Any]:
+    """What a run's folder remembers, for it goes on with the same only; runs of before Ray did not name it."""
+    left_out = {"out"} if settings.ray_workers else {"out", "ray_workers"}
+    return {key: value for key, value in asdict(settings).items() if key not in left_out}
+
+
+def built(build: Callable[[S], Run[Any]], settings: S) -> Run[Any]:
+    """The run.
+
+    Raises:
+        BadInput: Ray is asked of a recipe that does without.
+    """
+    made = build(settings)
+    if settings.ray_workers and made.workers is None:
+        raise BadInput("this recipe steps its worlds in one process", "leave out --ray-workers")
+    return made
 
 
 def written(place: Path) -> str:

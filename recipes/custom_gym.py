@@ -80,6 +80,7 @@ def build(settings: Settings) -> Run[EnvProblem]:
     truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 0.8})
     objective = sac(*problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=4)
     steps, batches, simulations = (2, 2, 320) if settings.short else (4, 40, 480)
+    workers = settings.workers()
     trainer = online_trainer(
         problem,
         objective,
@@ -88,9 +89,10 @@ def build(settings: Settings) -> Run[EnvProblem]:
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=16, batch_steps=16, simulations=simulations, groups=16),
         worlds=settings.worlds(problem, truth),
+        workers=workers,
         seed=settings.seed,
     )
-    return Run(problem, trainer, truth, EnvPlayer(problem, objective.policy, truth, look, dt=0.05))
+    return Run(problem, trainer, truth, EnvPlayer(problem, objective.policy, truth, look, dt=0.05), workers=workers)
 
 
 if __name__ == "__main__":

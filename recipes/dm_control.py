@@ -63,17 +63,19 @@ def build(settings: Settings) -> Run[EnvProblem]:
     problem = EnvProblem(make, BoxUniform(space), horizon, settings.noise * torch.ones(1), episodes=2)
     objective = sac(*problem.specs, normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
     steps, batches = (2, 4) if settings.short else (8, 50)
+    workers = settings.workers()
     trainer = online_trainer(
         problem,
         objective,
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=8, batch_steps=32),
         worlds=settings.worlds(problem, shipped),
+        workers=workers,
         seed=settings.seed,
     )
     player = EnvPlayer(problem, objective.policy, shipped, look, dt)
     before = None if settings.short else problem.score(objective.policy, shipped)
-    return Run(problem, trainer, shipped, player, to_beat=before)
+    return Run(problem, trainer, shipped, player, to_beat=before, workers=workers)
 
 
 def run(settings: Settings) -> int:

@@ -39,6 +39,7 @@ def build(settings: Settings) -> Run:
     objective = ppo(*problem.specs, normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024)
     steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
+    workers = settings.workers()
     trainer = online_trainer(
         problem,
         objective,
@@ -47,9 +48,10 @@ def build(settings: Settings) -> Run:
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=64, batch_steps=128, simulations=simulations, groups=64),
         worlds=settings.worlds(problem, truth),
+        workers=workers,
         seed=settings.seed,
     )
-    return Run(problem, trainer, truth)
+    return Run(problem, trainer, truth, workers=workers)
 
 
 if __name__ == "__main__":

@@ -55,6 +55,7 @@ def build(settings: Settings) -> Run:
     )
     steps, batches, simulations, epochs = (2, 2, 200, 15) if settings.short else (4, 8, 300, 20)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
+    workers = settings.workers()
     trainer = online_trainer(
         problem,
         objective,
@@ -63,9 +64,10 @@ def build(settings: Settings) -> Run:
         schedule=settings.schedule(steps, batches, real_steps=50),
         sizes=Sizes(worlds=32, batch_steps=50, simulations=simulations, groups=48),
         worlds=settings.worlds(problem, truth),
+        workers=workers,
         seed=settings.seed,
     )
-    return Run(problem, trainer, truth)
+    return Run(problem, trainer, truth, workers=workers)
 
 
 if __name__ == "__main__":

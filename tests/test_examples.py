@@ -12,8 +12,8 @@ from tests.test_tutorial import blocks, shown_in
 PAGES = sorted((Path(__file__).parents[1] / "docs" / "examples").glob("*.md"))
 
 
-TRAINS = {"adaptive-policy", "task-for-your-mjcf"}  # a policy, for a quarter of a minute
-CASES = [pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem in TRAINS else ()) for page in PAGES]
+LONG = {"adaptive-policy", "ray", "task-for-your-mjcf"}  # train a policy or start workers, for a quarter of a minute
+CASES = [pytest.param(page, id=page.stem, marks=pytest.mark.slow if page.stem in LONG else ()) for page in PAGES]
 
 
 @pytest.mark.parametrize("page", CASES)

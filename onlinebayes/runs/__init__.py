@@ -10,10 +10,10 @@ from onlinebayes.runs.names import nearest, similar
 from onlinebayes.runs.plain import plain
 from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
-from onlinebayes.runs.random_state import random_state, set_random_state
+from onlinebayes.runs.random_state import OwnRandom, random_state, set_random_state
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.run_folder import RunFolder
-from onlinebayes.runs.seeds import generator, seed_everything
+from onlinebayes.runs.seeds import generator, seed_everything, seed_of
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
 from onlinebayes.runs.threads import one_torch_thread
 from onlinebayes.runs.toml import to_toml
@@ -26,6 +26,7 @@ __all__ = [
     "Checkpoints",
     "Interrupt",
     "Lock",
+    "OwnRandom",
     "Progress",
     "ResultTable",
     "Row",
@@ -47,6 +48,7 @@ __all__ = [
     "restore",
     "restore_part",
     "seed_everything",
+    "seed_of",
     "set_random_state",
     "similar",
     "to_toml",

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 import torch
+
+from onlinebayes.runs.seeds import seed_everything
 
 
 def random_state() -> dict[str, Any]:
@@ -31,3 +34,31 @@ def set_random_state(state: Mapping[str, Any]) -> None:
     torch.set_rng_state(state["torch"].cpu())
     if torch.cuda.is_available() and len(state["cuda"]) == torch.cuda.device_count():
         torch.cuda.set_rng_state_all([device.cpu() for device in state["cuda"]])
+
+
+class OwnRandom:
+    """Random numbers of its own: within :meth:`own` every global generator goes on from where this one stood.
+
+    Args:
+        seed: of its numbers.
+
+    Attributes:
+        state: where it stands, as :func:`random_state` says it.
+    """
+
+    def __init__(self, seed: int) -> None:
+        outside = random_state()
+        seed_everything(seed)
+        self.state = random_state()
+        set_random_state(outside)
+
+    @contextmanager
+    def own(self) -> Iterator[None]:
+        """A block that draws from here and leaves what is drawn outside as it was."""
+        outside = random_state()
+        set_random_state(self.state)
+        try:
+            yield
+        finally:
+            self.state = random_state()
+            set_random_state(outside)

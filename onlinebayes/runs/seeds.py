@@ -24,5 +24,13 @@ def generator(seed: int, purpose: str = "", device: torch.device | str = "cpu") 
         purpose: any name, e.g. ``"sensor noise"``; different names give independent streams of the same seed.
         device: where the generator draws.
     """
-    digest = hashlib.sha256(f"{seed}:{purpose}".encode()).digest()
-    return torch.Generator(device=device).manual_seed(int.from_bytes(digest[:7], "little"))
+    return torch.Generator(device=device).manual_seed(_digested(seed, purpose, 7))
+
+
+def seed_of(seed: int, purpose: str) -> int:
+    """A seed below 2^32 for one ``purpose`` of a run; see :func:`generator`."""
+    return _digested(seed, purpose, 4)
+
+
+def _digested(seed: int, purpose: str, size: int) -> int:
+    return int.from_bytes(hashlib.sha256(f"{seed}:{purpose}".encode()).digest()[:size], "little")

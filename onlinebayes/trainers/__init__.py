@@ -1,6 +1,7 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
 from onlinebayes.trainers.checkpoint import Saver
+from onlinebayes.trainers.collecting import collector_of
 from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
 from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
 from onlinebayes.trainers.growing import GrowingTrainer
@@ -8,12 +9,12 @@ from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.journal import Journal
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.playing import Episode, Player, SimulatedPlayer
-from onlinebayes.trainers.problem import Problem, Sizes, Worlds, collector_of, online_trainer
+from onlinebayes.trainers.problem import Problem, Sizes, Worlds, online_trainer
 from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
 from onlinebayes.trainers.recording import Recording
 from onlinebayes.trainers.schedule import Schedule, Turn
 from onlinebayes.trainers.session import run_in_folder
-from onlinebayes.trainers.simulations import Listed, Point, Simulations
+from onlinebayes.trainers.simulations import Listed, Point, Simulations, TrajectorySource
 from onlinebayes.trainers.state import OnlineState, Record
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, returns, trajectories
 
@@ -46,6 +47,7 @@ __all__ = [
     "Simulations",
     "Sizes",
     "TrajectoryFormat",
+    "TrajectorySource",
     "Turn",
     "Worlds",
     "collector_of",

@@ -19,8 +19,9 @@ import torch
 from torchrl.collectors import Collector
 
 from onlinebayes.runs import BadInput, Checkpoints, Stateful, one_line, random_state, restore_part, set_random_state
-from onlinebayes.trainers.env_state import collector_state, env_state, load_collector_state, load_env_state
+from onlinebayes.trainers.env_state import collector_state, load_collector_state
 from onlinebayes.trainers.growing import GrowingTrainer
+from onlinebayes.trainers.improve import Batches
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState
 
@@ -76,9 +77,9 @@ def run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState) -> di
     return {
         "online": state.state_dict(),
         "objective": trainer.objective.state_dict(),
-        "collector": collector_state(collector) if isinstance(collector, Collector) else None,
-        "simulations": env_state(trainer.simulations.env),
-        "held_out": env_state(trainer.held_out.env),
+        "collector": _collector_state(collector),
+        "simulations": trainer.simulations.state_dict(),
+        "held_out": trainer.held_out.state_dict(),
         "real": trainer.real.state_dict() if isinstance(trainer.real, Stateful) else None,
         "generator": trainer.generator.get_state(),
         "random": random_state(),
@@ -92,11 +93,22 @@ def load_run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState, 
         trainer = trainer.trainer
     restore_part("objective", trainer.objective, saved["objective"])
     state.load_state_dict(saved["online"], trainer.objective.policy)
-    if saved["collector"] is not None and isinstance(trainer.collector, Collector):
+    if saved["collector"] is None:
+        pass  # a collector of one's own that could not tell
+    elif isinstance(trainer.collector, Collector):
         load_collector_state(trainer.collector, saved["collector"])
-    load_env_state(trainer.simulations.env, saved["simulations"])
-    load_env_state(trainer.held_out.env, saved["held_out"])
+    elif isinstance(trainer.collector, Stateful):
+        restore_part("collector", trainer.collector, saved["collector"])
+    trainer.simulations.load_state_dict(saved["simulations"])
+    trainer.held_out.load_state_dict(saved["held_out"])
     if saved["real"] is not None and isinstance(trainer.real, Stateful):
         restore_part("real", trainer.real, saved["real"])
     trainer.generator.set_state(saved["generator"].cpu())
     set_random_state(saved["random"])
+
+
+def _collector_state(collector: Batches) -> dict[str, Any] | None:
+    """Where a collector stands, if it can tell."""
+    if isinstance(collector, Collector):
+        return collector_state(collector)
+    return collector.state_dict() if isinstance(collector, Stateful) else None

@@ -30,7 +30,7 @@ from onlinebayes.trainers.clock import Clock
 from onlinebayes.trainers.improve import Batches, improve
 from onlinebayes.trainers.real import RealSystem, measured, united
 from onlinebayes.trainers.schedule import Schedule, spread
-from onlinebayes.trainers.simulations import Simulations
+from onlinebayes.trainers.simulations import TrajectorySource
 from onlinebayes.trainers.state import Inferred, OnlineState, frozen
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
@@ -62,8 +62,8 @@ class OnlineTrainer:
     objective: Objective
     collector: Batches
     randomization: ParameterRandomization
-    simulations: Simulations
-    held_out: Simulations
+    simulations: TrajectorySource
+    held_out: TrajectorySource
     estimator: Callable[[Belief], PosteriorEstimator]
     gate: Gate
     real: RealSystem

@@ -12,25 +12,27 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol, runtime_checkable
 
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
-from torchrl.collectors import Collector
 from torchrl.data import Composite, TensorSpec
-from torchrl.envs import EnvBase, Transform, TransformedEnv
+from torchrl.envs import Transform, TransformedEnv
 
 from onlinebayes.inference import Belief, Gate, PosteriorEstimator
 from onlinebayes.objectives import Objective
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, generator
 from onlinebayes.simulators import Simulator, SimulatorEnv, Task
+from onlinebayes.trainers.collecting import collector_of
+from onlinebayes.trainers.distributed import PartedCollector, PartedSimulations, Workers, in_parts
 from onlinebayes.trainers.improve import Batches
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.real import RealEnvironment, RealSystem
 from onlinebayes.trainers.schedule import Schedule
-from onlinebayes.trainers.simulations import Point, Simulations
+from onlinebayes.trainers.simulations import Point, Simulations, TrajectorySource
 from onlinebayes.trainers.trajectories import Policy, returns
 from onlinebayes.transforms import Distribution, ParameterRandomization, SensorNoise
 
@@ -139,19 +141,6 @@ class Sizes:
     groups: int = 64
 
 
-def collector_of(env: EnvBase, policy: Policy, steps: int) -> Batches:
-    """Batches (N, ``steps``) of a policy in an environment of N worlds, without end."""
-    return Collector(
-        env,
-        policy,
-        frames_per_batch=env.batch_size.numel() * steps,
-        total_frames=-1,
-        trust_policy=True,
-        track_traj_ids=False,
-        auto_register_policy_transforms=False,
-    )
-
-
 def online_trainer(
     problem: Worlds,
     objective: Objective,
@@ -162,6 +151,7 @@ def online_trainer(
     sizes: Sizes,
     gate: Gate | None = None,
     worlds: Distribution | None = None,
+    workers: Workers | None = None,
     seed: int = 0,
 ) -> OnlineTrainer:
     """The trainer over worlds of one problem.
@@ -175,6 +165,7 @@ def online_trainer(
         sizes: how many worlds of each kind.
         gate: decides on the next proposal.
         worlds: where the policy's worlds come from; the belief without it.
+        workers: step the worlds, of the policy and of the simulations; without them this process does.
         seed: of worlds, sensors, fits and proposals.
 
     Raises:
@@ -184,13 +175,13 @@ def online_trainer(
         missing = "estimator" if estimator is None else "real system"
         raise BadInput(f"order '{schedule.order}' without a{'n' * (estimator is None)} {missing}", ALONE)
     drawn = ParameterRandomization(problem.prior)
-    env = problem.worlds(sizes.worlds, drawn, seed)
+    simulations = partial(_simulations, problem, schedule.real_steps, workers)
     return OnlineTrainer(
         objective=objective,
-        collector=collector_of(env, objective.policy, sizes.batch_steps),
+        collector=_collector(problem, objective.policy, sizes, drawn, workers, seed),
         randomization=drawn,
-        simulations=problem.simulations(sizes.simulations, schedule.real_steps, seed + 1000),
-        held_out=problem.simulations(sizes.groups, schedule.real_steps, seed + 3000),
+        simulations=simulations(sizes.simulations, seed + 1000),
+        held_out=simulations(sizes.groups, seed + 3000),
         estimator=estimator if estimator is not None else _no_estimator,
         gate=gate if gate is not None else Gate(),
         real=real if real is not None else _NoSystem(),
@@ -198,6 +189,23 @@ def online_trainer(
         generator=generator(seed, "online"),
         worlds=worlds,
     )
+
+
+def _collector(
+    problem: Worlds, policy: Policy, sizes: Sizes, drawn: ParameterRandomization, workers: Workers | None, seed: int
+) -> Batches:
+    """The policy's batches."""
+    if workers is None:
+        return collector_of(problem.worlds(sizes.worlds, drawn, seed), policy, sizes.batch_steps)
+    makes = in_parts(problem.worlds, sizes.worlds, workers.number, seed)
+    return PartedCollector(makes, policy, sizes.batch_steps, drawn, workers, seed)
+
+
+def _simulations(problem: Worlds, steps: int, workers: Workers | None, number: int, seed: int) -> TrajectorySource:
+    """Trajectories for a fit."""
+    if workers is None:
+        return problem.simulations(number, steps, seed)
+    return PartedSimulations(problem.worlds, number, steps, workers, seed, most=getattr(problem, "beside", None))
 
 
 class _NoSystem:

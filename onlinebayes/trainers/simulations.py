@@ -6,8 +6,9 @@ x_gj ~ simulator(theta_g, pi_j),   theta_g ~ proposal, j = 1 ... n            (G
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Protocol, runtime_checkable
 
 import torch
 from jaxtyping import Float
@@ -15,6 +16,7 @@ from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import EnvBase
 
+from onlinebayes.trainers.env_state import env_state, load_env_state
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
@@ -40,6 +42,25 @@ class Listed:
         """Theta (*shape, P)."""
         index = torch.arange(torch.Size(shape).numel(), device=self.theta.device) % len(self.theta)
         return self.theta[index].reshape(*shape, -1)
+
+
+@runtime_checkable
+class TrajectorySource(Protocol):
+    """Gives a trainer its simulated trajectories, and can say where it stands."""
+
+    form: TrajectoryFormat
+
+    def draw(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
+        """N trajectories (N, T) under each policy, every one with a theta of its own."""
+
+    def groups(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
+        """N groups (N, n, T): the same theta under each of the n policies."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """Plain values."""
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Stand there again."""
 
 
 class Simulations:
@@ -77,3 +98,11 @@ class Simulations:
         theta = proposal.sample((self.env.batch_size.numel(),))
         self._randomization.set_distribution(Listed(theta))
         return torch.stack([trajectories(self.env, policy, self.steps, self.form) for policy in policies], dim=1)
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the worlds and their sensors stand."""
+        return env_state(self.env)
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Stand there again."""
+        load_env_state(self.env, state)

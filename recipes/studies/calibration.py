@@ -23,16 +23,15 @@ from time import process_time
 from typing import Any, Literal
 
 import torch
-import tyro
 
 from onlinebayes.inference import NeuralEstimator
 from onlinebayes.inference.calibration import ball_credibility, credibility_of
-from onlinebayes.runs import Progress, ResultTable
-from recipes.common import settle
+from onlinebayes.runs import ResultTable
+from recipes.common import status
 from recipes.studies.exact import coverage_error
 from recipes.studies.one_by_one import SAMPLERS, sampled
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.ringing import SIZES as EFFECT_SIZES
 from recipes.studies.ringing import rung
 
@@ -58,17 +57,14 @@ class Study:
     """folder of the table"""
     only_jobs: bool = False
     """no table, for a process beside others"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
     jobs = jobs_of(study)
-    found = {}
-    with Progress("calibration", len(jobs)) as progress:
-        for i, (name, job) in enumerate(jobs.items()):
-            progress.update(i, name)
-            found[name] = kept_or_done(Path(study.out) / f"{name.replace(' ', '_')}.json", job)
+    found = each_kept_or_done("calibration", study.out, jobs, lambda name: name.replace(" ", "_"), study.ray_workers)
     if study.only_jobs:
         return 0
     table = tabled(found, study)
@@ -151,4 +147,4 @@ def add_alarm(table: ResultTable, name: str, result: dict[str, Any]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -16,15 +16,13 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
-import tyro
-
 from onlinebayes.inference.calibration import ball_credibility
-from onlinebayes.runs import Progress, ResultTable
-from recipes.common import settle
+from onlinebayes.runs import ResultTable
+from recipes.common import status
 from recipes.studies.calibration import NOISE, SIMULATIONS, THETAS
 from recipes.studies.exact import coverage_error
 from recipes.studies.one_round import EMBEDDINGS, TASKS, OneRound, begun, mixture
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 
 SEEDS = (531, 532)
 
@@ -43,27 +41,28 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
     jobs = {
         (task, name, seed): partial(told_by, task, name, seed)
         for task in study.tasks
         for name in study.embeddings
         for seed in study.seeds
     }
-    found = {}
-    with Progress("embeddings", len(jobs)) as progress:
-        for i, (key, job) in enumerate(jobs.items()):
-            words = ", ".join(map(str, key))
-            progress.update(i, words)
-            found[key] = kept_or_done(Path(study.out) / f"{words.replace(' ', '_')}.json", job)
+    found = each_kept_or_done("embeddings", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0
+
+
+def file_of(key: tuple[str, str, int]) -> str:
+    """Name of a job's file."""
+    return ", ".join(map(str, key)).replace(" ", "_")
 
 
 def told_by(task: str, name: str, seed: int) -> dict[str, Any]:
@@ -102,4 +101,4 @@ def tabled(found: dict[tuple[str, str, int], dict[str, Any]], study: Study) -> R
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -25,14 +25,13 @@ from types import ModuleType
 from typing import Any, Literal
 
 import torch
-import tyro
 
 from onlinebayes.inference import filtered_estimator, fit
 from onlinebayes.inference.calibration import credibility_of
-from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
+from onlinebayes.runs import ResultTable, generator, seed_everything
 from recipes import cartpole, pendulum
-from recipes.common import Run, Settings, settle
-from recipes.studies.resumable import kept_or_done
+from recipes.common import Run, Settings, status
+from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_online import ended, reference
 
 Part = Literal["one round", "recipes"]
@@ -57,22 +56,19 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
     jobs: list[tuple[str, Callable[[], dict[str, Any]]]] = []
     for task in study.tasks:
         if "recipes" in study.parts:
             jobs += [(f"{task}-recipe-{seed}", partial(recipe, task, seed)) for seed in SEEDS]
         if "one round" in study.parts:
             jobs += [(f"{task}-{noise:g}", partial(one_round, task, noise)) for noise in NOISES]
-    found = {}
-    with Progress("exact", len(jobs)) as progress:
-        for i, (name, job) in enumerate(jobs):
-            progress.update(i, name)
-            found[name] = kept_or_done(Path(study.out) / f"{name}.json", job)
+    found = each_kept_or_done("exact", study.out, dict(jobs), str, study.ray_workers)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
@@ -162,4 +158,4 @@ def coverage_error(credibility: list[float]) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import tyro
 from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
@@ -33,11 +32,11 @@ from onlinebayes.inference import (
     NeuralPosteriorLoss,
     fit,
 )
-from onlinebayes.runs import Progress, ResultTable
-from recipes.common import settle
+from onlinebayes.runs import ResultTable
+from recipes.common import status
 from recipes.studies.known_tasks import TASKS, KnownTask
 from recipes.studies.one_round import begun
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 
 SIMULATIONS, MEASUREMENTS, DRAWS, SEED, SAME = 10_000, 5, 1000, 561, 0.55
 GAUSSIAN = ("linear Gaussian, 2", "linear Gaussian, 10")
@@ -56,6 +55,8 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def as_trajectories(x: Float[Tensor, "N D"], theta: Float[Tensor, "N P"] | None = None) -> TensorDict:
@@ -103,18 +104,17 @@ METHODS: dict[str, Callable[[KnownTask, Tensor, Tensor, torch.Generator], Sample
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
     jobs = {(task, method): partial(told_apart, task, method) for task in study.tasks for method in METHODS}
-    found = {}
-    with Progress("known-posteriors", len(jobs)) as progress:
-        for i, (key, job) in enumerate(jobs.items()):
-            words = ", ".join(key)
-            progress.update(i, words)
-            found[key] = kept_or_done(Path(study.out) / f"{words.replace(' ', '_')}.json", job)
+    found = each_kept_or_done("known-posteriors", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0
+
+
+def file_of(key: tuple[str, str]) -> str:
+    """Name of a job's file."""
+    return ", ".join(key).replace(" ", "_")
 
 
 def told_apart(name: str, method: str) -> dict[str, Any]:
@@ -152,4 +152,4 @@ def tabled(found: dict[tuple[str, str], dict[str, Any]], study: Study) -> Result
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

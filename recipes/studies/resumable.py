@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from onlinebayes.runs import ResultTable, write_atomic
+from onlinebayes.runs import Progress, ResultTable, write_atomic
+from onlinebayes.trainers.distributed import Here
+from recipes.common import workers_of
 
+K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
 
 
@@ -31,13 +35,40 @@ def kept(folder: Path, wanted: Iterable[str], read: Callable[[str], R]) -> dict[
     return found
 
 
-def kept_or_done(path: Path, job: Callable[[], dict[str, Any]]) -> dict[str, Any]:
-    """What the job gave, from its file where it was done before."""
-    if not path.exists():
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_atomic(path, json.dumps(job()))
-    result: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    return result
+def each_kept_or_done(
+    label: str,
+    folder: str | Path,
+    jobs: Mapping[K, Callable[[], dict[str, Any]]],
+    named: Callable[[K], str],
+    ray_workers: int = 0,
+) -> dict[K, dict[str, Any]]:
+    """What each job gives, from its file where it was done before, be it by another process meanwhile.
+
+    Args:
+        label: of the progress.
+        folder: of the files.
+        jobs: by key; on Ray they travel by pickle, and one whose worker dies is done again.
+        named: key -> name of its file, without ``.json``.
+        ray_workers: that do the jobs; 0: this process does, one after the other.
+    """
+    files, begun = {key: Path(folder) / f"{named(key)}.json" for key in jobs}, list[K]()
+    Path(folder).mkdir(parents=True, exist_ok=True)
+
+    def missing() -> Iterator[Callable[[], dict[str, Any]]]:
+        for i, (key, file) in enumerate(files.items()):
+            if not file.exists():
+                progress.update(i, named(key))
+                begun.append(key)
+                yield jobs[key]
+
+    with closing(workers_of(ray_workers) or Here()) as workers, Progress(label, len(jobs)) as progress:
+        for number, result in workers.work(_call, missing()):
+            write_atomic(files[begun[number]], json.dumps(result))
+    return {key: json.loads(file.read_text(encoding="utf-8")) for key, file in files.items()}
+
+
+def _call(job: Callable[[], R]) -> R:
+    return job()
 
 
 def code_mark(packages: Iterable[ModuleType], *settings: str) -> str:

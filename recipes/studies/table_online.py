@@ -19,14 +19,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import tyro
-
 from onlinebayes.inference import LikelihoodEstimator, filter_of
-from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
+from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState
 from recipes import acrobot, cartpole, pendulum
-from recipes.common import Run, Settings, settle
-from recipes.studies.resumable import kept_or_done
+from recipes.common import Run, Settings, status
+from recipes.studies.resumable import each_kept_or_done
 
 SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300
 
@@ -64,23 +62,25 @@ class Study:
     """folder of the table"""
     only_jobs: bool = False
     """no table, for a process beside others"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
-    jobs = [(row, noise, seed) for seed in study.seeds for row in study.rows for noise in study.noises]
-    found = {}
-    with Progress("table-online", len(jobs)) as progress:
-        for i, job in enumerate(jobs):
-            words = "-".join(map(str, job)).replace(", ", "-")
-            progress.update(i, words)
-            found[job] = kept_or_done(Path(study.out) / f"{words}.json", partial(ended, *job))
+    runs = [(row, noise, seed) for seed in study.seeds for row in study.rows for noise in study.noises]
+    jobs = {job: partial(ended, *job) for job in runs}
+    found = each_kept_or_done("table-online", study.out, jobs, file_of, study.ray_workers)
     if not study.only_jobs:
         table = tabled(found, study)
         print(table.to_markdown())
         print(f"written: {table.write(study.results)}")
     return 0
+
+
+def file_of(job: tuple[str, float, int]) -> str:
+    """Name of a job's file."""
+    return "-".join(map(str, job)).replace(", ", "-")
 
 
 def ended(name: str, noise: float, seed: int) -> dict[str, Any]:
@@ -131,4 +131,4 @@ def tabled(found: dict[tuple[str, float, int], dict[str, Any]], study: Study) ->
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

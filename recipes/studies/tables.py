@@ -22,7 +22,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import tyro
 from tensordict import TensorDict, TensorDictBase
 
 from onlinebayes.embeddings import Embedding, PooledEmbedding, StatisticsEmbedding, SummaryEmbedding, TransitionFeatures
@@ -39,10 +38,10 @@ from onlinebayes.inference import (
     length_scales,
 )
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.runs import Progress, ResultTable
-from recipes.common import settle
+from onlinebayes.runs import ResultTable
+from recipes.common import status
 from recipes.studies.one_round import FEATURES, begun
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_systems import SYSTEMS, System
 
 SIMULATIONS, SEEDS = 2000, (541, 542, 543, 544, 545)
@@ -70,6 +69,8 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def features_of(sets: TensorDictBase) -> TransitionFeatures:
@@ -139,17 +140,17 @@ COLUMNS: dict[str, Maker] = {
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
     jobs = {(name, seed): partial(columns, name, seed) for name in study.systems for seed in study.seeds}
-    found = {}
-    with Progress("tables", len(jobs)) as progress:
-        for i, ((name, seed), job) in enumerate(jobs.items()):
-            progress.update(i, f"{name}, seed {seed}")
-            found[name, seed] = kept_or_done(Path(study.out) / f"{name.replace(' ', '_')}-{seed}.json", job)
+    found = each_kept_or_done("tables", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0
+
+
+def file_of(key: tuple[str, int]) -> str:
+    """Name of a job's file."""
+    return f"{key[0].replace(' ', '_')}-{key[1]}"
 
 
 def columns(name: str, seed: int) -> dict[str, Any]:
@@ -226,4 +227,4 @@ def add_goal(table: ResultTable, told: str, of: dict[str, list[float]], least: f
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

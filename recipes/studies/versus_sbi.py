@@ -31,18 +31,17 @@ from types import ModuleType
 from typing import Any, TypeVar
 
 import torch
-import tyro
 from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.inference import NeuralEstimator, fit, residual_estimator
 from onlinebayes.inference.calibration import credibility_of
-from onlinebayes.runs import BadInput, Progress, ResultTable, generator, seed_everything
+from onlinebayes.runs import BadInput, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
-from recipes.common import Settings, settle
+from recipes.common import Settings, status
 from recipes.studies.exact import coverage_error
+from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.resumable import kept as found_in
-from recipes.studies.resumable import kept_or_done
 
 TASKS: dict[str, ModuleType] = {"pendulum": pendulum, "cartpole": cartpole, "acrobot": acrobot}
 BUDGETS, SEEDS = (200, 2000, 10_000), (1, 2, 3)
@@ -77,6 +76,8 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
     def __post_init__(self) -> None:
         for told, known in ((self.tasks, tuple(TASKS)), (self.methods, METHODS)):
@@ -86,13 +87,9 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
-    jobs = list(product(study.tasks, study.budgets, study.seeds, study.methods))
-    with Progress("versus-sbi", len(jobs)) as progress:
-        for i, (task, budget, seed, method) in enumerate(jobs):
-            name = name_of(task, budget, seed, method)
-            progress.update(i, name)
-            kept_or_done(Path(study.out) / f"{name}.json", partial(compared, task, budget, seed, method, study.points))
+    wanted = product(study.tasks, study.budgets, study.seeds, study.methods)
+    jobs = {each: partial(compared, *each, study.points) for each in wanted}
+    each_kept_or_done("versus-sbi", study.out, jobs, lambda each: name_of(*each), study.ray_workers)
     table = tabled(Path(study.out))
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
@@ -264,4 +261,4 @@ def add_seconds(table: ResultTable, name: str, by_method: dict[str, dict[int, Re
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))
