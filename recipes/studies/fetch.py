@@ -26,17 +26,16 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import tyro
 
 from envs.fetch import FRICTION, ScriptedPusher
 from onlinebayes.objectives import DDPG
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import Checkpoints, Progress, ResultTable, seed_everything
+from onlinebayes.runs import Checkpoints, ResultTable, seed_everything
 from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.common import settle
+from recipes.common import status
 from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 
 SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
 
@@ -68,7 +67,7 @@ CASES: dict[str, Case] = {
     "reach": Case("reach", 2, 1.0, frames_per_update=4, worlds=50),
     "push": Case("push", 124, 0.95, demonstrations=0.2, frames_per_update=8),
     "push, alone": Case("push", 310, 0.9),
-    "push, prior": Case("push", 156, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
+    "push, prior": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
     "slide": Case("slide", 500, 0.5),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0)),
 }
@@ -86,22 +85,24 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """do the jobs on so many workers of Ray"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
-    jobs = [(case, seed) for seed in study.seeds for case in study.cases]
-    found: dict[tuple[str, int], dict[str, Any]] = {}
-    with Progress("fetch", len(jobs)) as progress:
-        for i, (case, seed) in enumerate(jobs):
-            place = Path(study.out) / f"{case.replace(', ', '-')}-{seed}"
-            progress.update(i, place.name)
-            found[case, seed] = kept_or_done(place.with_suffix(".json"), partial(learnt, CASES[case], seed, place))
+    places = {(case, seed): Path(study.out) / file_of((case, seed)) for seed in study.seeds for case in study.cases}
+    jobs = {(case, seed): partial(learnt, CASES[case], seed, place) for (case, seed), place in places.items()}
+    found = each_kept_or_done("fetch", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1
+
+
+def file_of(job: tuple[str, int]) -> str:
+    """Name of a job's file, and of the folder where it is saved while it runs."""
+    return f"{job[0].replace(', ', '-')}-{job[1]}"
 
 
 def made_of(case: Case) -> tuple[Fetch, Distribution]:
@@ -194,4 +195,4 @@ def course_of(jobs: list[dict[str, Any]]) -> Iterator[dict[str, float]]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

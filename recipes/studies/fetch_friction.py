@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import tyro
 from jaxtyping import Float
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule, TensorDictSequential
@@ -37,14 +36,14 @@ from onlinebayes.inference import MixtureEstimator, NeuralEstimator, NeuralPoste
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.objectives import Exploration
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
+from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers.trajectories import Policy
-from recipes.common import settle
+from recipes.common import status
 from recipes.fetch import STEPS, Fetch, fetch
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 
 SIMULATIONS, HELD_OUT, STARTS, EPOCHS, NOISE = 2000, 500, 10, 60, 0.1
 
@@ -88,19 +87,15 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the table"""
+    ray_workers: int = 0
+    """do the jobs on so many workers of Ray"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
-    jobs = [(name, seed) for seed in study.seeds for name in study.questions]
-    found: dict[tuple[str, int], dict[str, Any]] = {}
-    with Progress("fetch-friction", len(jobs)) as progress:
-        for i, (name, seed) in enumerate(jobs):
-            words = f"{name.replace(', ', '-')}-{seed}"
-            progress.update(i, words)
-            job = partial(answered, QUESTIONS[name], seed, study.policies)
-            found[name, seed] = kept_or_done(Path(study.out) / f"{words}.json", job)
+    wanted = [(name, seed) for seed in study.seeds for name in study.questions]
+    jobs = {(name, seed): partial(answered, QUESTIONS[name], seed, study.policies) for name, seed in wanted}
+    found = each_kept_or_done("fetch-friction", study.out, jobs, learning.file_of, study.ray_workers)
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
@@ -205,4 +200,4 @@ def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> Result
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

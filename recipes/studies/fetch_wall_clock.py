@@ -19,16 +19,15 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import tyro
 
-from onlinebayes.runs import Progress, ResultTable, seed_everything
+from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.trainers import collector_of
 from onlinebayes.transforms import ParameterRandomization
-from recipes.common import settle
+from recipes.common import status
 from recipes.fetch import STEPS, WORLDS, objective, success
 from recipes.studies.fetch import CASES, made_of
 from recipes.studies.fetch_peer import environments
-from recipes.studies.resumable import kept_or_done
+from recipes.studies.resumable import each_kept_or_done
 
 SOLVED, TIMES, EPISODES, MOST, EVERY = 0.9, 3.0, 128, 400, 10
 
@@ -47,16 +46,15 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
-    table, out = ResultTable("fetch-wall-clock", "make fetch-wall-clock", study.seeds), Path(study.out)
-    runs = []
-    with Progress("fetch-wall-clock", 2 * len(study.seeds)) as progress:
-        for i, seed in enumerate(study.seeds):
-            progress.update(2 * i, f"ours, seed {seed}")
-            mine = kept_or_done(out / f"ours-{seed}.json", partial(ours, seed))
-            progress.update(2 * i + 1, f"stable-baselines3, seed {seed}")
-            longest = TIMES * mine["seconds"]
-            runs.append((mine, kept_or_done(out / f"theirs-{seed}.json", partial(theirs, seed, longest))))
+    table = ResultTable("fetch-wall-clock", "make fetch-wall-clock", study.seeds)
+
+    def job(seed: int) -> dict[str, Any]:
+        mine = ours(seed)
+        return {"ours": mine, "theirs": theirs(seed, TIMES * mine["seconds"])}
+
+    jobs = {seed: partial(job, seed) for seed in study.seeds}
+    found = each_kept_or_done("fetch-wall-clock", study.out, jobs, str)
+    runs = [(found[seed]["ours"], found[seed]["theirs"]) for seed in study.seeds]
     for key, unit in (("success", "share"), ("frames", "steps"), ("seconds", "s")):
         table.add_seeds(f"ours: {key}", [mine[key] for mine, _ in runs], unit=unit)
         table.add_seeds(f"stable-baselines3: {key}", [other[key] for _, other in runs], unit=unit)
@@ -127,4 +125,4 @@ def judged(model: Any, env: Any) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))
