@@ -25,6 +25,7 @@ from onlinebayes.trainers import (
     OnlineTrainer,
     Player,
     Point,
+    Policy,
     Problem,
     Recording,
     Schedule,
@@ -94,6 +95,7 @@ class Run(Generic[P]):
         truth: hidden from the trainer; judges the run.
         player: shows the hidden system; the problem's own without it.
         to_beat: return that the policy has to beat, where the run is about the policy alone.
+        score: (policy, truth) -> return on the real system, where that is another one than the problem's.
     """
 
     problem: P
@@ -101,11 +103,12 @@ class Run(Generic[P]):
     truth: Float[Tensor, " P"]
     player: Player | None = None
     to_beat: float | None = None
+    score: Callable[[Policy, Float[Tensor, " P"]], float] | None = None
 
     def judge(self, state: OnlineState) -> dict[str, float]:
         """Log density of the truth, and the policy's return on the real system."""
         return {
-            "return": self.problem.score(self.trainer.objective.policy, self.truth),
+            "return": (self.score or self.problem.score)(self.trainer.objective.policy, self.truth),
             "log density of the truth": float(state.belief.log_prob(self.truth)),
         }
 

@@ -63,6 +63,10 @@ def test_in_the_air_it_moves_as_in_mujoco_with_any_parameters(drake, changed) ->
     assert gap(paths(drake, 4.0, **changed), paths(standard_hopper(threads=1), 4.0, **changed)) < 1.0
 
 
+def test_in_the_air_quick_steps_are_drakes(drake) -> None:
+    assert gap(paths(drake, 4.0), paths(standard_hopper(threads=1, quick=True), 4.0)) < 1e-9
+
+
 def test_near_the_ground_it_is_milliradians_away(drake) -> None:
     ours, mujoco = paths(drake, 1.25), paths(standard_hopper(threads=1), 1.25)
     assert float(ours[:, -1, 1].min()) > 1.0  # in free fall it would be at .47
