@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online known-posteriors figures hidden-effect devices clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online known-posteriors figures hidden-effect hopper devices clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -88,6 +88,8 @@ figures: setup   ## figures 4.3, 4.4, 4.5 and 5.2 of the thesis (half an hour) -
 	$(BIN)/python -m recipes.studies.figures
 hidden-effect: setup  ## a model that grows while a policy learns (hours; goes on where it was stopped) -> docs/results/hidden-effect.json
 	$(BIN)/python -m recipes.studies.hidden_effect --out $(OUT)/hidden_effect
+hopper: setup    ## a hopper learnt in MuJoCo and judged in Drake, and its friction (a day; goes on where it was stopped) -> docs/results/hopper.json
+	$(BIN)/python -m recipes.studies.hopper --out $(OUT)/hopper
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 devices: setup   ## worlds and fits on the CPU and on a GPU (needs one) -> docs/results/devices.json

@@ -73,6 +73,12 @@ def test_near_the_ground_it_is_milliradians_away(drake) -> None:
     assert gap(ours, mujoco) < 6.0
 
 
+def test_stiff_stops_are_nearer_to_drakes(drake) -> None:
+    ours = paths(drake, 1.35, 20.0)  # throws the leg straight
+    soft, stiff = (paths(standard_hopper(threads=1, quick=True, stops=stops), 1.35, 20.0) for stops in (None, 0.004))
+    assert gap(ours, stiff) < 0.5 * gap(ours, soft)
+
+
 def test_friction_and_damping_matter_more_than_the_engine(drake) -> None:
     ours, mujoco = paths(drake, 1.25), paths(standard_hopper(threads=1), 1.25)
     engine = float((ours - mujoco)[:, -1].square().mean().sqrt())
