@@ -37,6 +37,7 @@ from recipes.studies.resumable import kept_or_done
 
 Part = Literal["policies", "friction"]
 LOWS, SEEDS = (0.3, 0.1), (1, 2, 3)
+ENGINES: tuple[Engine, ...] = get_args(Engine)
 KINDS: tuple[Kind, ...] = ("prior", "online")
 STEPS, RUN_UP, SIMULATIONS, THETAS, EPISODES, EPOCHS = 50, 125, 10_000, 300, 32, 25
 WINDOWS = {"starting": 0, "running": RUN_UP}
@@ -69,8 +70,7 @@ def main(study: Study) -> int:
                 jobs |= {("policy", low, kind, seed): partial(ended, study.out, low, kind, seed) for kind in KINDS}
             if "friction" in study.parts:
                 jobs |= {
-                    ("friction", low, engine, seed): partial(told, study.out, low, engine, seed)
-                    for engine in get_args(Engine)
+                    ("friction", low, engine, seed): partial(told, study.out, low, engine, seed) for engine in ENGINES
                 }
     found = {}
     with Progress("hopper", len(jobs)) as progress:
@@ -112,7 +112,7 @@ def ended(out: str, low: float, kind: Kind, seed: int) -> dict[str, Any]:
     """Returns of a policy in both engines at the truth; what its run believes."""
     made, state = trained(out, low, kind, seed)
     policy = made.trainer.objective.policy
-    scores = {e: engine(made, low, e).score(policy, made.truth, episodes=EPISODES) for e in get_args(Engine)}
+    scores = {e: engine(made, low, e).score(policy, made.truth, episodes=EPISODES) for e in ENGINES}
     return {**scores, "density": float(state.belief.log_prob(made.truth)), "frames": state.frames}
 
 
@@ -156,7 +156,7 @@ def tabled(found: dict[tuple[Any, ...], dict[str, Any]], study: Study) -> Result
         if "policies" in study.parts:
             add_policies(table, head, {kind: [found["policy", low, kind, s] for s in study.seeds] for kind in KINDS})
         if "friction" in study.parts:
-            for real in get_args(Engine):
+            for real in ENGINES:
                 add_friction(table, head, real, [found["friction", low, real, s] for s in study.seeds])
     return table
 
