@@ -26,6 +26,7 @@ from onlinebayes.trainers import (
     OnlineTrainer,
     Player,
     Point,
+    Policy,
     Problem,
     Recording,
     Schedule,
@@ -109,6 +110,7 @@ class Run(Generic[P]):
         to_beat: return that the policy has to beat, where the run is about the policy alone.
         figures: gives further figures for the log of each outer step.
         workers: that step the trainer's worlds, to be closed at the end.
+        score: (policy, truth) -> return on the real system, where that is another one than the problem's.
     """
 
     problem: P
@@ -124,10 +126,12 @@ class Run(Generic[P]):
         if self.workers is not None:
             self.workers.close()
 
+    score: Callable[[Policy, Float[Tensor, " P"]], float] | None = None
+
     def judge(self, state: OnlineState) -> dict[str, float]:
         """Log density of the truth, and the policy's return on the real system."""
         return {
-            "return": self.problem.score(self.trainer.objective.policy, self.truth),
+            "return": (self.score or self.problem.score)(self.trainer.objective.policy, self.truth),
             "log density of the truth": float(state.belief.log_prob(self.truth)),
             **self.figures(),
         }

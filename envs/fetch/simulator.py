@@ -28,6 +28,7 @@ from envs.fetch.sites import Site
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape, Simulator
+from onlinebayes.simulators.by_steps import by_steps
 from onlinebayes.simulators.checks import refuse_twice
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.mujoco import drawing
@@ -154,14 +155,7 @@ class FetchSimulator(Simulator):
         times: Float[Tensor, " T"],
     ) -> TensorDict:
         """Trajectories of M worlds; see :meth:`Simulator.rollout`. A timestep is ``dt``."""
-        other = self.with_worlds(len(theta))
-        now, rows, before = other.reset(theta, state), [], 0
-        for k, after in enumerate((times.double() / self.dt).round().long().tolist()):
-            for _ in range(after - before):
-                now = other.step(inputs[:, k])
-            rows.append(now.clone().set("valid", ~other.failed))
-            before = after
-        return torch.stack(rows, dim=1)
+        return by_steps(self, theta, state, inputs, times)
 
     def with_effect(self, effect: Effect) -> Self:
         """A new simulator with this effect; see :meth:`Simulator.with_effect`."""

@@ -26,17 +26,23 @@ class HopperTask(Task):
 
     Args:
         horizon: steps of an episode, 8 ms each.
+        upright: the torso's coordinate z where it stands upright [m].
+        fallen: height of the torso over that, below which it has fallen [m].
+        tilted: pitch of the torso at which it has fallen [rad].
     """
 
     observation_size = 11
 
-    def __init__(self, horizon: int = 1000) -> None:
-        self.horizon = horizon
+    def __init__(
+        self, horizon: int = 1000, upright: float = 0.0, fallen: float = FALLEN, tilted: float = TILTED
+    ) -> None:
+        self.horizon, self.upright, self.fallen, self.tilted = horizon, upright, fallen, tilted
         self.action_spec = Bounded(-1.0, 1.0, shape=(3,), dtype=torch.float32)
 
     def start(self, theta: Float[Tensor, "n P"], generator: torch.Generator) -> TensorDict:
         """Upright and at rest, each coordinate and velocity off by up to 5e-3 [m, rad, m/s, rad/s]."""
         noise = 0.01 * torch.rand(len(theta), 12, dtype=theta.dtype, device=theta.device, generator=generator) - 0.005
+        noise[:, 1] += self.upright
         return TensorDict({"qpos": noise[:, :6], "qvel": noise[:, 6:]}, batch_size=(len(theta),), device=theta.device)
 
     def observe(self, state: TensorDictBase) -> Float[Tensor, "N 11"]:
@@ -55,4 +61,4 @@ class HopperTask(Task):
     def terminated(self, state: TensorDictBase) -> Bool[Tensor, " N"]:
         """Whether it has fallen: too low, or tilted too far."""
         qpos = state.get("qpos")
-        return (qpos[..., 1] < FALLEN) | (qpos[..., 2].abs() > TILTED)
+        return (qpos[..., 1] < self.upright + self.fallen) | (qpos[..., 2].abs() > self.tilted)

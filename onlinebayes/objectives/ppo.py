@@ -9,6 +9,10 @@ Advantage Estimation (2016). The loss and the advantage are TorchRL's ``ClipPPOL
 Two choices decide whether it learns quickly: the reward is multiplied by (1 - gamma), so that values are of order one
 whatever the horizon, and the gradients of actor and critic are clipped apart, so that a surprised critic does not
 silence the actor.
+
+With ``target_kl`` the learning rate follows the divergence of a batch's new policy from the old one: a 1.5th of it
+where that is above twice the target, 1.5 times it where it is below half of it (Rudin et al., Learning to Walk in
+Minutes Using Massively Parallel Deep Reinforcement Learning, 2022).
 """
 
 from __future__ import annotations
@@ -32,6 +36,8 @@ from onlinebayes.objectives.networks import state_value, stochastic_policy
 from onlinebayes.runs import BadInput, load_exactly
 
 LOG_PROB = "action_log_prob"
+PACE, SLOWEST, FASTEST = 1.5, 1e-5, 1e-2
+"""Factor of the learning rate after a batch whose divergence is off its target, and its bounds."""
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
 
 
@@ -49,6 +55,7 @@ class PPO:
         epochs: passes over each batch.
         reward_scale: factor on the reward, 1 - gamma as built by :func:`ppo`.
         max_grad_norm: bound on the gradient's norm, for the actor and for the critic.
+        target_kl: divergence that a batch should bring [nats]; the learning rate stays without it.
     """
 
     policy: ProbabilisticActor
@@ -60,6 +67,7 @@ class PPO:
     epochs: int
     reward_scale: float
     max_grad_norm: float
+    target_kl: float | None = None
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
         """One PPO pass over a collector's batch (N, T); returns the losses' means.
@@ -93,7 +101,16 @@ class PPO:
                 steps += 1
                 for name in (*LOSSES, "kl_approx"):
                     sums[name] += float(losses[name].detach())
-        return {name: value / max(steps, 1) for name, value in sums.items()}
+        means = {name: value / max(steps, 1) for name, value in sums.items()}
+        if self.target_kl is not None:
+            self._pace(means["kl_approx"] / self.target_kl)
+        return means
+
+    def _pace(self, ratio: float) -> None:
+        """Learn slower or faster, by the divergence in units of its target."""
+        factor = 1 / PACE if ratio > 2 else PACE if ratio < 0.5 else 1.0
+        for group in self.optimiser.param_groups:
+            group["lr"] = min(max(factor * group["lr"], SLOWEST), FASTEST)
 
     def state_dict(self) -> dict[str, Any]:
         """Weights and optimiser state."""
@@ -133,6 +150,7 @@ def ppo(
     entropy: float = 0.01,
     learning_rate: float = 1e-3,
     max_grad_norm: float = 0.5,
+    target_kl: float | None = None,
 ) -> PPO:
     """PPO with a policy and a critic built from the specs of one world.
 
@@ -152,6 +170,7 @@ def ppo(
         entropy: c of the objective.
         learning_rate: Adam's.
         max_grad_norm: bound on each network's gradient.
+        target_kl: divergence that a batch should bring [nats], which the learning rate follows; it stays without it.
     """
     inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
     policy = stochastic_policy(
@@ -169,4 +188,4 @@ def ppo(
         batch_size=minibatch,
     )
     optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate, eps=1e-5, fused=True)
-    return PPO(policy, inputs, loss, advantage, buffer, optimiser, epochs, 1 - gamma, max_grad_norm)
+    return PPO(policy, inputs, loss, advantage, buffer, optimiser, epochs, 1 - gamma, max_grad_norm, target_kl)

@@ -86,6 +86,18 @@ def test_ppo_leaves_the_batch_as_it_was():
     assert (data == before).all()
 
 
+@pytest.mark.parametrize(("target", "moves"), [(1e-9, -1), (1e3, 1), (None, 0)])
+def test_ppos_learning_rate_follows_the_divergence(target, moves):
+    objective = ppo(OBSERVATION, BOUNDED, minibatch=32, learning_rate=1e-3, target_kl=target)
+    for _ in range(3):
+        objective.update(batch(objective.policy))
+    rate = objective.optimiser.param_groups[0]["lr"]
+    assert rate == pytest.approx(1e-3 * 1.5 ** (3 * moves))
+    other = ppo(OBSERVATION, BOUNDED, minibatch=32, target_kl=target)
+    other.load_state_dict(objective.state_dict())
+    assert other.optimiser.param_groups[0]["lr"] == rate
+
+
 def test_ppo_refuses_a_batch_that_its_buffer_cannot_deal_out():
     objective = ppo(OBSERVATION, BOUNDED, minibatch=64, frames_per_batch=128)
     for n in (3, 9):  # rows of 16

@@ -18,6 +18,7 @@ from recipes import (
     custom_loop,
     dm_control,
     from_logs,
+    hopper,
     mountain_car,
     own_simulator,
     pendulum,
@@ -50,6 +51,19 @@ def test_a_short_run_writes_its_folder_and_holds_the_truth_better_than_the_prior
     rows = left(tmp_path / f"{name}-online-0-short", capsys.readouterr().out)
     assert [row["step"] for row in rows] == ["1", "2"]
     assert all("narrowed" in row["notes"] or "widened" in row["notes"] for row in rows)
+
+
+@pytest.mark.slow
+@checked_elsewhere
+@pytest.mark.parametrize("real", ["mujoco", "drake"])
+def test_a_hopper_is_measured_and_judged_in_either_engine(real: hopper.Engine, tmp_path: Path, capsys: Capture) -> None:
+    if real == "drake":
+        pytest.importorskip("pydrake", reason="needs the extra robotics")
+    # What two batches teach says nothing of the friction: the pieces connect, and no more.
+    run("hopper", hopper.build, hopper.Settings(short=True, real=real, out=str(tmp_path)))
+    rows = left(tmp_path / "hopper-online-0-short", capsys.readouterr().out)
+    assert float(rows[-1]["figure/return"]) > float(rows[0]["figure/return"])
+    assert all(float(row["figure/log density of the truth"]) > 0 for row in rows)
 
 
 def left(folder: Path, said: str) -> list[dict[str, str]]:
