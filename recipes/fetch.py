@@ -25,6 +25,9 @@ from onlinebayes.trainers.trajectories import Policy
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
 WORLDS, STEPS = 64, 50
+WORDS = {"last": "success", "ever": "success at any step", "at_start": "met at the start", "moved": "object moved"}
+"""What the shares of :class:`Success` are called in a log."""
+
 MOVED = 0.01
 """From where on an object counts as moved [m]."""
 
@@ -148,7 +151,7 @@ def outcomes(problem: Problem, policy: Policy, worlds: Distribution, episodes: i
 def figures(made: Fetch, policy: Policy, truth: Float[Tensor, " P"], episodes: int = 128) -> dict[str, float]:
     """Success on the exact worlds, by name, for a run's log."""
     found = success(made.exact, policy, Point(truth), episodes)
-    return {f"success {name}": value for name, value in vars(found).items()}
+    return {WORDS[name]: share for name, share in vars(found).items()}
 
 
 def learning_in(trainer: OnlineTrainer, made: Fetch, seed: int) -> OnlineTrainer:
