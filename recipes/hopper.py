@@ -71,7 +71,7 @@ def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
 
 
 def learning(problem: Problem, worlds: int, steps: int) -> PPO:
-    """PPO on batches of ``worlds`` x ``steps`` frames, in large strides: slower learners stop at a bow."""
+    """PPO on batches of ``worlds`` x ``steps`` frames, its learning rate as high as the divergence allows."""
     return ppo(
         *problem.specs,
         normalise=True,
@@ -108,7 +108,9 @@ def build(settings: Settings) -> Run:
         seed=settings.seed,
     )
     player = SimulatedPlayer(problem, objective.policy, truth, machine)
-    return Run(problem, trainer, truth, player, score=partial(machine.score, episodes=EPISODES))
+    return Run(
+        problem, trainer, truth, player, score=partial(machine.score, episodes=2 if settings.short else EPISODES)
+    )
 
 
 if __name__ == "__main__":
