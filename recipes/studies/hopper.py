@@ -112,7 +112,7 @@ def ended(out: str, low: float, kind: Kind, seed: int) -> dict[str, Any]:
     """Returns of a policy in both engines at the truth; what its run believes."""
     made, state = trained(out, low, kind, seed)
     policy = made.trainer.objective.policy
-    scores = {e: engine(made, low, e).score(policy, made.truth, episodes=EPISODES) for e in ENGINES}
+    scores: dict[str, float] = {e: engine(made, low, e).score(policy, made.truth, episodes=EPISODES) for e in ENGINES}
     return {**scores, "density": float(state.belief.log_prob(made.truth)), "frames": state.frames}
 
 
