@@ -9,7 +9,8 @@
 
 Motors are generalised forces, ``200 clip(u, -1, 1)``: Drake would cut the actuators' own port off at the command's
 range. Contacts are points with Drake's lagged approximation of its convex solver (Castro et al. 2023, A Theory of
-Irrotational Contact Fields) at the 2 ms of MuJoCo's file; MuJoCo's contacts are softer.
+Irrotational Contact Fields) at the 2 ms of MuJoCo's file, and of both ends of a capsule, as in MuJoCo; MuJoCo's are
+softer.
 """
 
 from __future__ import annotations
@@ -52,6 +53,7 @@ class DrakePlant:
         self.plant, self.scene = drake.AddMultibodyPlantSceneGraph(builder, TIMESTEP)
         with _quiet():
             drake.Parser(self.plant).AddModels(str(STANDARD_MODEL))
+            self._rest_on_ends()
             self.plant.set_contact_model(drake.ContactModel.kPoint)
             self.plant.set_discrete_contact_approximation(drake.DiscreteContactApproximation.kLagged)
             self.plant.Finalize()
@@ -59,6 +61,18 @@ class DrakePlant:
             self.rest = self.diagram.CreateDefaultContext()
             self._set_friction(self.rest, GRIP)
         self._force = self.plant.get_applied_generalized_force_input_port()
+
+    def _rest_on_ends(self) -> None:
+        """Two spheres in the place of each capsule, which Drake would let touch the floor in one point at a time."""
+        drake, plant, inspector = self._drake, self.plant, self.scene.model_inspector()
+        for body in map(plant.GetBodyByName, BODIES):
+            (geometry,) = plant.GetCollisionGeometriesForBody(body)
+            capsule, pose = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
+            radius, ends = capsule.radius(), [pose @ np.array([0.0, 0.0, z * capsule.length()]) for z in (-0.5, 0.5)]
+            self.scene.RemoveRole(plant.get_source_id(), geometry, drake.Role.kProximity)
+            for k, end in enumerate(ends):
+                place, ball = drake.RigidTransform(end), drake.Sphere(radius)
+                plant.RegisterCollisionGeometry(body, place, ball, f"end{k}", drake.CoulombFriction(GRIP, GRIP))
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
@@ -171,6 +185,7 @@ class _Names:
 def _import() -> Any:
     try:
         import pydrake.geometry as geometry
+        import pydrake.math as math
         import pydrake.multibody.parsing as parsing
         import pydrake.multibody.plant as plant
         import pydrake.multibody.tree as tree
@@ -178,6 +193,6 @@ def _import() -> Any:
     except ImportError:
         raise BadInput("the engine Drake is not installed", "pip install 'onlinebayes[robotics]'") from None
     drake = _Names()
-    for module in (geometry, parsing, plant, tree, framework):
+    for module in (geometry, math, parsing, plant, tree, framework):
         drake.__dict__.update({name: value for name, value in vars(module).items() if not name.startswith("_")})
     return drake

@@ -66,6 +66,6 @@ def standard_hopper(
     return MujocoSimulator(spec, parameters, worlds, DT, threads)
 
 
-def standard_task(horizon: int = 1000) -> HopperTask:
+def standard_task(horizon: int = 1000, tilted: float = 0.2) -> HopperTask:
     """Hopper-v5's start, observation, reward and end: fallen below .7 m, or tilted by .2 rad."""
-    return HopperTask(horizon, upright=1.25, fallen=0.7 - 1.25, tilted=0.2)
+    return HopperTask(horizon, upright=1.25, fallen=0.7 - 1.25, tilted=tilted)

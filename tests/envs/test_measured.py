@@ -103,9 +103,14 @@ def test_a_driver_speeds_up_along_a_ramp() -> None:
 @pytest.fixture
 def rate_limit() -> Iterator[type[Effect]]:
     """As a problem file's module has it; gone from the vocabulary after the test."""
+    _forget_rate_limit()  # another test of this process may have left it
     yield import_module("envs.measured.sts3250.rate_limit").ActuatorRateLimit
-    EFFECTS.pop("actuator_rate_limit")
-    sys.modules.pop("envs.measured.sts3250.rate_limit")
+    _forget_rate_limit()
+
+
+def _forget_rate_limit() -> None:
+    EFFECTS.pop("actuator_rate_limit", None)
+    sys.modules.pop("envs.measured.sts3250.rate_limit", None)
 
 
 def test_a_rate_limit_keeps_the_contract_of_effects(rate_limit: type[Effect]) -> None:
