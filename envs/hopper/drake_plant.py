@@ -9,8 +9,8 @@
 
 Motors are generalised forces, ``200 clip(u, -1, 1)``: Drake would cut the actuators' own port off at the command's
 range. Contacts are points with Drake's lagged approximation of its convex solver (Castro et al. 2023, A Theory of
-Irrotational Contact Fields) at the 2 ms of MuJoCo's file, of both ends of a capsule, and about as
-soft as MuJoCo's.
+Irrotational Contact Fields) at the 2 ms of MuJoCo's file, and of both ends of a capsule, as in MuJoCo; MuJoCo's are
+softer.
 """
 
 from __future__ import annotations
@@ -32,11 +32,6 @@ TIMESTEP = 0.002
 
 GRIP = 2.0
 """Friction where it is no parameter: of Gymnasium's foot, the larger of foot and floor."""
-
-STIFFNESS, DISSIPATION = 1e5, 3.0
-"""Of each of two bodies that touch [N/m, s/m]. Drake does not read the file's ``solref`` of .02 s and ``solimp`` of .8,
-d / (d tau)^2 = 3125 / s^2 or 4.9e4 N/m for 15.8 kg; of two equal springs in series each has twice that. On Drake's own,
-harder contacts a policy that hops in MuJoCo falls within a second."""
 
 KNOWN = (
     FRICTION,
@@ -138,8 +133,6 @@ class DrakePlant:
         for geometry in inspector.GetAllGeometryIds(drake.Role.kProximity):
             properties = drake.ProximityProperties(inspector.GetProximityProperties(geometry))
             properties.UpdateProperty("material", "coulomb_friction", drake.CoulombFriction(value, value))
-            properties.UpdateProperty("material", "point_contact_stiffness", STIFFNESS)
-            properties.UpdateProperty("material", "hunt_crossley_dissipation", DISSIPATION)
             source = self.plant.get_source_id()
             self.scene.AssignRole(context, source, geometry, properties, drake.RoleAssign.kReplace)
 

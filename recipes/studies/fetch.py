@@ -37,7 +37,7 @@ from recipes.common import status
 from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
 from recipes.studies.resumable import each_kept_or_done
 
-SEEDS, EPISODES, LOOKS, QUARTERS, RATE = (1, 2, 3), 256, 16, 4, 1e-3
+SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ CASES: dict[str, Case] = {
     "reach": Case("reach", 2, 1.0, frames_per_update=4, worlds=50),
     "push": Case("push", 124, 0.95, demonstrations=0.2, frames_per_update=8),
     "push, alone": Case("push", 310, 0.9),
-    "push, prior": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
+    "push, prior": Case("push", 156, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
     "slide": Case("slide", 500, 0.5),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0)),
 }
@@ -144,7 +144,6 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     before = course[-1]["seconds"] if course else 0.0
     every = max(1, case.batches // LOOKS)
     for batch in range(done + 1, case.batches + 1):
-        slow_down(learner, batch / case.batches)
         data = collector.next()
         assert data is not None
         learner.update(data)
@@ -154,18 +153,6 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
             course.append({"frames": batch * data.numel(), "seconds": seconds, **asdict(seen)})
             saved.save({"objective": learner.state_dict(), "course": course, "done": batch})
     return learner, course
-
-
-def slow_down(learner: DDPG, part: float) -> None:
-    """The learning rate falls to nothing over the last third: a policy that still moves is better one day than the
-    next.
-
-    Args:
-        learner: of the policy.
-        part: of the batches, 0 to 1.
-    """
-    for group in learner.optimiser.param_groups:
-        group["lr"] = RATE * min(1.0, 3 * (1 - part) + 0.01)
 
 
 def quarters(made: Fetch, learner: DDPG, worlds: Distribution) -> list[float]:

@@ -83,7 +83,7 @@ def test_friction_and_damping_matter_more_than_the_engine(drake) -> None:
     ours, mujoco = paths(drake, 1.25), paths(standard_hopper(threads=1), 1.25)
     engine = float((ours - mujoco)[:, -1].square().mean().sqrt())
     for change in ({FRICTION: 0.1}, {DAMPING: 4.0}):
-        assert float((paths(drake, 1.25, **change) - ours)[:, -1].square().mean().sqrt()) > engine, change
+        assert float((paths(drake, 1.25, **change) - ours)[:, -1].square().mean().sqrt()) > 2 * engine, change
 
 
 def test_a_world_that_diverges_keeps_its_last_finite_state(drake) -> None:
