@@ -8,9 +8,9 @@
 | ``joint.x.armature``      | ``SetRotorInertia``: armature = I n^2            | yes                                |
 
 Motors are generalised forces, ``200 clip(u, -1, 1)``: Drake would cut the actuators' own port off at the command's
-range. Contacts are points with Drake's lagged approximation of its convex solver (Castro et al. 2023, A Theory of
-Irrotational Contact Fields) at the 2 ms of MuJoCo's file, and of both ends of a capsule, as in MuJoCo; MuJoCo's are
-softer.
+range. Contacts are points, of both ends of a capsule as in MuJoCo, by the solver whose law is MuJoCo's: a linear spring
+and damper (Castro et al. 2022, An Unconstrained Convex Formulation of Compliant Contact). They are as soft as the file
+says (:mod:`envs.hopper.soft_contact`).
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Self
 
+import mujoco
 import numpy as np
 
+from envs.hopper.soft_contact import SoftContact, soft_contact
 from envs.hopper.standard import BODIES, FRICTION, GEAR, JOINTS, STANDARD_MODEL
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.stepping import DIVERGED
@@ -40,6 +42,9 @@ KNOWN = (
 )
 """Addresses that can be parameters here."""
 
+RIGID = SoftContact(stiffness=1e9, relaxation=0.0)
+"""Of the floor: the bodies alone are soft."""
+
 Write = Callable[[Any, float], None]
 """(root context, value): set a parameter of one world."""
 
@@ -55,7 +60,7 @@ class DrakePlant:
             drake.Parser(self.plant).AddModels(str(STANDARD_MODEL))
             self._rest_on_ends()
             self.plant.set_contact_model(drake.ContactModel.kPoint)
-            self.plant.set_discrete_contact_approximation(drake.DiscreteContactApproximation.kLagged)
+            self.plant.set_discrete_contact_approximation(drake.DiscreteContactApproximation.kSap)
             self.plant.Finalize()
             self.diagram = builder.Build()
             self.rest = self.diagram.CreateDefaultContext()
@@ -65,14 +70,27 @@ class DrakePlant:
     def _rest_on_ends(self) -> None:
         """Two spheres in the place of each capsule, which Drake would let touch the floor in one point at a time."""
         drake, plant, inspector = self._drake, self.plant, self.scene.model_inspector()
-        for body in map(plant.GetBodyByName, BODIES):
+        file = mujoco.MjModel.from_xml_path(str(STANDARD_MODEL))
+        above = float(file.geom("floor").margin[0])
+        for name in BODIES:
+            body, soft = plant.GetBodyByName(name), soft_contact(file, f"{name}_geom")
             (geometry,) = plant.GetCollisionGeometriesForBody(body)
             capsule, pose = inspector.GetShape(geometry), inspector.GetPoseInFrame(geometry)
             radius, ends = capsule.radius(), [pose @ np.array([0.0, 0.0, z * capsule.length()]) for z in (-0.5, 0.5)]
             self.scene.RemoveRole(plant.get_source_id(), geometry, drake.Role.kProximity)
             for k, end in enumerate(ends):
-                place, ball = drake.RigidTransform(end), drake.Sphere(radius)
-                plant.RegisterCollisionGeometry(body, place, ball, f"end{k}", drake.CoulombFriction(GRIP, GRIP))
+                place, ball = drake.RigidTransform(end), drake.Sphere(radius + soft.margin + above)
+                plant.RegisterCollisionGeometry(body, place, ball, f"end{k}", self._material(soft))
+        (floor,) = plant.GetCollisionGeometriesForBody(plant.world_body())
+        self.scene.AssignRole(plant.get_source_id(), floor, self._material(RIGID), drake.RoleAssign.kReplace)
+
+    def _material(self, soft: SoftContact) -> Any:
+        """What a geometry is made of; Drake puts those of two that touch in series."""
+        properties = self._drake.ProximityProperties()
+        properties.AddProperty("material", "point_contact_stiffness", soft.stiffness)
+        properties.AddProperty("material", "relaxation_time", soft.relaxation)
+        properties.AddProperty("material", "coulomb_friction", self._drake.CoulombFriction(GRIP, GRIP))
+        return properties
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Self:
         return self
