@@ -1,7 +1,8 @@
 """What the recipes of the Fetch arm share: worlds to learn in and to be judged in, DDPG with hindsight, success.
 
 The policy learns in lean worlds, whose idle parts are left out; inference and judges have the exact ones. Settings of
-the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks and returns of three steps.
+the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks, returns of three steps, and
+an average of the weights to be judged by.
 """
 
 from __future__ import annotations
@@ -77,6 +78,7 @@ def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float
         value_range=(-20.0, 0.0),
         action_penalty=0.1,
         tau=0.05,
+        average=0.005,
         memory=500_000,
         frames_per_update=frames_per_update,
         demonstrations=demonstrations,
