@@ -1,8 +1,8 @@
 """What the recipes of the Fetch arm share: worlds to learn in and to be judged in, DDPG with hindsight, success.
 
 The policy learns in lean worlds, whose idle parts are left out; inference and judges have the exact ones. Settings of
-the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks, returns of three steps, and
-an average of the weights to be judged by.
+the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks, returns of three steps and
+an average of the weights, by which it is judged.
 """
 
 from __future__ import annotations

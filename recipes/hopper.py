@@ -10,7 +10,7 @@ The policy learns in MuJoCo's worlds of the belief; the real system is Drake's h
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Literal
 
@@ -30,15 +30,12 @@ from onlinebayes.inference import (
 from onlinebayes.objectives import PPO, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Simulator
-from onlinebayes.trainers import Problem, SimulatedPlayer, Sizes, collector_of, online_trainer
-from onlinebayes.transforms import ParameterRandomization
+from onlinebayes.trainers import Problem, SimulatedPlayer, Sizes, online_trainer
 from recipes import common
 from recipes.common import Run, hidden_truth, main
 
 RANGE = torch.tensor((*[1.0] * 5, *[10.0] * 6))  # positions [m, rad], velocities: 1 % is a centimetre
 HIGH, TRUTH = 0.5, 0.35
-STIFF = 0.004  # time constant of the model's stops [s], where the real system's are rigid
-UPRIGHT = 0.15  # tilt at which an episode of learning ends; the real one ends at .2, and a bolder gait falls elsewhere
 RUN_UP = 150  # steps of a real trajectory: friction is told by a hopper that runs
 EPISODES = 16  # to judge by: Drake steps a thousand times a second
 Engine = Literal["drake", "mujoco"]
@@ -92,15 +89,12 @@ def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     space = space_of(settings.low)
     prior, sd = BoxUniform(space), settings.noise * RANGE
-    stops = STIFF if settings.real == "drake" else None
-    problem = Problem(standard_hopper(space, threads=1, quick=True, stops=stops), standard_task(), prior, sd)
+    problem = Problem(standard_hopper(space, threads=1, quick=True), standard_task(), prior, sd)
     machine = Problem(engine_of(settings.real, space), standard_task(), prior, sd)
     truth = hidden_truth(space, settings.seed, {FRICTION: TRUTH})
     sizes = Sizes(worlds=256, batch_steps=32, simulations=200 if settings.short else 1000, groups=48)
     objective = learning(problem, sizes.worlds, sizes.batch_steps)
     steps, batches, epochs = (2, 2, 8) if settings.short else (8, 75, 25)
-    drawn = ParameterRandomization(prior)
-    lessons = replace(problem, task=standard_task(tilted=UPRIGHT)).worlds(sizes.worlds, drawn, settings.seed)
     trainer = online_trainer(
         problem,
         objective,
@@ -111,8 +105,6 @@ def build(settings: Settings) -> Run:
         worlds=settings.worlds(problem, truth),
         seed=settings.seed,
     )
-    collector = collector_of(lessons, objective.policy, sizes.batch_steps)
-    trainer = replace(trainer, collector=collector, randomization=drawn)
     player = SimulatedPlayer(problem, objective.policy, truth, machine)
     return Run(
         problem, trainer, truth, player, score=partial(machine.score, episodes=2 if settings.short else EPISODES)

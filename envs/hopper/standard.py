@@ -44,7 +44,6 @@ def standard_hopper(
     worlds: int = 1,
     threads: int = 0,
     quick: bool = False,
-    stops: float | None = None,
 ) -> MujocoSimulator:
     """Gymnasium's hopper in MuJoCo, commanded every 8 ms.
 
@@ -54,18 +53,13 @@ def standard_hopper(
         threads: threads that step them, 0 for all cores.
         quick: by semi-implicit steps in place of the file's Runge-Kutta: three times as fast. Without contacts these
             are Drake's steps too.
-        stops: time constant of the joints' ends [s], the file's .02 without it: there a leg that is thrown straight
-            goes tens of milliradians too far, where Drake's stops are rigid. The stiffest that 2 ms allow is .004.
     """
     spec = mujoco.MjSpec.from_file(str(STANDARD_MODEL))
     if quick:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    if stops is not None:
-        for joint in spec.joints:
-            joint.solref_limit = [stops, 1.0]
     return MujocoSimulator(spec, parameters, worlds, DT, threads)
 
 
-def standard_task(horizon: int = 1000, tilted: float = 0.2) -> HopperTask:
+def standard_task(horizon: int = 1000) -> HopperTask:
     """Hopper-v5's start, observation, reward and end: fallen below .7 m, or tilted by .2 rad."""
-    return HopperTask(horizon, upright=1.25, fallen=0.7 - 1.25, tilted=tilted)
+    return HopperTask(horizon, upright=1.25, fallen=0.7 - 1.25, tilted=0.2)
