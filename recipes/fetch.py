@@ -61,13 +61,14 @@ def fetch(name: str, space: ParameterSpace) -> Fetch:
     return Fetch(lean, exact)
 
 
-def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float = 0.0) -> DDPG:
+def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float = 0.0, memory: int = 500_000) -> DDPG:
     """DDPG with hindsight.
 
     Args:
         made: the task.
         frames_per_update: fresh frames for which one gradient step is taken.
         demonstrations: share of a minibatch from demonstrations.
+        memory: steps that are remembered.
     """
     return ddpg(
         *made.lean.specs,
@@ -79,7 +80,7 @@ def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float
         action_penalty=0.1,
         tau=0.05,
         average=0.005,
-        memory=500_000,
+        memory=memory,
         frames_per_update=frames_per_update,
         demonstrations=demonstrations,
     )

@@ -21,6 +21,8 @@ from recipes import common
 from recipes.common import Run, hidden_truth
 from recipes.fetch import STEPS, demonstrate, fetch, figures, friction_estimator, learning_in, objective
 
+MEMORY = 200_000  # steps: by the end of a run the worlds of the prior are forgotten
+
 
 @dataclass(frozen=True)
 class Settings(common.Settings):
@@ -86,13 +88,11 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
     """
     space = ParameterSpace({FRICTION: Parameter(settings.low, settings.high)})
     made = fetch(name, space)
-    learner = objective(made, demonstrations=settings.demonstrations)
+    learner = objective(made, demonstrations=settings.demonstrations, memory=MEMORY)
     if settings.demonstrations:
         demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
     truth = hidden_truth(space, settings.seed, {FRICTION: (settings.low + settings.high) / 2})
-    schedule = settings.schedule(much.steps, much.batches, real_steps=STEPS)
-    if schedule.order == "online":
-        schedule = replace(schedule, first_batches=much.first)
+    schedule = replace(settings.schedule(much.steps, much.batches, real_steps=STEPS), first_batches=much.first)
     trainer = online_trainer(
         made.exact,
         learner,

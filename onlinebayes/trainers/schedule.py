@@ -41,7 +41,7 @@ class Schedule:
         order: see the module.
         behaviours: how many of the policies so far make the simulations of a fit.
         group: most trajectories of one theta in a held-out group.
-        first_batches: ``policy_batches`` of the first outer step where the order is online; 0 lets an untrained policy
+        first_batches: ``policy_batches`` of the first outer step in which the policy learns; 0 lets an untrained policy
             move the real system before anything is learnt.
 
     Raises:
@@ -66,13 +66,10 @@ class Schedule:
     @property
     def turns(self) -> tuple[Turn, ...]:
         """The outer steps in order."""
-        learn, infer = Turn(self.policy_batches, False), Turn(0, True)
-        if self.order == "online":
-            first = self.policy_batches if self.first_batches is None else self.first_batches
-            return (Turn(first, True), *(Turn(self.policy_batches, True),) * (self.steps - 1))
-        return (
-            (infer,) * self.steps + (learn,) * self.steps if self.order == "posterior-first" else (learn,) * self.steps
-        )
+        first = self.policy_batches if self.first_batches is None else self.first_batches
+        online = self.order == "online"
+        learn = tuple(Turn(batches, online) for batches in (first, *(self.policy_batches,) * (self.steps - 1)))
+        return (Turn(0, True),) * self.steps + learn if self.order == "posterior-first" else learn
 
 
 def spread(number: int, most: int) -> list[int]:

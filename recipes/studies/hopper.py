@@ -5,7 +5,8 @@
 | policies | return over 1000 steps in Drake and in MuJoCo of policies trained on the prior's worlds and online, |
 |          | prior U[.3, .5] and U[.1, .5]; what the online run believes of Drake's friction                     |
 | friction | log density of the truth from one trajectory of a trained policy, noise 1 cm: 300 thetas simulated  |
-|          | in MuJoCo and in Drake, with an estimator trained in MuJoCo                                         |
+|          | in MuJoCo and in Drake, with an estimator trained in MuJoCo; in MuJoCo beside the exact posterior of |
+|          | one who knows the state in which the trajectory begins, the most that the data can tell             |
 
 A trajectory of 50 steps begins after a second of running (``running``) or where the hopper stands (``starting``).
 Each finished job and each run of the recipe is kept, so that a second start goes on.
@@ -26,19 +27,21 @@ from typing import Any, Literal, get_args
 from tensordict import TensorDictBase
 
 from onlinebayes.inference.calibration import ball_credibility
-from onlinebayes.runs import BadInput, Checkpoints, ResultTable, generator, seed_everything
-from onlinebayes.trainers import OnlineState, Problem, Saver
+from onlinebayes.runs import ResultTable, generator, seed_everything
+from onlinebayes.trainers import OnlineState, Problem
 from recipes import hopper
-from recipes.common import Kind, Run, folder_of, run, status
+from recipes.common import Kind, Run, status
 from recipes.hopper import Engine, Settings
+from recipes.studies import known_start
 from recipes.studies.exact import coverage_error
+from recipes.studies.finished_run import finished_run
 from recipes.studies.resumable import each_kept_or_done
 
 Part = Literal["policies", "friction"]
 LOWS, SEEDS = (0.3, 0.1), (1, 2, 3)
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 KINDS: tuple[Kind, ...] = ("prior", "online")
-STEPS, RUN_UP, SIMULATIONS, THETAS, EPISODES, EPOCHS = 50, 125, 10_000, 300, 32, 25
+STEPS, RUN_UP, SIMULATIONS, THETAS, KNOWN, EPISODES, EPOCHS = 50, 125, 10_000, 300, 100, 32, 25
 WINDOWS = {"starting": 0, "running": RUN_UP}
 RETURN, DENSITY = 2400.0, 4.0
 
@@ -85,16 +88,7 @@ def trained(out: str, low: float, kind: Kind, seed: int) -> tuple[Run, OnlineSta
     Raises:
         BadInput: it was stopped.
     """
-    settings = Settings(seed=seed, kind=kind, low=low, out=f"{out}/low-{low:g}")
-    folder = Path(settings.out) / folder_of("hopper", settings)
-    if not (folder / "finished").exists():
-        run("hopper", hopper.build, settings)
-    if not (folder / "finished").exists():
-        raise BadInput(f"the run in {folder} was stopped", "the same command goes on from there")
-    made = hopper.build(settings)
-    state = OnlineState.begin(made.problem.prior)
-    Saver(made.trainer, Checkpoints(folder, "hopper")).resume(state)
-    return made, state
+    return finished_run("hopper", hopper.build, Settings(seed=seed, kind=kind, low=low, out=f"{out}/low-{low:g}"))
 
 
 def engine(made: Run, low: float, real: Engine) -> Problem:
@@ -132,6 +126,9 @@ def told(out: str, low: float, real: Engine, seed: int) -> dict[str, Any]:
             "TARP": coverage_error(ball.tolist()),
             "kept": len(those),
         }
+        if real == "mujoco":
+            most = known_start.densities(engine(made, low, real), policy, KNOWN, begin, STEPS, seed + 3)
+            result[name]["most"] = float(most.mean())
     return result
 
 
@@ -175,6 +172,8 @@ def add_friction(table: ResultTable, head: str, real: Engine, results: list[dict
         least = DENSITY if name == "running" else None
         parts = [r[name] for r in results]
         table.add_seeds(f"{words}: log density of the truth", [p["density"] for p in parts], unit="nats", least=least)
+        if real == "mujoco":
+            table.add_seeds(f"{words}: exact, its start known", [p["most"] for p in parts], unit="nats")
         middle = statistics.median(p["median"] for p in parts)
         table.add(f"{words}: median over thetas", middle, unit="nats")
         table.add_seeds(f"{words}: TARP error", [p["TARP"] for p in parts], most=0.05)

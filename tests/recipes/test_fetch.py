@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from envs.fetch import ScriptedPusher
 from recipes import fetch_push, fetch_reach, fetch_slide
 from recipes.common import run
 from recipes.fetch import fetch
-from recipes.studies import fetch_friction
+from recipes.studies import fetch_friction, fetch_robustness
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
 
@@ -60,3 +61,15 @@ def test_the_protocol_has_the_same_starts_for_every_theta() -> None:
     assert not torch.equal(first[:, 3:5], first[:, 28:30])
     assert data["theta"][:, 0].unique().numel() == 3
     assert float((data["next", "observation"][0, -1] - data["next", "observation"][1, -1]).abs().max()) > 1e-3
+
+
+@pytest.mark.long
+def test_policies_of_the_prior_and_online_are_judged_along_the_friction(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr(fetch_push, "LONG", fetch_push.SHORT)
+    monkeypatch.setattr(fetch_robustness, "EPISODES", 2)
+    study = fetch_robustness.Study(tasks=("push",), out=str(tmp_path / "runs"), results=tmp_path)
+    assert fetch_robustness.main(study) in (0, 1)
+    rows = {row["name"]: row["value"] for row in json.loads((tmp_path / "fetch-robustness.json").read_text())["rows"]}
+    assert rows["push: steps of each run"] == (fetch_push.SHORT.first + fetch_push.SHORT.batches) * 3200
+    assert all(0 <= rows[f"push, {kind}: success near the hidden friction"] <= 1 for kind in ("prior", "online"))
+    assert {"figure-4.6.png", "figure-5.3.png"} <= {path.name for path in tmp_path.iterdir()}

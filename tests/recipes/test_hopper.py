@@ -13,13 +13,6 @@ from recipes.hopper import Settings
 from recipes.studies import hopper as study
 
 
-def test_the_model_has_stiff_stops_where_drake_is_real() -> None:
-    pytest.importorskip("pydrake", reason="needs the extra robotics")
-    for real, stops in (("drake", 0.004), ("mujoco", 0.02)):
-        model = hopper.build(Settings(real=real, short=True)).problem.simulator.model
-        assert model.jnt_solref[3:, 0] == pytest.approx(stops), real
-
-
 def test_a_window_keeps_trajectories_that_last() -> None:
     mask = torch.ones(3, 60, dtype=torch.bool)
     mask[1, 40:] = False
@@ -30,7 +23,7 @@ def test_a_window_keeps_trajectories_that_last() -> None:
 
 
 def test_the_table_holds_what_reaches_its_goal() -> None:
-    parts = {"density": 4.5, "median": 4.6, "TARP": 0.06, "kept": 290}
+    parts = {"density": 4.5, "median": 4.6, "TARP": 0.06, "kept": 290, "most": 5.0}
     found = {}
     for low in study.LOWS:
         found |= {("friction", low, e, 1): {"prior": 1.6, "starting": parts, "running": parts} for e in study.ENGINES}
@@ -47,7 +40,7 @@ def test_the_table_holds_what_reaches_its_goal() -> None:
 @pytest.mark.slow
 def test_a_sample_of_the_friction(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pydrake", reason="needs the extra robotics")
-    for name, value in {"SIMULATIONS": 300, "THETAS": 30, "RUN_UP": 0, "STEPS": 8, "EPOCHS": 4}.items():
+    for name, value in {"SIMULATIONS": 300, "THETAS": 30, "KNOWN": 4, "RUN_UP": 0, "STEPS": 8, "EPOCHS": 4}.items():
         monkeypatch.setattr(study, name, value)
     monkeypatch.setattr(study, "WINDOWS", {"starting": 0})
 

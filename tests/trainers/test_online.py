@@ -194,6 +194,12 @@ class Killed(BaseException):
     """What a kill leaves behind: nothing but the files."""
 
 
+@pytest.mark.parametrize("order", ["online", "posterior-first", "policy-only"])
+def test_the_first_time_that_it_learns_has_batches_of_its_own(order) -> None:
+    learnt = [turn.policy_batches for turn in Schedule(3, 2, order=order, first_batches=7).turns if turn.policy_batches]
+    assert learnt == [7, 2, 2]
+
+
 def recurrent() -> OnlineTrainer:
     """A policy with a memory, which its transforms carry through every environment of the problem."""
     seed_everything(0)
