@@ -17,7 +17,7 @@ from onlinebayes.trainers.playing import Episode
 from onlinebayes.trainers.state import OnlineState, Record
 
 FRAMES, FILM = 8, 60  # of the strip and of the film
-EPISODE = "An episode: the real system, and pale the simulator at the {}'s mean"
+EPISODE = "An episode: the real system, and pale, under the same commands, the simulator at the {}'s mean"
 
 
 def page(
