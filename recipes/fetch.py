@@ -69,11 +69,12 @@ def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float
         frames_per_update: fresh frames for which one gradient step is taken.
         demonstrations: share of a minibatch from demonstrations.
         memory: steps that are remembered.
+        elsewhere: share of a minibatch from steps that lead elsewhere; see :class:`Hindsight`.
     """
     return ddpg(
         *made.lean.specs,
         in_keys=["observation", "desired_goal"],
-        hindsight=Hindsight(made.task.goal_reward, elsewhere=0.5),
+        hindsight=Hindsight(made.task.goal_reward, elsewhere=elsewhere),
         widths=(64, 64, 64),
         gamma=0.95,
         value_range=(-20.0, 0.0),

@@ -1,13 +1,14 @@
 """``make fetch``: what DDPG with hindsight reaches on the Fetch arm, with demonstrations and without, and how fast.
 
-| case         | friction | shown   | seeds | goal                                              |
-|--------------|----------|---------|-------|---------------------------------------------------|
-| reach        | -        | nothing | 3     | 1.0 within 5,000 steps                            |
-| push         | 1        | a fifth | 3     | .95 within 400,000 steps                          |
-| push, alone  | 1        | nothing | 1     | .9                                                |
-| push, prior  | U[.1, 2] | a fifth | 1     | .9, and .8 in the quarter of the smoothest blocks |
-| slide        | .1       | nothing | 1     | .5                                                |
-| slide, prior | U[.1, 1] | nothing | 1     | a curve                                           |
+| case          | friction | shown   | seeds | goal                                              |
+|---------------|----------|---------|-------|---------------------------------------------------|
+| reach         | -        | nothing | 3     | 1.0 within 5,000 steps                            |
+| push          | 1        | a fifth | 3     | .95 within 400,000 steps                          |
+| push, alone   | 1        | nothing | 1     | .9                                                |
+| push, uniform | 1        | nothing | 1     | beside it: minibatches of all steps alike         |
+| push, prior   | U[.1, 2] | a fifth | 1     | .9, and .8 in the quarter of the smoothest blocks |
+| slide         | .1       | nothing | 1     | .5                                                |
+| slide, prior  | U[.1, 1] | nothing | 1     | a curve                                           |
 
 Success: the share of 256 episodes of exact worlds whose goal is reached at the last step. Learning is in lean worlds.
 The scripted pusher stands beside. Each job is kept, and saved while it runs, so that a second start goes on.
@@ -53,6 +54,7 @@ class Case:
         frames_per_update: fresh frames for which one gradient step is taken.
         worlds: in which it learns.
         seeds: how many of the study's seeds it is learnt with.
+        elsewhere: share of a minibatch from steps that lead elsewhere.
     """
 
     task: str
@@ -63,12 +65,14 @@ class Case:
     frames_per_update: int = 16
     worlds: int = WORLDS
     seeds: int = 1
+    elsewhere: float = 0.5
 
 
 CASES: dict[str, Case] = {
     "reach": Case("reach", 2, 1.0, frames_per_update=4, worlds=50, seeds=3),
     "push": Case("push", 124, 0.95, demonstrations=0.2, frames_per_update=8, seeds=3),
     "push, alone": Case("push", 310, 0.9),
+    "push, uniform": Case("push", 124, None, elsewhere=0.0),
     "push, prior": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
     "slide": Case("slide", 500, 0.5),
     "slide, prior": Case("slide", 500, None, (0.1, 1.0)),
@@ -133,7 +137,12 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     """The learner after its last batch, and how it came there; it goes on from what is saved in ``place``."""
     seed_everything(seed)
     made, worlds = made_of(case)
-    learner = objective(made, frames_per_update=case.frames_per_update, demonstrations=case.demonstrations)
+    learner = objective(
+        made,
+        frames_per_update=case.frames_per_update,
+        demonstrations=case.demonstrations,
+        elsewhere=case.elsewhere,
+    )
     saved, course, done = Checkpoints(place, "fetch", keep=1), [], 0
     if (checkpoint := saved.load()) is not None:
         learner.load_state_dict(checkpoint.state["objective"])

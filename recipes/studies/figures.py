@@ -7,7 +7,7 @@
 | 4.5    | return of CartPole policies along length and mass, trained on the prior and on the posterior, three seeds   |
 | 5.2    | return and belief of one online run, step by step                                                           |
 
-Figure 4.6, Fetch, is made with the Fetch recipes.
+Figures 4.6 and 5.3, Fetch, are drawn by ``make fetch-robustness``.
 
     python -m recipes.studies.figures [--figures 4.5]       -> docs/results/figure-4.3.png ...
 """
