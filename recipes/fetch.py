@@ -61,7 +61,14 @@ def fetch(name: str, space: ParameterSpace) -> Fetch:
     return Fetch(lean, exact)
 
 
-def objective(made: Fetch, *, frames_per_update: int = 16, demonstrations: float = 0.0, memory: int = 500_000) -> DDPG:
+def objective(
+    made: Fetch,
+    *,
+    frames_per_update: int = 16,
+    demonstrations: float = 0.0,
+    memory: int = 500_000,
+    elsewhere: float = 0.5,
+) -> DDPG:
     """DDPG with hindsight.
 
     Args:
