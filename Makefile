@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact calibration embeddings tables table-online known-posteriors figures hidden-effect hopper devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online known-posteriors figures hidden-effect hopper devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -73,8 +73,10 @@ online: setup    ## online learning beside a posterior first, the prior and an o
 
 exact: setup     ## the neural posterior beside the exact one (an hour; goes on where it was stopped) -> docs/results/exact.json
 	$(BIN)/python -m recipes.studies.exact --out $(OUT)/exact
-calibration: setup  ## does every estimator's posterior mean what it says, and does the alarm ring (an hour or two; goes on where it was stopped) -> docs/results/calibration.json
+calibration: setup  ## does every amortised estimator's posterior mean what it says, and does the alarm ring (an hour or two; goes on where it was stopped) -> docs/results/calibration.json
 	$(BIN)/python -m recipes.studies.calibration --out $(OUT)/calibration
+calibration-one-by-one: setup  ## the same of samplers that need a run for each measurement (half an hour; goes on where it was stopped) -> docs/results/calibration-one-by-one.json
+	$(BIN)/python -m recipes.studies.one_by_one --out $(OUT)/one_by_one
 embeddings: setup  ## what each embedding is worth on four systems (an hour; goes on where it was stopped) -> docs/results/embeddings.json
 	$(BIN)/python -m recipes.studies.embeddings --out $(OUT)/embeddings
 tables: setup    ## Table 4.1 of the thesis, classic systems (an hour; goes on where it was stopped) -> docs/results/tables.json

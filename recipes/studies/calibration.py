@@ -1,13 +1,13 @@
 """``make calibration``: does each estimator's posterior mean what it says? On four systems, one to thirty trajectories.
 
-| part       | what is judged                                                                                    |
-|------------|---------------------------------------------------------------------------------------------------|
-| amortised  | every estimator, 1000 simulations, 500 thetas, n = 1, 6, 30 trajectories of each                    |
-| one by one | truncated rounds, epsilon-free and population ABC, a run for each of 100 thetas, n = 1              |
-| alarm      | measurements of a system with a hidden effect, and clean ones: how often does the alarm ring?     |
+| part      | what is judged                                                                                    |
+|-----------|---------------------------------------------------------------------------------------------------|
+| amortised | every estimator, 1000 simulations, 500 thetas, n = 1, 6, 30 trajectories of each                    |
+| alarm     | measurements of a system with a hidden effect, and clean ones: how often does the alarm ring?     |
 
 TARP error: the mean over levels of | share of truths inside the ball of that credibility - level | (Lemos et al. 2023);
-for an exact posterior .014 with 500 thetas and .03 with 100. Sensors have 1 % noise. Each finished job is kept.
+for an exact posterior .014 with 500 thetas. Sensors have 1 % noise. Each finished job is kept. Samplers that need a run
+for each measurement are judged by ``make calibration-one-by-one``.
 
     python -m recipes.studies.calibration [--tasks pendulum] [--parts amortised]       -> docs/results/calibration.json
 """
@@ -29,16 +29,14 @@ from onlinebayes.inference.calibration import ball_credibility, credibility_of
 from onlinebayes.runs import ResultTable
 from recipes.common import status
 from recipes.studies.exact import coverage_error
-from recipes.studies.one_by_one import SAMPLERS, sampled
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
 from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.ringing import SIZES as EFFECT_SIZES
 from recipes.studies.ringing import rung
 
-Part = Literal["amortised", "one by one", "alarm"]
+Part = Literal["amortised", "alarm"]
 NOISE, SIMULATIONS, THETAS, COMBINED_BY, SIZES = 0.01, 1000, 500, 64, (1, 6, 30)
 SEED, MOST = 521, 0.05
-ONE_BY_ONE = ("pendulum", "cartpole")
 
 
 @dataclass(frozen=True)
@@ -47,7 +45,7 @@ class Study:
 
     tasks: tuple[str, ...] = tuple(TASKS)
     """which recipes"""
-    parts: tuple[Part, ...] = ("amortised", "one by one", "alarm")
+    parts: tuple[Part, ...] = ("amortised", "alarm")
     """which parts"""
     estimators: tuple[str, ...] = tuple(ESTIMATORS)
     """which of the amortised ones"""
@@ -79,8 +77,6 @@ def jobs_of(study: Study) -> dict[str, Callable[[], dict[str, Any]]]:
     for task in study.tasks:
         if "amortised" in study.parts:
             jobs |= {f"{task}, {name}": partial(amortised, task, name) for name in study.estimators}
-        if "one by one" in study.parts and task in ONE_BY_ONE:
-            jobs |= {f"{task}, {name}": partial(sampled, task, name, SEED, NOISE) for name in SAMPLERS}
         if "alarm" in study.parts and task in EFFECT_SIZES:
             jobs[f"{task}, alarm"] = partial(rung, task, SEED, NOISE)
     return jobs
