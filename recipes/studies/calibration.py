@@ -123,7 +123,10 @@ def tabled(found: dict[str, dict[str, Any]], study: Study) -> ResultTable:
 def add_cell(table: ResultTable, name: str, n: int, result: dict[str, Any]) -> None:
     """One estimator, one system, one n."""
     density, error = torch.tensor(result[f"density {n}"]), coverage_error(result[f"ball {n}"])
-    table.add(f"{name}: density of the truth", float(density.mean()), spread=float(density.median()), unit="nats")
+    kept = density[density.isfinite()]
+    table.add(f"{name}: density of the truth", float(kept.mean()), spread=float(kept.median()), unit="nats")
+    if excluded := len(density) - len(kept):
+        table.add(f"{name}: truths that it excludes, not counted above, of {len(density)}", excluded)
     table.add(f"{name}: TARP error", error, goal=f"at most {MOST:g}", holds=error <= MOST)
     table.add(f"{name}: coverage error", coverage_error(result[f"region {n}"]))
 
