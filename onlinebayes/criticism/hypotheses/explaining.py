@@ -169,8 +169,7 @@ def begun(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) 
     """
     with watch.heeded():
         evaluator, base = _base(given, fit_runs, watch)
-        if not quiet(base):
-            evaluator, base = run_as_given(evaluator, base) or (evaluator, base)
+        evaluator, base = run_as_given(evaluator, base) or (evaluator, base)
         return Search(evaluator, base, ())
 
 
@@ -204,13 +203,18 @@ def searched(
 def _run(search: Search, last: Sequence[Addition]) -> Search:
     """The search; anew, run as a simulator would have, where the log follows what was found far better so."""
     found = search.run()
-    other = None if quiet(found) or found is search.base else run_as_given(search.evaluator, found)
+    other = None if found is search.base else run_as_given(search.evaluator, found)
     if other is None:
         return search
-    evaluator, _ = other
+    evaluator, again = other
     base = evaluator.evaluate(Hypothesis(), [search.base.values], search.base.fitted.lin.starts)
     if base is None:
         return search
+    if quiet(found):
+        # Nothing is missing; what only made up for the other step goes.
+        same = replace(search, evaluator=evaluator, base=base)
+        same.here = same.pruned(again)
+        return same
     anew = Search(evaluator, base, search.candidates, last, search.most)
     anew.run()
     return anew
