@@ -8,12 +8,12 @@ from dataclasses import dataclass, field, replace
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
-from onlinebayes.criticism.hypotheses.search import AT_FLOOR, MOST_ADDITIONS, Round, Search, quiet
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
@@ -72,7 +72,7 @@ class Explanation:
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
-            longer = best if windows.count == known.count and times == 1 else best._over(windows, quieter=times > 1)
+            longer = best._over(windows, quieter=times > 1)
             if longer is None:
                 break
             best = longer
@@ -88,6 +88,8 @@ class Explanation:
         if found is not None and (finer := evaluator.refined(found)) is not evaluator:
             # Over a longer window a step errs by more.
             evaluator, found = finer, finer.anew(found)
+        if found is not None and not evaluator.as_given:
+            evaluator, found = run_as_given(evaluator, found) or (evaluator, found)
         if found is None or (quieter and not _leaves_no_more(found, self.found)):
             return None
         if self.found is self.base:
@@ -169,7 +171,8 @@ def begun(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) 
     """
     with watch.heeded():
         evaluator, base = _base(given, fit_runs, watch)
-        evaluator, base = run_as_given(evaluator, base) or (evaluator, base)
+        if not quiet(base):
+            evaluator, base = run_as_given(evaluator, base) or (evaluator, base)
         return Search(evaluator, base, ())
 
 
@@ -203,18 +206,13 @@ def searched(
 def _run(search: Search, last: Sequence[Addition]) -> Search:
     """The search; anew, run as a simulator would have, where the log follows what was found far better so."""
     found = search.run()
-    other = None if found is search.base else run_as_given(search.evaluator, found)
+    other = None if quiet(found) or found is search.base else run_as_given(search.evaluator, found)
     if other is None:
         return search
-    evaluator, again = other
+    evaluator, _ = other
     base = evaluator.evaluate(Hypothesis(), [search.base.values], search.base.fitted.lin.starts)
     if base is None:
         return search
-    if quiet(found):
-        # Nothing is missing; what only made up for the other step goes.
-        same = replace(search, evaluator=evaluator, base=base)
-        same.here = same.pruned(again)
-        return same
     anew = Search(evaluator, base, search.candidates, last, search.most)
     anew.run()
     return anew
