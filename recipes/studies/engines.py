@@ -126,7 +126,8 @@ def sizes(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
 
 def add_case(table: ResultTable, case: Case, results: Sequence[Mapping[str, Any]]) -> None:
     """Rows of one case."""
-    head = f"{case.law} of the joints, {'missing in' if case.side == 'missing' else 'surplus of'} the model"
+    side = "missing in" if case.side == "missing" else "surplus of"
+    head = f"{case.law} of the joints, {side} the model{', from hops' if case.hops else ''}"
     count, right = len(results), sum(one["right"] for one in results)
     verdicts = ", ".join(one["verdict"] for one in results)
     table.add(

@@ -5,12 +5,12 @@
 Where ``missing``, the machine has damping (or armature) of 1 at its three joints, as Gymnasium's file, and the model
 has none; where ``surplus``, the machine has none and the model is the file. Masses are free within 30 %. Runs whose
 joints come near their ends, or whose limbs touch one another or the floor, are drawn anew: stops and contacts are not
-the same in both engines.
+the same in both engines. ``from hops`` the runs are the flights of a hopper that jumps (:mod:`.engines_hops`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -19,7 +19,6 @@ import mujoco
 import numpy as np
 import torch
 from jaxtyping import Float
-from numpy import ndarray
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -27,11 +26,17 @@ from envs.hopper import DT, STANDARD, STANDARD_MODEL, DrakeHopper
 from envs.hopper.standard import BODIES, GEAR, JOINTS
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import write_atomic
+from recipes.studies.engines_hops import flights, jumps, touching_nothing
 
 Law = Literal["damping", "armature"]
 Side = Literal["missing", "surplus"]
 
-RUNS, HELD, ROWS = 8, 2, 150
+RUNS, HOPS, HELD, ROWS = 8, 24, 4, 150
+"""Runs in flight, flights of hops; of either, a fourth is held out; rows of a run."""
+
+FLIGHT, HOP = 0.4, 0.2
+"""Seconds of the windows that errors are reported over."""
+
 NOISE = 1e-3
 """Of every position [m, rad]."""
 
@@ -55,11 +60,12 @@ class Case:
 
     law: Law
     side: Side
+    hops: bool = False
 
     @property
     def name(self) -> str:
-        """``missing-damping``."""
-        return f"{self.side}-{self.law}"
+        """``missing-damping``, ``missing-damping-from-hops``."""
+        return f"{self.side}-{self.law}{'-from-hops' if self.hops else ''}"
 
     @property
     def machine(self) -> float:
@@ -73,18 +79,22 @@ class Case:
         return frozenset(f"{effect}@{joint}" for joint in JOINTS)
 
 
-CASES = tuple(Case(law, side) for side in ("missing", "surplus") for law in ("damping", "armature"))
+CASES = (
+    *(Case(law, side) for side in ("missing", "surplus") for law in ("damping", "armature")),
+    Case("damping", "missing", hops=True),
+)
 
 
 def written(case: Case, seed: int, folder: Path) -> Path:
     """Record a case and write it; the path of its problem file."""
     draw = torch.Generator().manual_seed(seed)
     model = model_of(case)
-    command, path = _flights(case, draw)
-    path = path + NOISE * torch.randn(path.shape, generator=draw, dtype=path.dtype)
+    runs = list(_runs(case, draw))
+    for _, path in runs:
+        path += NOISE * torch.randn(path.shape, generator=draw, dtype=path.dtype)
     write_atomic(folder / "hopper.xml", model.to_xml())
-    write_atomic(folder / "log.csv", "\n".join(_lines(command.numpy(), path.numpy())) + "\n")
-    write_atomic(folder / "problem.toml", _problem(model.compile()))
+    write_atomic(folder / "log.csv", "\n".join(_lines(runs)) + "\n")
+    write_atomic(folder / "problem.toml", _problem(model.compile(), len(runs), HOP if case.hops else FLIGHT))
     return folder / "problem.toml"
 
 
@@ -102,20 +112,22 @@ def model_of(case: Case) -> mujoco.MjSpec:
     return spec
 
 
-def _flights(case: Case, draw: torch.Generator) -> tuple[Float[Tensor, "R T 3"], Float[Tensor, "R T 6"]]:
+def _runs(case: Case, draw: torch.Generator) -> Iterator[tuple[Float[Tensor, "T 3"], Float[Tensor, "T 6"]]]:
     """Commands and positions of runs that touch nothing."""
     machine = DrakeHopper(SPACE, RUNS)
     values = dict(zip(SPACE, machine.nominal.tolist(), strict=True))
     values |= {f"joint.{joint}.{case.law}": case.machine for joint in JOINTS}
-    theta = SPACE.vector(values).expand(RUNS, -1)
-    commands, paths, checked = list[Tensor](), list[Tensor](), model_of(case).compile()
-    while len(paths) < RUNS:
+    theta, checked, found = SPACE.vector(values).expand(RUNS, -1), model_of(case).compile(), 0
+    while found < (HOPS if case.hops else RUNS):
         command, path = _thrown(machine, theta, draw)
+        if case.hops:
+            command, path = jumps(machine, theta, command, GEAR, draw)
         for one, way in zip(command, path, strict=True):
-            if free_of_contacts(checked, way.numpy()):
-                commands.append(one)
-                paths.append(way)
-    return torch.stack(commands[:RUNS]), torch.stack(paths[:RUNS])
+            free = touching_nothing(checked, way.numpy(), ROOM)
+            for part in flights(free) if case.hops else [slice(None)] * bool(free.all()):
+                if found < (HOPS if case.hops else RUNS):
+                    found += 1
+                    yield one[part].clone(), way[part].clone()
 
 
 def _thrown(
@@ -142,36 +154,22 @@ def _thrown(
     return command, torch.cat([qpos[:, None], path], dim=1)
 
 
-def free_of_contacts(model: mujoco.MjModel, path: Float[ndarray, "T 6"]) -> bool:
-    """Whether nothing touches anything, and no joint is near an end."""
-    low, high = model.jnt_range[3:].T
-    if not ((path[:, 3:] > low + ROOM) & (path[:, 3:] < high - ROOM)).all():
-        return False
-    data = mujoco.MjData(model)
-    for row in path:
-        data.qpos[:] = row
-        mujoco.mj_fwdPosition(model, data)
-        if data.ncon:
-            return False
-    return True
-
-
-def _lines(command: Float[ndarray, "R T 3"], path: Float[ndarray, "R T 6"]) -> Iterator[str]:
+def _lines(runs: Sequence[tuple[Tensor, Tensor]]) -> Iterator[str]:
     """The table."""
     yield ",".join(
         ["run", "time", *(f"ctrl.{name}" for name in MOTORS), *(f"qpos.{name}" for name in (*ROOT, *JOINTS))]
     )
-    for r, (commands, rows) in enumerate(zip(command, path, strict=True)):
-        for k, (u, q) in enumerate(zip(commands, rows, strict=True)):
+    for r, (command, path) in enumerate(runs):
+        for k, (u, q) in enumerate(zip(command.tolist(), path.tolist(), strict=True)):
             yield ",".join([f"run{r}", f"{k * DT:.3f}", *(f"{x:.9g}" for x in u), *(f"{x:.6f}" for x in q)])
 
 
-def _problem(model: mujoco.MjModel) -> str:
+def _problem(model: mujoco.MjModel, runs: int, horizon: float) -> str:
     """Masses are free, the noise is known, all candidates are tried."""
     mass = {name: float(model.body(name).mass[0]) for name in BODIES}
-    held = ", ".join(f'"run{r}"' for r in range(RUNS - HELD, RUNS))
+    held = ", ".join(f'"run{r}"' for r in range(runs - runs // HELD, runs))
     lines = ["schema = 1", 'model = "hopper.xml"', 'measurements = ["log.csv"]', f"holdout = [{held}]", ""]
     lines += ["[parameters]", *(f'"body.{name}.mass" = [{0.7 * m:.3g}, {1.3 * m:.3g}]' for name, m in mass.items())]
     for name in (*ROOT, *JOINTS):
         lines += ["", f'[signals."qpos.{name}"]', f"sd = {NOISE!r}"]
-    return "\n".join([*lines, "", "[selection]", "horizon_s = 0.4", "", "[effects]", 'candidates = "all"', ""])
+    return "\n".join([*lines, "", "[selection]", f"horizon_s = {horizon!r}", "", "[effects]", 'candidates = "all"', ""])
