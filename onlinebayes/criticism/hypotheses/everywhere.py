@@ -9,7 +9,6 @@ not ask for are dropped again.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
@@ -32,8 +31,10 @@ def law_of(addition: Addition) -> str | None:
     return None
 
 
-def at_every_place(search: Search, here: Evaluation, alone: Round) -> Iterator[Evaluation]:
-    """Each law that was tried somewhere, fitted at all its places, without those that the rule would not let in.
+def at_every_place(search: Search, here: Evaluation, alone: Round) -> Evaluation | None:
+    """The first law that leaves noise at all its places, without those that the rule would not let in; None without.
+
+    Laws are tried in the order of what they promise at one place.
 
     Args:
         search: whose evaluator fits, and whose rule drops.
@@ -54,7 +55,8 @@ def at_every_place(search: Search, here: Evaluation, alone: Round) -> Iterator[E
         found = search.pruned(found, entered=0)
         new = len(found.hypothesis.keys) - len(here.hypothesis.keys)
         if new > 1 and preferred(found.gains(here), here.gains(search.base)[0]):
-            yield found
+            return found
+    return None
 
 
 def _leaves_noise(evaluator: Evaluator, found: Evaluation, alone: Round) -> bool:

@@ -141,10 +141,9 @@ class Search:
         """One law at all its places, as a round for each, see :mod:`.everywhere`; none without."""
         if quiet(here) or (alone.added is not None and quiet(alone.added.evaluation)):
             return []
-        laws = list(at_every_place(self, here, alone))
-        if not laws:
+        best = at_every_place(self, here, alone)
+        if best is None:
             return []
-        best = min(laws, key=lambda one: (len(one.fitted.theta), one.fitted.score))
         rounds, before = list[Round](), here
         for addition in (one for one in best.hypothesis.additions if one not in here.hypothesis.additions):
             after = self.evaluated_from(best, before.hypothesis.plus(addition))
