@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator, quiet
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
@@ -111,8 +113,12 @@ class Explanation:
 
 
 def _leaves_no_more(found: Evaluation, before: Evaluation) -> bool:
-    """Whether it leaves noise, or no more than it did before."""
-    return bool((found.left[0].rms <= before.left[0].rms.clamp_min(AT_FLOOR)).all())
+    """Whether it leaves no more than it did before, or so near to noise that the rule would ask for no addition.
+
+    A fit that long windows led astray leaves more, and its parameters are worth less than those of shorter ones.
+    """
+    near = math.sqrt(2 * math.exp(2 * LEAST_GAIN) - 1)  # 1/2 log((1 + near^2) / 2) = the least gain
+    return bool((found.left[0].rms <= before.left[0].rms.clamp_min(near)).all())
 
 
 def explain(
