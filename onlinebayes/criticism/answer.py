@@ -15,12 +15,11 @@ from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.own_values import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import build
 from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
-from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
 from onlinebayes.criticism.mending import Mended

@@ -10,8 +10,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from onlinebayes.criticism.answer import answered
+from onlinebayes.criticism.hypotheses.evaluating import quiet
 from onlinebayes.criticism.hypotheses.explaining import begun, searched
-from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, quiet
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.results import Criticism, Question

@@ -18,14 +18,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import begun
 from onlinebayes.criticism.hypotheses.fitting import score_of
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.models import as_fit
 from onlinebayes.criticism.hypotheses.rule import equally_good, halves
 from onlinebayes.criticism.hypotheses.scoring import Gain
-from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.outages import Sighting, sighted
 from onlinebayes.criticism.wiring.possible import possible_faults

@@ -51,9 +51,10 @@ def _of_the_step(found: Evaluation, evaluator: Evaluator, numerics: Numerics) ->
             "of what is named carry it; give the model a shorter time step or a better integrator"
         )
     elif evaluator.as_given:
+        method = "a method of first order" if way.method == "first_order" else "the model's own integrator"
         yield (
-            f"numerics: the model's own integrator in steps of {way.timestep:g} s follows the log far better than a "
-            "finer one, as if a simulator had written it; it was judged in these steps"
+            f"numerics: {method} in steps of {way.timestep:g} s follows the log far better than a finer "
+            "one, as if a simulator had written it; it was judged in these steps"
         )
     elif way.method == "runge_kutta" or way.timestep < given.timestep:
         method = "Runge-Kutta's method" if way.method == "runge_kutta" else "its own method"

@@ -1,10 +1,13 @@
 """The model run as a simulator that wrote the log would have run it, where the log follows that far better.
 
-    squared error above the noise, run so  <=  half of what the judged way leaves                  then it is run so
+    squared error above the noise, run so  <=  half of what the judged way leaves
+    gain in left-out score  >=  0.05, and > 2 se                                                   then it is run so
 
 Models are integrated finely enough that no law is blamed for what an integrator does, and dry friction sticks. A log
 that a simulator wrote has that simulator's own step, its soft friction and its moments of inertia: there the model is
-right as it is, and a better integrator errs.
+right as it is, and a better integrator errs. Most engines step by a method of first order, whatever the model's file
+asks for. What such a step errs by may be within the noise and still move every parameter, so that it is asked of a
+model that leaves little more than noise, too.
 """
 
 from __future__ import annotations
@@ -14,7 +17,7 @@ from dataclasses import replace
 
 from onlinebayes.criticism.hypotheses.discretisation import Discretisation
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.rule import halves
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, STANDARD_ERRORS, halves
 from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -23,22 +26,37 @@ def run_as_given(evaluator: Evaluator, here: Evaluation) -> tuple[Evaluator, Eva
     """The same hypothesis run as a simulator would, and what fits so; None where the log does not follow that.
 
     Args:
-        evaluator, here: the hypothesis as it is judged; it leaves more than noise.
+        evaluator, here: the hypothesis as it is judged.
     """
+    if _above_noise(here) < LEAST_GAIN:
+        return None
     found = []
     for rung in _ways(evaluator.given, evaluator.discretisation.values):
         other = replace(evaluator, discretisation=Discretisation(rung, rung), known={}, as_given=True)
         evaluation = other.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
-        if evaluation is not None and halves(*(one.left[0].rms.tolist() for one in (here, evaluation))):
+        if evaluation is not None and _far_better(evaluation, here):
             found.append((other, evaluation))
     return min(found, key=lambda one: one[1].fitted.score) if found else None
 
 
+def _above_noise(here: Evaluation) -> float:
+    """What any way could gain: the score above that of noise alone [nats]."""
+    return float(((1 + here.left[0].rms.square()) / 2).log().clamp_min(0.0).sum()) / 2
+
+
+def _far_better(other: Evaluation, here: Evaluation) -> bool:
+    gained = other.gains(here)[0]
+    certain = gained.gain >= max(LEAST_GAIN, STANDARD_ERRORS * gained.se)
+    return certain and halves(*(one.left[0].rms.tolist() for one in (here, other)))
+
+
 def _ways(given: Identifiable, judged: Rung) -> Iterator[Rung]:
-    """Its own step, with soft friction where it has dry one; and denser bodies where a mass is free."""
+    """Its own step, also by a method of first order; soft friction where it has dry one; denser bodies."""
     own = Rung(given.timestep)
     if own != judged:
         yield own
+    if given.with_first_order() is not given:
+        yield replace(own, method="first_order")
     if given.with_soft_friction() is not given:
         yield replace(own, soft_friction=True)
     if given.with_scaled_moments() is not given:

@@ -17,6 +17,9 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 
+AT_FLOOR = 1.2
+"""Floors: no more is left than noise."""
+
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
@@ -34,6 +37,11 @@ class Evaluation:
     def gains(self, other: Evaluation) -> tuple[Gain, ...]:
         """Over another hypothesis, for each way of leaving data out."""
         return tuple(gain(a, b) for a, b in zip(self.left, other.left, strict=True))
+
+
+def quiet(here: Evaluation) -> bool:
+    """Whether no more than noise is left."""
+    return float(here.left[0].rms.max()) <= AT_FLOOR
 
 
 @dataclass

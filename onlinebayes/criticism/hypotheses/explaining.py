@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
-from onlinebayes.criticism.hypotheses.search import AT_FLOOR, MOST_ADDITIONS, Round, Search, quiet
+from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
@@ -72,7 +74,7 @@ class Explanation:
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
-            longer = best if windows.count == known.count and times == 1 else best._over(windows, quieter=times > 1)
+            longer = best._over(windows, quieter=times > 1)
             if longer is None:
                 break
             best = longer
@@ -88,6 +90,8 @@ class Explanation:
         if found is not None and (finer := evaluator.refined(found)) is not evaluator:
             # Over a longer window a step errs by more.
             evaluator, found = finer, finer.anew(found)
+        if found is not None and not evaluator.as_given:
+            evaluator, found = run_as_given(evaluator, found) or (evaluator, found)
         if found is None or (quieter and not _leaves_no_more(found, self.found)):
             return None
         if self.found is self.base:
@@ -109,8 +113,12 @@ class Explanation:
 
 
 def _leaves_no_more(found: Evaluation, before: Evaluation) -> bool:
-    """Whether it leaves noise, or no more than it did before."""
-    return bool((found.left[0].rms <= before.left[0].rms.clamp_min(AT_FLOOR)).all())
+    """Whether it leaves no more than it did before, or so near to noise that the rule would ask for no addition.
+
+    A fit that long windows led astray leaves more, and its parameters are worth less than those of shorter ones.
+    """
+    near = math.sqrt(2 * math.exp(2 * LEAST_GAIN) - 1)  # 1/2 log((1 + near^2) / 2) = the least gain
+    return bool((found.left[0].rms <= before.left[0].rms.clamp_min(near)).all())
 
 
 def explain(

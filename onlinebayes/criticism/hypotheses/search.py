@@ -11,7 +11,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.hypotheses.additions import Addition, WiderBounds
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
+from onlinebayes.criticism.hypotheses.as_given import run_as_given
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
+from onlinebayes.criticism.hypotheses.everywhere import at_every_place
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
 from onlinebayes.criticism.hypotheses.scoring import Gain
@@ -25,9 +27,6 @@ LEAST_PROMISE = LEAST_GAIN / 5
 
 PAIRED = 3
 """Candidates beside which a second one is looked for, where none is preferred alone."""
-
-AT_FLOOR = 1.2
-"""Floors: no more is left than noise."""
 
 MOST_ADDITIONS = 6
 """A model that needs more has another fault."""
@@ -115,6 +114,11 @@ class Search:
                 self.base = better if here is self.base else self.base
                 self.here = better
                 continue
+            if alike := self.everywhere(here, found):
+                self.rounds += alike
+                assert alike[-1].added is not None
+                self.here = self.pruned(self.refined(alike[-1].added.evaluation))
+                continue
             self.rounds.append(found)
             if found.added is None and here is self.base and self.last and not quiet(here):
                 self.candidates, self.flexible, self.last = (*self.candidates, *self.last), {*self.last}, ()
@@ -132,6 +136,22 @@ class Search:
                 break
             self.here = self.pruned(self.refined(found.added.evaluation))
         return self.here
+
+    def everywhere(self, here: Evaluation, alone: Round) -> list[Round]:
+        """One law at all its places, as a round for each, see :mod:`.everywhere`; none without."""
+        if quiet(here) or (alone.added is not None and quiet(alone.added.evaluation)):
+            return []
+        best = at_every_place(self, here, alone)
+        if best is None:
+            return []
+        rounds, before = list[Round](), here
+        for addition in (one for one in best.hypothesis.additions if one not in here.hypothesis.additions):
+            after = self.evaluated_from(best, before.hypothesis.plus(addition))
+            trial = Trial(addition, after, after.gains(before), None)
+            tried = tuple(one for one in alone.tried if one.addition != addition)
+            rounds.append(replace(alone, begun=before, added=trial, alike=_alike(alone.screened, tried, trial)))
+            before = after
+        return rounds
 
     def pair(self, here: Evaluation, alone: Round) -> tuple[Round, Round] | None:
         """Two additions at once where each hides the other: the pair that gains most, as two rounds; None without."""
@@ -204,10 +224,17 @@ class Search:
         return Trial(prediction.addition, evaluation, gains, refused)
 
     def refined(self, here: Evaluation) -> Evaluation:
-        """The same hypothesis, integrated as finely as it asks; the base model too, for comparison."""
+        """The same hypothesis, integrated as it asks: as finely, or as a simulator would; the base model too."""
         evaluator = self.evaluator.refined(here)
-        if evaluator is self.evaluator:
+        if evaluator is not self.evaluator:
+            here = self._judged_by(evaluator, here)
+        if here is self.base or quiet(here) or self.evaluator.as_given:
             return here
+        other = run_as_given(self.evaluator, here)
+        return here if other is None else self._judged_by(other[0], here)
+
+    def _judged_by(self, evaluator: Evaluator, here: Evaluation) -> Evaluation:
+        """The same hypothesis by another evaluator, which takes over; by this one where that cannot follow it."""
         base = evaluator.anew(self.base)
         again = base if here is self.base else evaluator.anew(here)
         if base is None or again is None:
@@ -215,19 +242,14 @@ class Search:
         self.evaluator, self.base, self.here = evaluator, base, again
         return again
 
-    def pruned(self, here: Evaluation) -> Evaluation:
-        """Without the additions that the rule would not let in any more."""
-        for key in here.hypothesis.keys[:-1]:
+    def pruned(self, here: Evaluation, entered: int = 1) -> Evaluation:
+        """Without the additions that the rule would not let in any more; the last ``entered`` have just entered."""
+        for key in here.hypothesis.keys[: len(here.hypothesis.keys) - entered]:
             without = self.evaluated_from(here, here.hypothesis.minus(key))
             if without is not here and not preferred(here.gains(without), without.gains(self.base)[0]):
                 self.evaluator.watch(f"dropping {key}")
-                return self.pruned(without)
+                return self.pruned(without, entered)
         return here
-
-
-def quiet(here: Evaluation) -> bool:
-    """Whether no more than noise is left."""
-    return float(here.left[0].rms.max()) <= AT_FLOOR
 
 
 def promising(screened: Sequence[Prediction]) -> list[Prediction]:

@@ -12,10 +12,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, OwnValues, WiderBounds
+from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
 from onlinebayes.criticism.hypotheses.rule import halves
-from onlinebayes.criticism.hypotheses.search import AT_FLOOR
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.results import Numerics

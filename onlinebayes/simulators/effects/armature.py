@@ -15,8 +15,11 @@ import numpy as np
 
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects.base import Effect
-from onlinebayes.simulators.effects.bounds import joint_unit, non_negative
+from onlinebayes.simulators.effects.bounds import joint_unit, non_negative, starts_within
 from onlinebayes.simulators.effects.scales import Scales
+
+LARGEST = 30.0
+"""Times the inertia that the joint moves: a rotor behind a gear may have many times that of the limb."""
 
 
 @dataclass(frozen=True)
@@ -41,8 +44,8 @@ class Armature(Effect):
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:
-        """J up to twice the inertia that the joint moves."""
-        return cls(target, Parameter(0.0, 2 * scales.inertia, joint_unit(scales.unit, "kg", "kg m2")))
+        """J up to :data:`LARGEST` times the inertia that the joint moves."""
+        return cls(target, Parameter(0.0, LARGEST * scales.inertia, joint_unit(scales.unit, "kg", "kg m2")))
 
     @property
     def parameters(self) -> ParameterSpace:
@@ -53,6 +56,11 @@ class Armature(Effect):
     def neutral(self) -> Mapping[str, float]:
         """J = 0."""
         return {"armature": 0.0}
+
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """Also from about once and ten times that inertia: the accelerations fall off as 1 / (I + J)."""
+        return starts_within("armature", self.armature, (1 / LARGEST, 1 / 3))
 
     def write(
         self, model: mujoco.MjModel, fields: Mapping[str, np.ndarray], parameters: Mapping[str, np.ndarray]

@@ -1,0 +1,72 @@
+"""One law at every place that can have it, where all of them together leave no more than noise.
+
+    h <- h + law@a + law@b + ...      if no single addition leaves noise, these do, and the rule prefers each of them
+
+The joints of a machine are built alike. Where all of them lack the same, one alone explains little, and something else,
+such as a mass far from its value, may explain more: that law enters at all places at once. Places that the rule does
+not ask for are dropped again.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
+from onlinebayes.criticism.hypotheses.as_given import run_as_given
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
+from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.rule import halves, preferred
+
+if TYPE_CHECKING:
+    from onlinebayes.criticism.hypotheses.search import Round, Search
+
+
+def law_of(addition: Addition) -> str | None:
+    """What it is, wherever it is: ``viscous_friction``, ``joint.damping``; None of what has one size a run."""
+    if isinstance(addition, AddedEffect):
+        return None if addition.per_run else addition.effect.name
+    if isinstance(addition, FreedNumber):
+        kind, _, rest = addition.address.partition(".")
+        return f"{kind}.{rest.rpartition('.')[2]}"
+    return None
+
+
+def at_every_place(search: Search, here: Evaluation, alone: Round) -> Evaluation | None:
+    """The first law that leaves noise at all its places, without those that the rule would not let in; None without.
+
+    Laws are tried in the order of what they promise at one place.
+
+    Args:
+        search: whose evaluator fits, and whose rule drops.
+        here: to which they are added.
+        alone: what each addition does by itself.
+    """
+    begun = {prediction.addition: prediction.begun for prediction in alone.screened}
+    for law in dict.fromkeys(filter(None, (law_of(trial.addition) for trial in alone.tried))):
+        places = [addition for addition in begun if law_of(addition) == law]
+        if not 1 < len(places) <= search.most - len(here.hypothesis.keys):
+            continue
+        hypothesis = Hypothesis((*here.hypothesis.additions, *places))
+        both = [{name: x for place in places for name, x in begun[place][k].items()} for k in (0, 1)]
+        values = [{**model, **added} for model in (here.values, {}) for added in both]
+        found = search.evaluator.evaluate(hypothesis, values, here.fitted.lin.starts)
+        if found is None or not _leaves_noise(search.evaluator, found, alone):
+            continue
+        found = search.pruned(found, entered=0)
+        new = len(found.hypothesis.keys) - len(here.hypothesis.keys)
+        if new > 1 and preferred(found.gains(here), here.gains(search.base)[0]):
+            return found
+    return None
+
+
+def _leaves_noise(evaluator: Evaluator, found: Evaluation, alone: Round) -> bool:
+    """Whether no more than noise is left in the steps that it asks for; no such step is tried in vain."""
+    best = min((trial.evaluation for trial in alone.tried), key=lambda one: one.fitted.score)
+    if quiet(found) or not halves(*(one.left[0].rms.tolist() for one in (best, found))):
+        return quiet(found)
+    finer = evaluator.refined(found)
+    again = found if finer is evaluator else finer.anew(found)
+    if again is None or quiet(again):
+        return again is not None
+    other = run_as_given(finer, again)
+    return other is not None and quiet(other[1])
