@@ -148,8 +148,10 @@ def tabled(found: dict[tuple[Any, ...], dict[str, Any]], study: Study) -> Result
         if "policies" in study.parts:
             add_policies(table, head, {kind: [found["policy", low, kind, s] for s in study.seeds] for kind in KINDS})
         if "friction" in study.parts:
-            for real in ENGINES:
-                add_friction(table, head, real, [found["friction", low, real, s] for s in study.seeds])
+            told = {real: [found["friction", low, real, s] for s in study.seeds] for real in ENGINES}
+            table.add(f"{head}: the prior's density", told[ENGINES[0]][0]["prior"], unit="nats")
+            for real, results in told.items():
+                add_friction(table, head, real, results)
     return table
 
 
@@ -178,7 +180,6 @@ def add_friction(table: ResultTable, head: str, real: Engine, results: list[dict
         table.add(f"{words}: median over thetas", middle, unit="nats")
         table.add_seeds(f"{words}: TARP error", [p["TARP"] for p in parts], most=0.05)
         table.add_seeds(f"{words}: trajectories that last, of {THETAS}", [p["kept"] for p in parts])
-    table.add(f"{head}: the prior's density", results[0]["prior"], unit="nats")
 
 
 if __name__ == "__main__":
