@@ -48,6 +48,7 @@ def test_its_files_and_its_ten_lines(longer: Path, capsys: pytest.CaptureFixture
     assert belief.sample((5,)).shape == (5, 2)
 
 
+@pytest.mark.slow
 def test_a_folder_of_refine_gives_each_of_its_models(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, effect in (("refined.toml", "dry_friction"), ("refined-2.toml", "quadratic_drag")):
         (folder / name).write_text(f'{PROBLEM}\n[effects]\nadd = ["{effect}@carriage"]\n')

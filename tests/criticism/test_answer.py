@@ -108,6 +108,7 @@ def test_what_was_found_before_a_stop_is_kept() -> None:
     assert found.accepted == ("constant_load@rail",)
 
 
+@pytest.mark.slow
 def test_a_motor_that_was_off_for_a_part_of_the_runs_is_a_problem_of_the_data() -> None:
     whole = measure(runs=10)
     still = measure(runs=10, off=(1.0, 1.6))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import pytest
 import torch
 from tensordict import TensorDict
 
@@ -38,6 +39,7 @@ def loaded_differently() -> tuple[MujocoSimulator, Measurement]:
     return model, Measurement.from_runs(table, [Signal("qpos.rail", "m", sd=NOISE)], commands=["motor"])
 
 
+@pytest.mark.slow
 def test_a_load_that_differs_between_runs_is_sized_in_each() -> None:
     model, measured = loaded_differently()
     found = refine(model, measured, holdout=["run7", "run8"])

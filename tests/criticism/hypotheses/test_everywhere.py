@@ -51,6 +51,7 @@ def damped(runs: int = 6, rows: int = 301) -> Measurement:
     return Measurement.from_runs(table, signals=signals, commands=list(NAMES))
 
 
+@pytest.mark.slow
 def test_what_all_joints_lack_is_named_at_all_of_them_in_one_round() -> None:
     found = explain(carts(), damped(), holdout=["run5"], candidates=["viscous_friction", "dry_friction"])
     keys = {f"viscous_friction@{name}" for name in NAMES}
