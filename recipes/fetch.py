@@ -1,8 +1,7 @@
 """What the recipes of the Fetch arm share: worlds to learn in and to be judged in, DDPG with hindsight, success.
 
 The policy learns in lean worlds, whose idle parts are left out; inference and judges have the exact ones. Settings of
-the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks, returns of three steps and
-an average of the weights, by which it is judged.
+the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks and returns of three steps.
 """
 
 from __future__ import annotations
@@ -87,7 +86,6 @@ def objective(
         value_range=(-20.0, 0.0),
         action_penalty=0.1,
         tau=0.05,
-        average=0.005,
         memory=memory,
         frames_per_update=frames_per_update,
         demonstrations=demonstrations,

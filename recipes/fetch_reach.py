@@ -31,7 +31,7 @@ class Settings(common.Settings):
 def build(settings: Settings) -> Run:
     """The whole composition: worlds, objective, trainer."""
     made = fetch("reach", ParameterSpace({}))
-    learner = objective(made, frames_per_update=4)
+    learner = objective(made, frames_per_update=8)
     truth = made.exact.simulator.nominal
     trainer = online_trainer(
         made.exact,

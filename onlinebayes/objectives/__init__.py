@@ -1,7 +1,6 @@
 """Policies and how they learn: specs -> policy, loss module, buffer."""
 
 from onlinebayes.objectives.actor_critic import ActorCritic, RecurrentNetwork, actor_critic
-from onlinebayes.objectives.averaged import Averaged
 from onlinebayes.objectives.base import Objective
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.ddpg import DDPG, Exploration, ddpg
@@ -21,7 +20,6 @@ __all__ = [
     "PPO",
     "SAC",
     "ActorCritic",
-    "Averaged",
     "DeterministicLoss",
     "EnsembleMLP",
     "EpisodeReplay",

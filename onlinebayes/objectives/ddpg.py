@@ -2,8 +2,7 @@
 
     y = clip(R + gamma^m (1 - terminated) Q'(s_m, pi'(s_m))),      R the return of m <= n steps
     Q follows y,   pi climbs Q,   Q' and pi' follow with rate tau
-    acting:  with probability epsilon a uniformly random action, else pi(s) + sigma N(0, 1) in units of the bounds;
-             when it is judged, pi(s), by the running average of its weights if it keeps one
+    acting:  with probability epsilon a uniformly random action, else pi(s) + sigma N(0, 1) in units of the bounds
 
 Lillicrap et al., Continuous Control with Deep Reinforcement Learning (2016); Andrychowicz et al., Hindsight Experience
 Replay (2017), whose exploration, clip and action penalty are the defaults. The losses stand in ``deterministic_loss``,
@@ -25,7 +24,6 @@ from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs.utils import ExplorationType, exploration_type
 
-from onlinebayes.objectives.averaged import Averaged
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of
@@ -88,7 +86,6 @@ class DDPG:
 
     Args:
         policy: deterministic policy, followed by its exploration.
-        average: of the actor's weights, by which the policy is judged, if any.
         inputs: what policy and critic see.
         loss: holds actor, critic and their targets.
         target: moves the targets.
@@ -98,7 +95,6 @@ class DDPG:
     """
 
     policy: TensorDictModuleBase
-    average: Averaged | None
     inputs: Inputs
     loss: DeterministicLoss
     target: Follower
@@ -137,14 +133,11 @@ class DDPG:
         (losses["loss_actor"] + losses["loss_value"]).backward()
         self.optimiser.step()
         self.target.step()
-        if self.average is not None:
-            self.average.step()
         return {name: losses[name].detach() for name in self.loss.out_keys}
 
     def state_dict(self) -> dict[str, Any]:
-        """Weights and their average, statistics, optimiser state and buffer."""
+        """Weights, statistics, optimiser state and buffer."""
         return {
-            "policy": self.policy.state_dict(),
             "loss": self.loss.state_dict(),
             "optimiser": self.optimiser.state_dict(),
             "buffer": self.buffer.state_dict(),
@@ -152,7 +145,6 @@ class DDPG:
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
-        load_exactly("policy", self.policy, state["policy"])
         load_exactly("loss", self.loss, state["loss"])
         self.optimiser.load_state_dict(state["optimiser"])
         self.buffer.load_state_dict(state["buffer"])
@@ -200,7 +192,6 @@ def ddpg(
     value_range: tuple[float, float] | None = None,
     action_penalty: float = 0.0,
     tau: float = 0.01,
-    average: float | None = None,
     learning_rate: float = 1e-3,
 ) -> DDPG:
     """DDPG with an actor and a critic built from the specs of one world.
@@ -224,7 +215,6 @@ def ddpg(
         value_range: bounds of the critic's target; (-1 / (1 - gamma), 0) where rewards are -1 and 0.
         action_penalty: weight of the squared action, in units of its bounds.
         tau: share of actor and critic in their targets at each step.
-        average: share of the actor at each step in the average of its weights, by which the policy is judged.
         learning_rate: Adam's.
 
     Raises:
@@ -239,11 +229,8 @@ def ddpg(
     actor = nn.Sequential(mlp(inputs.width, width, widths, activation, device), nn.Tanh())
     critic = mlp(inputs.width + width, 1, widths, activation, device)
     target = Follower(nn.ModuleList([actor, critic]), tau)
-    averaged = None if average is None else Averaged(actor, average)
     policy = TensorDictSequential(
-        TensorDictModule(
-            Network(inputs, nn.Sequential(averaged or actor, Scaled(low, high))), list(inputs.keys), [action_key]
-        ),
+        TensorDictModule(Network(inputs, nn.Sequential(actor, Scaled(low, high))), list(inputs.keys), [action_key]),
         TensorDictModule(exploration or Exploration(low, high), [action_key], [action_key]),
     )
     loss = DeterministicLoss(
@@ -269,7 +256,7 @@ def ddpg(
         demonstrations=demonstrations,
         device=device,
     )
-    return DDPG(policy, averaged, inputs, loss, target, buffer, optimiser, frames_per_update)
+    return DDPG(policy, inputs, loss, target, buffer, optimiser, frames_per_update)
 
 
 def _finite(data: TensorDictBase) -> None:

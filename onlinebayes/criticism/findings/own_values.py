@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 
 from onlinebayes.criticism.hypotheses.additions import OwnValues
 from onlinebayes.criticism.hypotheses.explaining import Explanation
-from onlinebayes.criticism.hypotheses.search import Round
+from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.criticism.results import ParameterChange
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import Estimate

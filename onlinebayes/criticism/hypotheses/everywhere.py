@@ -3,22 +3,20 @@
     h <- h + law@a + law@b + ...      if no single addition leaves noise, these do, and the rule prefers each of them
 
 The joints of a machine are built alike. Where all of them lack the same, one alone explains little, and something else,
-such as a mass far from its value, may explain more: that law enters at all places at once. Places that the rule does
-not ask for are dropped again.
+such as a mass far from its value, may explain more: that law enters at all places at once. The search drops the places
+that its rule does not ask for.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Iterator
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
-from onlinebayes.criticism.hypotheses.rule import halves, preferred
-
-if TYPE_CHECKING:
-    from onlinebayes.criticism.hypotheses.search import Round, Search
+from onlinebayes.criticism.hypotheses.rounds import Round
+from onlinebayes.criticism.hypotheses.rule import halves
 
 
 def law_of(addition: Addition) -> str | None:
@@ -31,32 +29,26 @@ def law_of(addition: Addition) -> str | None:
     return None
 
 
-def at_every_place(search: Search, here: Evaluation, alone: Round) -> Evaluation | None:
-    """The first law that leaves noise at all its places, without those that the rule would not let in; None without.
-
-    Laws are tried in the order of what they promise at one place.
+def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: int) -> Iterator[Evaluation]:
+    """Each law that leaves noise at all its places, in the order of what the laws promise at one place.
 
     Args:
-        search: whose evaluator fits, and whose rule drops.
+        evaluator: fits.
         here: to which they are added.
         alone: what each addition does by itself.
+        room: most places.
     """
     begun = {prediction.addition: prediction.begun for prediction in alone.screened}
     for law in dict.fromkeys(filter(None, (law_of(trial.addition) for trial in alone.tried))):
         places = [addition for addition in begun if law_of(addition) == law]
-        if not 1 < len(places) <= search.most - len(here.hypothesis.keys):
+        if not 1 < len(places) <= room:
             continue
         hypothesis = Hypothesis((*here.hypothesis.additions, *places))
         both = [{name: x for place in places for name, x in begun[place][k].items()} for k in (0, 1)]
         values = [{**model, **added} for model in (here.values, {}) for added in both]
-        found = search.evaluator.evaluate(hypothesis, values, here.fitted.lin.starts)
-        if found is None or not _leaves_noise(search.evaluator, found, alone):
-            continue
-        found = search.pruned(found, entered=0)
-        new = len(found.hypothesis.keys) - len(here.hypothesis.keys)
-        if new > 1 and preferred(found.gains(here), here.gains(search.base)[0]):
-            return found
-    return None
+        found = evaluator.evaluate(hypothesis, values, here.fitted.lin.starts)
+        if found is not None and _leaves_noise(evaluator, found, alone):
+            yield found
 
 
 def _leaves_noise(evaluator: Evaluator, found: Evaluation, alone: Round) -> bool:

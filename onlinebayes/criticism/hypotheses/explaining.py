@@ -14,8 +14,9 @@ from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
+from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
-from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Round, Search
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS

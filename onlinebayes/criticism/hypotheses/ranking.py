@@ -8,9 +8,9 @@ from dataclasses import replace
 from onlinebayes.criticism.hypotheses.additions import IN_EACH_RUN, AddedEffect, Addition, OwnValues
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.rounds import Round, Trial
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.screening import Prediction
-from onlinebayes.criticism.hypotheses.search import Round, Trial
 from onlinebayes.criticism.results import MOVES_NOTHING, NOT_NEEDED, Candidate, Step
 from onlinebayes.identification.results import Estimate
 

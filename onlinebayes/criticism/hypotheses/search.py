@@ -15,8 +15,8 @@ from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.everywhere import at_every_place
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
+from onlinebayes.criticism.hypotheses.rounds import Round, Trial
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
-from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 
 REFITS = 3
@@ -30,49 +30,6 @@ PAIRED = 3
 
 MOST_ADDITIONS = 6
 """A model that needs more has another fault."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trial:
-    """An addition, refitted: what it gains over the hypothesis of its round, and why it was refused."""
-
-    addition: Addition
-    evaluation: Evaluation
-    gains: tuple[Gain, ...]
-    refused: str | None
-
-    @property
-    def least(self) -> float:
-        """The least gain, over all ways of leaving data out [nats]."""
-        return min(one.gain for one in self.gains)
-
-
-@dataclass(frozen=True, eq=False)
-class Round:
-    """One round of the search.
-
-    Args:
-        begun: from where it went.
-        screened: what screening promised, the best first.
-        tried: what was refitted.
-        added: what the rule preferred, None in the last round.
-        equal: what was refitted and is equally good.
-        alike: the same law as what was added, to first order, and was not refitted.
-        silent: keys of the candidates that move no measured signal.
-    """
-
-    begun: Evaluation
-    screened: tuple[Prediction, ...]
-    tried: tuple[Trial, ...]
-    added: Trial | None = None
-    equal: tuple[Trial, ...] = ()
-    alike: tuple[Addition, ...] = ()
-    silent: tuple[str, ...] = ()
-
-    @property
-    def equals(self) -> tuple[Addition, ...]:
-        """All that cannot be told from what was added."""
-        return (*(trial.addition for trial in self.equal), *self.alike)
 
 
 @dataclass
@@ -141,9 +98,15 @@ class Search:
         """One law at all its places, as a round for each, see :mod:`.everywhere`; none without."""
         if quiet(here) or (alone.added is not None and quiet(alone.added.evaluation)):
             return []
-        best = at_every_place(self, here, alone)
-        if best is None:
-            return []
+        for found in at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)):
+            best = self.pruned(found, entered=0)
+            new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
+            if new > 1 and preferred(best.gains(here), here.gains(self.base)[0]):
+                return self.one_by_one(here, best, alone)
+        return []
+
+    def one_by_one(self, here: Evaluation, best: Evaluation, alone: Round) -> list[Round]:
+        """The additions of ``best`` that ``here`` lacks, as a round for each."""
         rounds, before = list[Round](), here
         for addition in (one for one in best.hypothesis.additions if one not in here.hypothesis.additions):
             after = self.evaluated_from(best, before.hypothesis.plus(addition))

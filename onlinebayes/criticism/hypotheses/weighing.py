@@ -24,9 +24,9 @@ from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import rivals
+from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.criticism.hypotheses.rule import SHARE_OF_GAINED, equally_good
 from onlinebayes.criticism.hypotheses.scoring import LeftOut
-from onlinebayes.criticism.hypotheses.search import Round
 
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""

@@ -1,0 +1,53 @@
+"""What a round of the search did: what was screened, what was refitted, what entered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from onlinebayes.criticism.hypotheses.additions import Addition
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.criticism.hypotheses.scoring import Gain
+from onlinebayes.criticism.hypotheses.screening import Prediction
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """An addition, refitted: what it gains over the hypothesis of its round, and why it was refused."""
+
+    addition: Addition
+    evaluation: Evaluation
+    gains: tuple[Gain, ...]
+    refused: str | None
+
+    @property
+    def least(self) -> float:
+        """The least gain, over all ways of leaving data out [nats]."""
+        return min(one.gain for one in self.gains)
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One round of the search.
+
+    Args:
+        begun: from where it went.
+        screened: what screening promised, the best first.
+        tried: what was refitted.
+        added: what the rule preferred, None in the last round.
+        equal: what was refitted and is equally good.
+        alike: the same law as what was added, to first order, and was not refitted.
+        silent: keys of the candidates that move no measured signal.
+    """
+
+    begun: Evaluation
+    screened: tuple[Prediction, ...]
+    tried: tuple[Trial, ...]
+    added: Trial | None = None
+    equal: tuple[Trial, ...] = ()
+    alike: tuple[Addition, ...] = ()
+    silent: tuple[str, ...] = ()
+
+    @property
+    def equals(self) -> tuple[Addition, ...]:
+        """All that cannot be told from what was added."""
+        return (*(trial.addition for trial in self.equal), *self.alike)
