@@ -52,13 +52,13 @@ class Settings(common.Settings):
 
 
 def space_of(low: float) -> ParameterSpace:
-    """The unknown friction, of foot and floor."""
+    """The unknown friction, of floor and bodies."""
     return ParameterSpace({FRICTION: Parameter(low, HIGH)})
 
 
 def engine_of(real: Engine, space: ParameterSpace) -> Simulator:
     """The real system: Drake's hopper, or MuJoCo's with the integrator of its file."""
-    return DrakeHopper(space) if real == "drake" else standard_hopper(space, threads=1)
+    return DrakeHopper(space) if real == "drake" else standard_hopper(space, threads=1, firm=True)
 
 
 def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
@@ -89,7 +89,7 @@ def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     space = space_of(settings.low)
     prior, sd = BoxUniform(space), settings.noise * RANGE
-    problem = Problem(standard_hopper(space, threads=1, quick=True), standard_task(), prior, sd)
+    problem = Problem(standard_hopper(space, threads=1, quick=True, firm=True), standard_task(), prior, sd)
     machine = Problem(engine_of(settings.real, space), standard_task(), prior, sd)
     truth = hidden_truth(space, settings.seed, {FRICTION: TRUTH})
     sizes = Sizes(worlds=256, batch_steps=32, simulations=200 if settings.short else 1000, groups=48)

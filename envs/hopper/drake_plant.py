@@ -2,7 +2,7 @@
 
 | address                   | written with                                     | as in MuJoCo                       |
 |---------------------------|--------------------------------------------------|------------------------------------|
-| ``geom.*.friction[0]``    | proximity properties of the context's geometries | where foot and floor are one value |
+| ``pair.*.friction[0]``    | proximity properties of the context's geometries | yes                                |
 | ``body.x.mass``           | ``SetSpatialInertiaInBodyFrame``                 | moments about the centre stay      |
 | ``joint.x.damping``       | ``SetDamping``                                   | yes                                |
 | ``joint.x.armature``      | ``SetRotorInertia``: armature = I n^2            | yes                                |
@@ -33,7 +33,7 @@ TIMESTEP = 0.002
 """Of the integration [s]."""
 
 GRIP = 2.0
-"""Friction where it is no parameter: of Gymnasium's foot, the larger of foot and floor."""
+"""Friction where it is no parameter: that of Gymnasium's foot on the floor."""
 
 KNOWN = (
     FRICTION,

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import gymnasium.envs.mujoco
 import mujoco
+import numpy as np
 
 from envs.hopper.physics import DT
 from envs.hopper.task import HopperTask
@@ -24,9 +25,13 @@ BODIES = ("torso", "thigh", "leg", "foot")
 GEAR = 200.0
 """Of each motor [N m]."""
 
-FRICTION = "geom.*.friction[0]"
-"""Of foot and floor. MuJoCo takes the larger of the two (the foot has 2.0), Drake 2 a b / (a + b): only where both are
-one value do the engines mean the same."""
+FRICTION = "pair.*.friction[0]"
+"""Of the floor and each body, along the plane in which the hopper moves. Engines mix two surfaces' frictions in ways of
+their own (MuJoCo takes the larger, Drake 2 a b / (a + b)); a pair's means the same in each."""
+
+STOP = 0.008
+"""Time constant of a firm foot's friction [s]. With 4 ms a foot that slides is lifted, with 20 ms one that stands creeps:
+of 4, 6, 8, 12 and 20 ms, 8 and 12 come nearest to Drake's."""
 
 STANDARD = ParameterSpace(
     {
@@ -44,6 +49,7 @@ def standard_hopper(
     worlds: int = 1,
     threads: int = 0,
     quick: bool = False,
+    firm: bool = False,
 ) -> MujocoSimulator:
     """Gymnasium's hopper in MuJoCo, commanded every 8 ms.
 
@@ -53,11 +59,33 @@ def standard_hopper(
         threads: threads that step them, 0 for all cores.
         quick: by semi-implicit steps in place of the file's Runge-Kutta: three times as fast. Without contacts these
             are Drake's steps too.
+        firm: a foot that stands does not creep, as in Drake. The file's friction slows a foot by -b v, b = 2 / (.8 tau)
+            with tau = 20 ms, so that it is less than mu N while the foot slips by less than mu N / (m b), some
+            centimetres a second. A firm foot has tau = 8 ms for friction, and for nothing else (``solreffriction``).
     """
     spec = mujoco.MjSpec.from_file(str(STANDARD_MODEL))
     if quick:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    for pair in _pairs_with_floor(spec):
+        if firm:
+            pair.solreffriction = [STOP, 1.0]
+    if firm:  # the pyramid has one reference for both
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     return MujocoSimulator(spec, parameters, worlds, DT, threads)
+
+
+def _pairs_with_floor(spec: mujoco.MjSpec) -> list[mujoco.MjsPair]:
+    """The floor and each body as a pair with the contact that MuJoCo mixes from the two, all of one softness."""
+    model, floor, pairs = spec.compile(), spec.geom("floor"), []
+    for body in BODIES:
+        geom = spec.geom(f"{body}_geom")
+        one, two = model.geom(floor.name), model.geom(geom.name)
+        slide, spin, roll = np.maximum(one.friction, two.friction)
+        pair = spec.add_pair(name=body, geomname1=floor.name, geomname2=geom.name)
+        pair.friction, pair.condim = [slide, slide, spin, roll, roll], max(one.condim[0], two.condim[0])
+        pair.solref, pair.solimp, pair.margin = one.solref, one.solimp, one.margin[0] + two.margin[0]
+        pairs.append(pair)
+    return pairs
 
 
 def standard_task(horizon: int = 1000) -> HopperTask:

@@ -75,6 +75,25 @@ def test_near_the_ground_it_is_milliradians_away(drake) -> None:
     assert gap(ours, mujoco) < 6.0
 
 
+def test_a_firm_foot_stands_as_in_drake(drake) -> None:
+    ours = paths(drake, 1.25)
+    firm, soft = (gap(ours, paths(standard_hopper(threads=1, quick=True, firm=f), 1.25)) for f in (True, False))
+    assert firm < 2.0 < 2 * firm < soft  # 1.1 and 5.7
+
+
+def test_friction_across_the_plane_matters_to_nobody() -> None:
+    across = "pair.foot.friction[1]"
+    space = ParameterSpace({**STANDARD, across: Parameter(0.0, 3.0)})
+    start = TensorDict({"qpos": torch.zeros(2, 6), "qvel": torch.ones(2, 6)}, batch_size=[2])
+    start["qpos"][:, 1] = 1.25
+    simulator = standard_hopper(space, threads=1, firm=True)
+    theta = simulator.nominal.repeat(2, 1)
+    theta[1, list(space).index(across)] = 0.1
+    command = TensorDict({"command": torch.zeros(2, 1, 3)}, batch_size=[2, 1])
+    end = simulator.rollout(theta, start, command, torch.tensor([0.4]))["qpos"]
+    assert torch.equal(end[0], end[1])
+
+
 def test_an_impact_is_as_soft_as_in_mujoco(drake) -> None:
     def heights(simulator) -> torch.Tensor:
         """Of the torso, upright and let fall by two millimetres (38)."""
@@ -139,7 +158,7 @@ def test_a_copy_goes_its_own_way(drake) -> None:
 
 
 def test_refusals_say_what_to_do(drake, monkeypatch) -> None:
-    with pytest.raises(BadInput, match=r"nearest: joint.leg_joint.damping.*known: geom"):
+    with pytest.raises(BadInput, match=r"nearest: joint.leg_joint.damping.*known: pair"):
         DrakeHopper(ParameterSpace({"joint.leg_joint.dampin": Parameter(0, 1)}))
     with pytest.raises(BadInput, match="add the effect to MuJoCo's"):
         drake.with_effect(DryFriction("leg_joint", Parameter(0.0, 1.0)))
@@ -150,7 +169,7 @@ def test_refusals_say_what_to_do(drake, monkeypatch) -> None:
 
 def test_the_task_and_mujocos_worlds_are_gymnasiums_hopper() -> None:
     theirs = gymnasium.make("Hopper-v5").unwrapped
-    nominal = {FRICTION: 2.0}  # the larger of foot and floor
+    nominal = {FRICTION: 2.0}  # of the foot, the larger of its own and the floor's
     space = ParameterSpace({name: Parameter(0.05, 2.5) for name in nominal})
     ours = SimulatorEnv(standard_hopper(space, threads=1), standard_task(), seed=0)
     theirs.reset(seed=0)

@@ -90,6 +90,24 @@ def test_force_stages_and_sensors_are_foreign() -> None:
     )
 
 
+def test_a_pair_of_geoms_has_contact_parameters() -> None:
+    xml = """<mujoco><option cone="elliptic"/><worldbody><geom name="floor" type="plane" size="1 1 1"/>
+        <body pos="0 0 .1"><joint name="along" type="slide" axis="1 0 0"/><joint name="up" type="slide" axis="0 0 1"/>
+        <geom name="box" size=".1"/></body></worldbody>
+        <contact><pair name="ground" geom1="floor" geom2="box" friction=".5 .5"/></contact></mujoco>"""
+    names = ("pair.ground.friction[0]", "pair.ground.friction[1]", "pair.ground.solreffriction[0]")
+    simulator = MujocoSimulator(xml, ParameterSpace({name: Parameter(0.004, 1.0) for name in names}))
+    assert simulator.nominal.tolist() == [0.5, 0.5, 0.0]
+    start = simulator.with_worlds(2).state
+    start["qvel"][:, 0] = 1.0
+    theta = torch.tensor([[0.1, 0.1, 0.02], [0.4, 0.4, 0.02]])
+    inputs = TensorDict({"command": torch.zeros(2, 1, 0)}, batch_size=[2, 1])
+    end = simulator.rollout(theta, start, inputs, torch.tensor([0.2]))["qvel"][:, 0, 0]
+    assert end.tolist() == pytest.approx([1 - 0.1 * 9.81 * 0.2, 1 - 0.4 * 9.81 * 0.2], abs=0.02)
+    again = MujocoSimulator(simulator.export_xml(theta[1]), simulator.parameters)
+    assert torch.allclose(again.nominal, theta[1].double())
+
+
 def test_each_parameter_arrives_in_the_file() -> None:
     simulator = MujocoSimulator(ARM, SPACE)
     theta = SPACE.from_unit(torch.rand(len(SPACE), dtype=torch.float64))

@@ -23,12 +23,19 @@ _OBJECTS = {
     "body": mujoco.mjtObj.mjOBJ_BODY,
     "joint": mujoco.mjtObj.mjOBJ_JOINT,
     "geom": mujoco.mjtObj.mjOBJ_GEOM,
+    "pair": mujoco.mjtObj.mjOBJ_PAIR,
     "actuator": mujoco.mjtObj.mjOBJ_ACTUATOR,
     "tendon": mujoco.mjtObj.mjOBJ_TENDON,
     "sensor": mujoco.mjtObj.mjOBJ_SENSOR,
     "site": mujoco.mjtObj.mjOBJ_SITE,
 }
-_COUNTS = {"body": "nbody", "joint": "njnt", "geom": "ngeom", "actuator": "nu", "tendon": "ntendon"} | {
+_COUNTS = {
+    "body": "nbody",
+    "joint": "njnt",
+    "geom": "ngeom",
+    "pair": "npair",
+    "actuator": "nu",
+    "tendon": "ntendon",
     "sensor": "nsensor",
     "site": "nsite",
 }
