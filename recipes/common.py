@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 import logging
 import sys
 from collections.abc import Callable
@@ -61,13 +62,14 @@ class Settings(Options):
     """One run of a recipe."""
 
     seed: int = 0
-    """which truth and which random numbers: 0 for Gymnasium's default parameters, s for point s of a Sobol sequence"""
+    """which truth and which random numbers: 0 for the task's own parameters, s for point s of a Sobol sequence"""
     noise: float = 0.01
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     kind: Kind = "online"
     """online; posterior first, then the policy; a policy in worlds of the prior; an oracle's, in worlds of the truth"""
     ray_workers: int = 0
-    """workers on Ray that step the worlds, of this machine or of the cluster at RAY_ADDRESS; 0: this process does"""
+    """workers on Ray that step the worlds, of this machine or of the cluster at RAY_ADDRESS; 0: this process does;
+    not in every recipe"""
 
     def __post_init__(self) -> None:
         if self.seed < 0 or not 0 <= self.noise < 1:
@@ -176,7 +178,7 @@ def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
     """One run; 0 when it does what it promises, 130 when it was stopped."""
     seed_everything(settings.seed)
     place, _ = place_of(name, settings), settings.workers()  # which refuses before there is a folder
-    with RunFolder(place, name, settings=told(settings)) as folder, closing(built(build, settings)) as made:
+    with closing(built(build, settings)) as made, RunFolder(place, name, settings=told(settings)) as folder:
         kinds, infers = baselines(name, settings), made.trainer.schedule.order != "policy-only"
         with Recording(place, name, made.problem.prior, made.seen_by(), made.truth, kinds, infers) as recording:
             state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
@@ -213,11 +215,16 @@ def written(place: Path) -> str:
 
 
 def baselines(name: str, settings: Settings) -> dict[str, float]:
-    """Last returns of the other kinds of run with the same seed, as far as they lie in the same folder."""
+    """Last returns of the other kinds of run with the same settings, as far as they lie in the same folder."""
     found = {}
     for kind in get_args(Kind):
-        log = place_of(name, replace(settings, kind=kind)) / "log.csv"
-        if kind != settings.kind and log.exists():
+        other = replace(settings, kind=kind)
+        log, about = (place_of(name, other) / file for file in ("log.csv", "run.json"))
+        if kind == settings.kind or not (log.exists() and about.exists()):
+            continue
+        if json.loads(about.read_text(encoding="utf-8"))["settings"] == json.loads(
+            json.dumps(told(other), default=str)
+        ):
             with log.open(encoding="utf-8") as file:
                 found[kind] = float(list(csv.DictReader(file))[-1]["figure/return"])
     return found

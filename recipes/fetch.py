@@ -6,7 +6,7 @@ the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smal
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import torch
@@ -20,7 +20,8 @@ from onlinebayes.embeddings import LSTMEmbedding, TransitionFeatures
 from onlinebayes.inference import Belief, BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
 from onlinebayes.objectives import DDPG, Exploration, Hindsight, ddpg
 from onlinebayes.parameters import ParameterSpace
-from onlinebayes.trainers import OnlineTrainer, Point, Problem, collector_of
+from onlinebayes.runs import BadInput
+from onlinebayes.trainers import Point, Problem
 from onlinebayes.trainers.trajectories import Policy
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
@@ -103,6 +104,16 @@ def demonstrate(made: Fetch, learner: DDPG, worlds: Distribution, batches: int, 
             learner.demonstrate(env.rollout(STEPS, policy, break_when_any_done=False))
 
 
+def exact(noise: float) -> None:
+    """Refuse sensors with noise.
+
+    Raises:
+        BadInput: there is some.
+    """
+    if noise:
+        raise BadInput(f"noise {noise}", "the arm's sensors are exact: needs noise 0")
+
+
 @dataclass(frozen=True)
 class Success:
     """Shares of episodes.
@@ -148,7 +159,7 @@ def outcomes(problem: Problem, policy: Policy, worlds: Distribution, episodes: i
     """Episodes of a policy's deterministic action."""
     task = problem.task
     assert isinstance(task, FetchTask)
-    env = problem.worlds(episodes, ParameterRandomization(worlds), seed)
+    env = problem.worlds(episodes, ParameterRandomization(worlds, seed=seed), seed)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         data = env.rollout(task.horizon, policy, break_when_any_done=False)
     achieved, goal = data["next", "achieved_goal"], data["next", "desired_goal"]
@@ -163,15 +174,8 @@ def figures(made: Fetch, policy: Policy, truth: Float[Tensor, " P"], episodes: i
     return {WORDS[name]: share for name, share in vars(found).items()}
 
 
-def learning_in(trainer: OnlineTrainer, made: Fetch, seed: int) -> OnlineTrainer:
-    """The trainer whose policy learns in the lean worlds."""
-    drawn = ParameterRandomization(made.lean.prior)
-    env = made.lean.worlds(WORLDS, drawn, seed)
-    return replace(trainer, collector=collector_of(env, trainer.objective.policy, STEPS), randomization=drawn)
-
-
-def friction_estimator(epochs: int, proposal: Belief) -> NeuralEstimator:
-    """Trajectories -> LSTM over how object and gripper move -> a mixture over the friction."""
-    embedding = LSTMEmbedding(TransitionFeatures(12, 4, view=motion))
+def friction_estimator(epochs: int, proposal: Belief, features: TransitionFeatures | None = None) -> NeuralEstimator:
+    """Trajectories -> LSTM over how object and gripper move, or over other features -> a mixture over the friction."""
+    embedding = LSTMEmbedding(features if features is not None else TransitionFeatures(12, 4, view=motion))
     network = MixtureEstimator(proposal.space, embedding.size, box=proposal.box)
     return NeuralEstimator(NeuralPosteriorLoss(embedding, network), partial(fit, epochs=epochs, batch_size=50))

@@ -19,7 +19,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Sizes, online_trainer
 from recipes import common
 from recipes.common import Run, hidden_truth
-from recipes.fetch import STEPS, demonstrate, fetch, figures, friction_estimator, learning_in, objective
+from recipes.fetch import STEPS, WORLDS, demonstrate, exact, fetch, figures, friction_estimator, objective
 
 MEMORY = 200_000  # steps: by the end of a run the worlds of the prior are forgotten
 
@@ -29,7 +29,7 @@ class Settings(common.Settings):
     """One run."""
 
     noise: float = 0.0
-    """the observations are exact"""
+    """0: the observations are exact"""
     low: float = 0.1
     """least friction of the prior"""
     high: float = 2.0
@@ -39,6 +39,7 @@ class Settings(common.Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        exact(self.noise)
         if not 0.05 <= self.low < self.high <= 2 or not 0 <= self.demonstrations < 1:
             problem = f"low {self.low}, high {self.high}, demonstrations {self.demonstrations}"
             raise BadInput(problem, "needs .05 <= low < high <= 2 and 0 <= demonstrations < 1")
@@ -91,7 +92,8 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
     learner = objective(made, demonstrations=settings.demonstrations, memory=MEMORY)
     if settings.demonstrations:
         demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
-    truth = hidden_truth(space, settings.seed, {FRICTION: (settings.low + settings.high) / 2})
+    own = float(made.exact.simulator.nominal.clamp(settings.low, settings.high))
+    truth = hidden_truth(space, settings.seed, {FRICTION: own})
     schedule = replace(settings.schedule(much.steps, much.batches, real_steps=STEPS), first_batches=much.first)
     trainer = online_trainer(
         made.exact,
@@ -99,11 +101,11 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
         estimator=partial(friction_estimator, much.epochs),
         real=made.exact.hidden(truth, settings.seed + 2000),
         schedule=schedule,
-        sizes=Sizes(simulations=much.simulations, groups=much.groups),
+        sizes=Sizes(worlds=WORLDS, batch_steps=STEPS, simulations=much.simulations, groups=much.groups),
         worlds=settings.worlds(made.exact, truth),
+        learn_in=made.lean,
         seed=settings.seed,
     )
-    trainer = learning_in(trainer, made, settings.seed)
     return Run(made.exact, trainer, truth, figures=lambda: figures(made, learner.policy, truth, much.judged))
 
 

@@ -15,7 +15,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers import Sizes, online_trainer
 from recipes import common
 from recipes.common import Run
-from recipes.fetch import STEPS, fetch, figures, objective
+from recipes.fetch import STEPS, exact, fetch, figures, objective
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,13 @@ class Settings(common.Settings):
     """One run."""
 
     noise: float = 0.0
-    """the observations are exact"""
+    """0: the observations are exact"""
     kind: Literal["oracle"] = "oracle"
     """there is nothing to infer"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        exact(self.noise)
 
 
 def build(settings: Settings) -> Run:
@@ -39,6 +43,7 @@ def build(settings: Settings) -> Run:
         schedule=settings.schedule(2 if settings.short else 4, 2, real_steps=STEPS),
         sizes=Sizes(worlds=25, batch_steps=STEPS),
         worlds=settings.worlds(made.exact, truth),
+        learn_in=made.lean,
         seed=settings.seed,
     )
     before = made.exact.score(learner.policy, truth)

@@ -29,6 +29,7 @@ from onlinebayes.inference import (
 )
 from onlinebayes.objectives import PPO, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Problem, SimulatedPlayer, Sizes, online_trainer
 from recipes import common
@@ -49,6 +50,11 @@ class Settings(common.Settings):
     """the engine that plays the real system"""
     low: float = 0.3
     """least friction of the prior"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0.05 <= self.low <= TRUTH:
+            raise BadInput(f"low {self.low}", f"needs .05 <= low <= {TRUTH}, the friction that is hidden with seed 0")
 
 
 def space_of(low: float) -> ParameterSpace:

@@ -30,8 +30,8 @@ FRICTION = "pair.*.friction[0]"
 their own (MuJoCo takes the larger, Drake 2 a b / (a + b)); a pair's means the same in each."""
 
 STOP = 0.008
-"""Time constant of a firm foot's friction [s]. With 4 ms a foot that slides is lifted, with 20 ms one that stands creeps:
-of 4, 6, 8, 12 and 20 ms, 8 and 12 come nearest to Drake's."""
+"""Time constant of a firm foot's friction [s]. With 4 ms a foot that slides is lifted, with 20 ms one that stands
+creeps: of 4, 6, 8, 12 and 20 ms, 8 and 12 come nearest to Drake's."""
 
 STANDARD = ParameterSpace(
     {
@@ -66,11 +66,11 @@ def standard_hopper(
     spec = mujoco.MjSpec.from_file(str(STANDARD_MODEL))
     if quick:
         spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    for pair in _pairs_with_floor(spec):
-        if firm:
+    pairs = _pairs_with_floor(spec)
+    if firm:
+        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC  # the pyramid has one reference for both
+        for pair in pairs:
             pair.solreffriction = [STOP, 1.0]
-    if firm:  # the pyramid has one reference for both
-        spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     return MujocoSimulator(spec, parameters, worlds, DT, threads)
 
 

@@ -44,9 +44,9 @@ class Hindsight:
         terminated: the same -> whether the episode ends there (*batch), for tasks that end at success; without it a
             transition keeps what was recorded.
         k: transitions with another goal for each one with its own.
-        elsewhere: share of one's own transitions from steps that lead elsewhere: by the reward, the goal achieved at
-            the episode's end is not the one that was achieved at the step. An object that is hardly ever touched
-            teaches nothing else, as every goal told anew is where it lies.
+        elsewhere: share of the transitions, one's own and the demonstrations', from steps that lead elsewhere: by the
+            reward, the goal achieved at the episode's end is not the one that was achieved at the step. An object that
+            is hardly ever touched teaches nothing else, as every goal told anew is where it lies.
         achieved_key: of the goal that a state has reached; read after the step.
         desired_key: of the goal that is told anew.
     """
@@ -118,7 +118,7 @@ class EpisodeReplay:
         self._remember(self._shown, data)
 
     def sample(self, batch_size: int | None = None) -> TensorDict:
-        """Transitions at random, with replacement; uniform over the steps.
+        """Transitions at random, with replacement; uniform over the steps, but for :attr:`Hindsight.elsewhere`.
 
         Raises:
             ValueError: nothing was remembered yet.

@@ -151,6 +151,7 @@ def online_trainer(
     sizes: Sizes,
     gate: Gate | None = None,
     worlds: Distribution | None = None,
+    learn_in: Worlds | None = None,
     workers: Workers | None = None,
     seed: int = 0,
 ) -> OnlineTrainer:
@@ -165,6 +166,7 @@ def online_trainer(
         sizes: how many worlds of each kind.
         gate: decides on the next proposal.
         worlds: where the policy's worlds come from; the belief without it.
+        learn_in: the problem in whose worlds the policy learns, as a faster simulator's; ``problem`` without it.
         workers: step the worlds, of the policy and of the simulations; without them this process does.
         seed: of worlds, sensors, fits and proposals.
 
@@ -178,7 +180,9 @@ def online_trainer(
     simulations = partial(_simulations, problem, schedule.real_steps, workers)
     return OnlineTrainer(
         objective=objective,
-        collector=_collector(problem, objective.policy, sizes, drawn, workers, seed),
+        collector=_collector(
+            learn_in if learn_in is not None else problem, objective.policy, sizes, drawn, workers, seed
+        ),
         randomization=drawn,
         simulations=simulations(sizes.simulations, seed + 1000),
         held_out=simulations(sizes.groups, seed + 3000),

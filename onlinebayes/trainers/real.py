@@ -15,7 +15,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase, is_tensor_collection
 from torchrl.envs import EnvBase
 
-from onlinebayes.runs import one_line
+from onlinebayes.runs import Stateful, one_line
 from onlinebayes.trainers.env_state import env_state, load_env_state
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
 
@@ -108,6 +108,7 @@ class Background:
 
     def __init__(self, system: RealSystem) -> None:
         self._system = system
+        self._stood: Any = None
         self._thread: threading.Thread | None = None
         self._result: list[TensorDict | BaseException | None] = []
 
@@ -116,11 +117,24 @@ class Background:
         if self._thread is not None and self._thread.is_alive():
             return None
         result = self._result.pop() if self._result else None
+        self._stood = self._state_of_system()
         self._thread = threading.Thread(target=self._work, args=(policy, steps), daemon=True)
         self._thread.start()
         if isinstance(result, BaseException):
             raise result
         return result
+
+    def state_dict(self) -> dict[str, Any]:
+        """Where the system stood before the call under way, whose trajectories nobody has had yet."""
+        return {"system": self._state_of_system() if self._thread is None else self._stood}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Let the system stand there again."""
+        if isinstance(self._system, Stateful) and state["system"] is not None:
+            self._system.load_state_dict(state["system"])
+
+    def _state_of_system(self) -> Any:
+        return self._system.state_dict() if isinstance(self._system, Stateful) else None
 
     def _work(self, policy: Policy, steps: int) -> None:
         try:
@@ -149,6 +163,9 @@ def measured(system: RealSystem, policy: Policy, steps: int, form: TrajectoryFor
     missing = [key for key in keys if data.get(key, None) is None]
     if missing:
         return None, f"the real trajectories lack {missing[0]!r}; the belief stays as it was"
+    if scalar := [key for key in keys if data.get(key).ndim < 3]:
+        shape = tuple(data.get(scalar[0]).shape)
+        return None, f"{scalar[0]!r} of the real trajectories is {shape}, not (n, T, .); the belief stays as it was"
     return _usable(_masked(data), keys)
 
 

@@ -32,8 +32,8 @@ Law = Literal["damping", "armature"]
 Side = Literal["missing", "surplus"]
 
 RUNS, HOPS, HELD, ROWS = 10, 24, 4, 165
-"""Runs in flight, flights of hops; of either, a fourth is held out; rows of a run. Eight runs of 1.3 s are fitted: of
-seven or more the last fit takes whole runs as its windows, in which a damping shows most."""
+"""Runs in flight, flights of hops; a fourth of the flights and two of the runs are held out; rows of a run. Eight runs
+of 1.3 s are fitted: of seven or more the last fit takes whole runs as its windows, in which a damping shows most."""
 
 FLIGHT, HOP = 0.4, 0.2
 """Seconds of the windows that errors are reported over."""

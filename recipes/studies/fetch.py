@@ -31,12 +31,19 @@ import torch
 from envs.fetch import FRICTION, ScriptedPusher
 from onlinebayes.objectives import DDPG
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import Checkpoints, ResultTable, seed_everything
+from onlinebayes.runs import (
+    BadInput,
+    Checkpoints,
+    ResultTable,
+    random_state,
+    seed_everything,
+    set_random_state,
+)
 from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
 from recipes.common import status
 from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.resumable import asked, check_names, each_kept_or_done
 
 SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
 
@@ -97,6 +104,7 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
+    check_names(study.cases, CASES)
     wanted = [(case, seed) for case in study.cases for seed in study.seeds[: CASES[case].seeds]]
     places = {job: Path(study.out) / file_of(job) for job in wanted}
     jobs = {(case, seed): partial(learnt, CASES[case], seed, place) for (case, seed), place in places.items()}
@@ -145,8 +153,11 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     )
     saved, course, done = Checkpoints(place, "fetch", keep=1), [], 0
     if (checkpoint := saved.load()) is not None:
+        if checkpoint.state.get("case") != asdict(case):
+            raise BadInput(f"{place} was begun with other settings", "take another --out, or delete that folder")
         learner.load_state_dict(checkpoint.state["objective"])
         course, done = checkpoint.state["course"], checkpoint.state["done"]
+        set_random_state(checkpoint.state["random"])
     elif case.demonstrations:
         demonstrate(made, learner, worlds, 5, seed + 5000)
     if done == case.batches:
@@ -163,7 +174,8 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
             seconds = before + time.process_time() - begun
             seen = success(made.lean, learner.policy, worlds, EPISODES // 2)
             course.append({"frames": batch * data.numel(), "seconds": seconds, **asdict(seen)})
-            saved.save({"objective": learner.state_dict(), "course": course, "done": batch})
+            state = {"objective": learner.state_dict(), "course": course, "done": batch, "case": asdict(case)}
+            saved.save({**state, "random": random_state()})
     return learner, course
 
 
@@ -176,8 +188,7 @@ def quarters(made: Fetch, learner: DDPG, worlds: Distribution) -> list[float]:
 
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    some = study.cases != tuple(CASES) or study.seeds != SEEDS
-    table = ResultTable("fetch", f"make fetch{' (a part)' if some else ''}", study.seeds)
+    table = ResultTable("fetch", asked("fetch", study), study.seeds)
     for name in study.cases:
         case, of = CASES[name], [job for (case, _), job in found.items() if case == name]
         last = [job["last"] for job in of]

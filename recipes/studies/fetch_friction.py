@@ -10,7 +10,7 @@
 The second part is the thesis's: its ten trajectories are one long observation, so that what differs is the friction
 alone. The policies are those of ``make fetch``, their actions disturbed by a tenth. Each finished job is kept.
 
-    python -m recipes.studies.fetch_friction [--parts one]       -> docs/results/fetch-friction.json
+    python -m recipes.studies.fetch_friction [--questions "push, one"]       -> docs/results/fetch-friction.json
 """
 
 from __future__ import annotations
@@ -31,8 +31,7 @@ from torch import Tensor
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.fetch import FRICTION, motion
-from onlinebayes.embeddings import LSTMEmbedding, TransitionFeatures
-from onlinebayes.inference import MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
+from onlinebayes.embeddings import TransitionFeatures
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.objectives import Exploration
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -40,10 +39,10 @@ from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers.trajectories import Policy
 from recipes.common import status
-from recipes.fetch import STEPS, Fetch, fetch
+from recipes.fetch import STEPS, Fetch, fetch, friction_estimator
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.resumable import asked, check_names, each_kept_or_done
 
 SIMULATIONS, HELD_OUT, STARTS, EPOCHS, NOISE = 2000, 500, 10, 60, 0.1
 
@@ -93,7 +92,10 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
+    check_names(study.questions, QUESTIONS)
     wanted = [(name, seed) for seed in study.seeds for name in study.questions]
+    for task, seed in dict.fromkeys((QUESTIONS[name].task, seed) for name, seed in wanted):
+        trained(task, seed, study.policies)  # two jobs that ask for one policy would learn it twice
     jobs = {(name, seed): partial(answered, QUESTIONS[name], seed, study.policies) for name, seed in wanted}
     found = each_kept_or_done("fetch-friction", study.out, jobs, learning.file_of, study.ray_workers)
     table = tabled(found, study)
@@ -108,7 +110,7 @@ def answered(question: Question, seed: int, policies: Path) -> dict[str, Any]:
     policy = disturbed(made, trained(question.task, seed, policies))
     seed_everything(seed)
     data = trajectories(made, policy, question, SIMULATIONS + HELD_OUT, seed)
-    estimator = estimator_of(made, question.starts)
+    estimator = friction_estimator(EPOCHS, made.exact.prior, features_of(question.starts))
     estimator.fit(data[:SIMULATIONS], generator=generator(seed, "fit"))
     held = data[SIMULATIONS:]
     theta, posteriors = held["theta"][:, 0].double(), estimator.each(held.unsqueeze(1))
@@ -130,7 +132,7 @@ def space_of(question: Question) -> ParameterSpace:
 def trained(task: str, seed: int, policies: Path) -> Policy:
     """The policy that learnt in worlds of the prior, without its exploration."""
     case = learning.CASES[f"{task}, prior"]
-    learner, _ = learning.policy_of(case, seed, policies / f"{task}-prior-{seed}")
+    learner, _ = learning.policy_of(case, seed, policies / learning.file_of((f"{task}, prior", seed)))
     return learner.policy.select_subsequence(out_keys=["action"])[0]
 
 
@@ -170,14 +172,9 @@ def rollout(env: SimulatorEnv, policy: Policy, theta: Float[Tensor, "N P"], star
         return env.rollout(STEPS, policy, auto_reset=False, tensordict=begun, break_when_any_done=False)
 
 
-def estimator_of(made: Fetch, starts: int) -> NeuralEstimator:
-    """An LSTM over how objects and grippers of all starts move -> a mixture."""
-    prior, view = made.exact.prior, side_by_side(motion, starts)
-    features = TransitionFeatures(12 * starts, 4 * starts, view=view, products=starts == 1)
-    embedding = LSTMEmbedding(features)
-    network = MixtureEstimator(prior.space, embedding.size, box=prior.box)
-    train = partial(fit, epochs=EPOCHS, batch_size=50)
-    return NeuralEstimator(NeuralPosteriorLoss(embedding, network), train)
+def features_of(starts: int) -> TransitionFeatures:
+    """How objects and grippers of all starts move; products of them for one start only, of ten there are too many."""
+    return TransitionFeatures(12 * starts, 4 * starts, view=side_by_side(motion, starts), products=starts == 1)
 
 
 def side_by_side(view: Callable[[Tensor], Tensor], number: int) -> Callable[[Tensor], Tensor]:
@@ -187,8 +184,7 @@ def side_by_side(view: Callable[[Tensor], Tensor], number: int) -> Callable[[Ten
 
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all cells."""
-    some = study.questions != tuple(QUESTIONS)
-    table = ResultTable("fetch-friction", f"make fetch-friction{' (a part)' if some else ''}", study.seeds)
+    table = ResultTable("fetch-friction", asked("fetch-friction", study), study.seeds)
     for name in study.questions:
         question, of = QUESTIONS[name], [found[name, seed] for seed in study.seeds]
         told = f"{name}, U{list(question.friction)}"

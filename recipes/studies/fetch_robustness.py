@@ -34,6 +34,7 @@ from recipes import fetch_push, fetch_slide
 from recipes.common import Kind, Run, folder_of, status
 from recipes.fetch import WORDS, outcomes
 from recipes.studies.finished_run import finished_run
+from recipes.studies.resumable import asked
 
 Task = Literal["push", "slide"]
 CELLS, EPISODES, NEAR = 12, 64, 0.1
@@ -47,7 +48,7 @@ class Study:
 
     tasks: tuple[Task, ...] = get_args(Task)
     """which recipes"""
-    seeds: tuple[int, ...] = (1,)
+    seeds: tuple[int, ...] = (0,)
     """of truths, worlds and networks; the first one's are drawn"""
     out: str = "out/fetch_robustness"
     """runs go here"""
@@ -73,7 +74,7 @@ class Seen:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table, draw the figures."""
-    table = ResultTable("fetch-robustness", "make fetch-robustness", study.seeds)
+    table = ResultTable("fetch-robustness", asked("fetch-robustness", study), study.seeds)
     keys = [(task, seed, kind) for task in study.tasks for seed in study.seeds for kind in KINDS]
     found: dict[tuple[Task, int, Kind], tuple[Run, Seen]] = {}
     with Progress("fetch-robustness", len(keys)) as progress:

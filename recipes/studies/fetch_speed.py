@@ -17,15 +17,15 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import tyro
 
 from envs.fetch import FetchSimulator, FetchTask, scene
 from onlinebayes.runs import ResultTable
 from onlinebayes.simulators import SimulatorEnv
-from recipes.common import settle
+from recipes.common import status
 from recipes.studies.fetch_peer import environments
+from recipes.studies.resumable import check_names
 
-TASKS, TURNS, STEPS, FRAMES, LEAST = ("reach", "push", "slide"), 5, 400, 3200, 2.0
+TASKS, TURNS, STEPS, EPISODE, LEAST = ("reach", "push", "slide"), 5, 400, 50, 2.0
 KINDS = {"64 worlds": (64, False), "256 worlds": (256, False), "256 lean worlds": (256, True)}
 
 
@@ -43,7 +43,8 @@ class Study:
 
 def main(study: Study) -> int:
     """Measure in turns, print the table."""
-    settle()
+    check_names(study.tasks, TASKS)
+    torch.manual_seed(0)
     table = ResultTable("fetch-speed", "make fetch-speed", (0,))
     with environments() as known:
         for task in study.tasks:
@@ -66,9 +67,9 @@ def batched(task: str, worlds: int, lean: bool) -> Callable[[], float]:
     env = SimulatorEnv(FetchSimulator(place, worlds=worlds, threads=1), FetchTask(place))
 
     def measure() -> float:
-        begun, steps = time.process_time(), FRAMES // worlds
-        env.rollout(steps, break_when_any_done=False)
-        return worlds * steps / (time.process_time() - begun)
+        begun = time.process_time()
+        env.rollout(EPISODE, break_when_any_done=False)
+        return worlds * EPISODE / (time.process_time() - begun)
 
     return measure
 
@@ -81,7 +82,7 @@ def one_by_one(env: object) -> Callable[[], float]:
         env.reset(seed=0)  # type: ignore[attr-defined]
         begun = time.process_time()
         for k, action in enumerate(actions):
-            if k % 50 == 49:
+            if k % EPISODE == EPISODE - 1:
                 env.reset()  # type: ignore[attr-defined]
             env.step(action)  # type: ignore[attr-defined]
         return STEPS / (time.process_time() - begun)
@@ -90,5 +91,4 @@ def one_by_one(env: object) -> Callable[[], float]:
 
 
 if __name__ == "__main__":
-    torch.manual_seed(0)
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

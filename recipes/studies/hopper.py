@@ -18,9 +18,10 @@ from __future__ import annotations
 
 import statistics
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -35,9 +36,10 @@ from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.resumable import asked, each_kept_or_done
 
 Part = Literal["policies", "friction"]
+Key = tuple[Any, ...]
 LOWS, SEEDS = (0.3, 0.1), (1, 2, 3)
 ENGINES: tuple[Engine, ...] = get_args(Engine)
 KINDS: tuple[Kind, ...] = ("prior", "online")
@@ -66,20 +68,26 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    jobs: dict[tuple[Any, ...], Callable[[], dict[str, Any]]] = {}
-    for seed in study.seeds:
-        for low in study.lows:
-            if "policies" in study.parts:
-                jobs |= {("policy", low, kind, seed): partial(ended, study.out, low, kind, seed) for kind in KINDS}
-            if "friction" in study.parts:
-                jobs |= {
-                    ("friction", low, engine, seed): partial(told, study.out, low, engine, seed) for engine in ENGINES
-                }
-    found = each_kept_or_done("hopper", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
+    each = list(product(study.lows, study.seeds))
+    kinds = KINDS if "policies" in study.parts else ("online",)  # whose policy the friction is told by
+    learn = {
+        ("policy", low, kind, seed): partial(ended, study.out, low, kind, seed) for low, seed in each for kind in kinds
+    }
+    found = done(study, learn)
+    if "friction" in study.parts:
+        found |= done(
+            study,
+            {("friction", low, e, seed): partial(told, study.out, low, e, seed) for low, seed in each for e in ENGINES},
+        )
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
-    return 0
+    return 0 if table.holds else 1
+
+
+def done(study: Study, jobs: Mapping[Key, Callable[[], dict[str, Any]]]) -> dict[Key, dict[str, Any]]:
+    """What jobs give, of which none asks for what another does."""
+    return each_kept_or_done("hopper", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
 
 
 def trained(out: str, low: float, kind: Kind, seed: int) -> tuple[Run, OnlineState]:
@@ -107,8 +115,8 @@ def ended(out: str, low: float, kind: Kind, seed: int) -> dict[str, Any]:
 
 def told(out: str, low: float, real: Engine, seed: int) -> dict[str, Any]:
     """Log densities of many truths from one trajectory each in an engine, the estimator trained in MuJoCo."""
-    seed_everything(seed)
     made, _ = trained(out, low, "online", seed)
+    seed_everything(seed)
     policy, prior = made.trainer.objective.policy, made.problem.prior
     simulated = made.problem.simulations(SIMULATIONS, RUN_UP + STEPS, seed + 1).draw([policy], prior)
     judged = engine(made, low, real).simulations(THETAS, RUN_UP + STEPS, seed + 2).draw([policy], prior)
@@ -138,11 +146,9 @@ def window(data: TensorDictBase, begin: int) -> TensorDictBase:
     return some[some["mask"].all(1)]
 
 
-def tabled(found: dict[tuple[Any, ...], dict[str, Any]], study: Study) -> ResultTable:
+def tabled(found: dict[Key, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    whole = Study()
-    some = (study.parts, study.lows, study.seeds) != (whole.parts, whole.lows, whole.seeds)
-    table = ResultTable("hopper", f"make hopper{' (a part)' if some else ''}", study.seeds)
+    table = ResultTable("hopper", asked("hopper", study), study.seeds)
     for low in study.lows:
         head = f"prior U[{low:g}, {hopper.HIGH:g}]"
         if "policies" in study.parts:

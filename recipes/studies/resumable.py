@@ -6,11 +6,15 @@ import hashlib
 import json
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
-from onlinebayes.runs import Progress, ResultTable, write_atomic
+import envs
+import onlinebayes
+import recipes
+from onlinebayes.runs import BadInput, Progress, ResultTable, write_atomic
 from onlinebayes.trainers.distributed import Here
 from recipes.common import workers_of
 
@@ -35,6 +39,28 @@ def kept(folder: Path, wanted: Iterable[str], read: Callable[[str], R]) -> dict[
     return found
 
 
+def check_names(told: Iterable[str], known: Iterable[str]) -> None:
+    """Refuse names that a study does not know.
+
+    Raises:
+        BadInput: there is one.
+    """
+    if unknown := sorted(set(told) - set(known)):
+        raise BadInput(f"{', '.join(unknown)} is unknown", f"known: {', '.join(known)}")
+
+
+def asked(target: str, study: Any) -> str:
+    """What a table says it was printed by: ``make TARGET``, and whether only a part of it was asked for.
+
+    Args:
+        target: of make.
+        study: a dataclass that has a default for everything.
+    """
+    places, own, whole = {"out", "results", "policies", "ray_workers"}, asdict(study), asdict(type(study)())
+    some = any(own[name] != whole[name] for name in own if name not in places)
+    return f"make {target}{' (a part)' if some else ''}"
+
+
 def each_kept_or_done(
     label: str,
     folder: str | Path,
@@ -44,6 +70,8 @@ def each_kept_or_done(
 ) -> dict[K, dict[str, Any]]:
     """What each job gives, from its file where it was done before, be it by another process meanwhile.
 
+    What other code has done is kept, and said: a study of hours outlives a comment that is changed.
+
     Args:
         label: of the progress.
         folder: of the files.
@@ -52,6 +80,7 @@ def each_kept_or_done(
         ray_workers: that do the jobs; 0: this process does, one after the other.
     """
     files, begun = {key: Path(folder) / f"{named(key)}.json" for key in jobs}, list[K]()
+    mark = code_mark([onlinebayes, envs, recipes])
     Path(folder).mkdir(parents=True, exist_ok=True)
 
     def missing() -> Iterator[Callable[[], dict[str, Any]]]:
@@ -63,8 +92,11 @@ def each_kept_or_done(
 
     with closing(workers_of(ray_workers) or Here()) as workers, Progress(label, len(jobs)) as progress:
         for number, result in workers.work(_call, missing()):
-            write_atomic(files[begun[number]], json.dumps(result))
-    return {key: json.loads(file.read_text(encoding="utf-8")) for key, file in files.items()}
+            write_atomic(files[begun[number]], json.dumps({**result, "code": mark}))
+    found = {key: json.loads(file.read_text(encoding="utf-8")) for key, file in files.items()}
+    if others := sum(result.pop("code", None) != mark for result in found.values()):
+        print(f"{label}: other code did {others} of {len(found)} jobs in {folder}; delete their files to do them anew")
+    return found
 
 
 def _call(job: Callable[[], R]) -> R:

@@ -40,7 +40,7 @@ from onlinebayes.runs import BadInput, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
 from recipes.common import Settings, status
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.resumable import check_names, each_kept_or_done
 from recipes.studies.resumable import kept as found_in
 
 TASKS: dict[str, ModuleType] = {"pendulum": pendulum, "cartpole": cartpole, "acrobot": acrobot}
@@ -80,9 +80,8 @@ class Study:
     """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
     def __post_init__(self) -> None:
-        for told, known in ((self.tasks, tuple(TASKS)), (self.methods, METHODS)):
-            if unknown := set(told) - set(known):
-                raise BadInput(f"{', '.join(sorted(unknown))} is unknown", f"known: {', '.join(known)}")
+        check_names(self.tasks, TASKS)
+        check_names(self.methods, METHODS)
 
 
 def main(study: Study) -> int:

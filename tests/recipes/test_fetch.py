@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import torch
 
-from envs.fetch import ScriptedPusher
+from envs.fetch import FRICTION, ScriptedPusher
+from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.runs import BadInput
 from recipes import fetch_push, fetch_reach, fetch_slide
 from recipes.common import run
-from recipes.fetch import fetch
+from recipes.fetch import Success, fetch, outcomes
+from recipes.studies import fetch as learning
 from recipes.studies import fetch_friction, fetch_robustness
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
@@ -49,6 +53,32 @@ def test_short_forms_connect_all_pieces(recipe, tmp_path: Path) -> None:
         figures = [float(value) for key, value in row.items() if key.startswith("figure/")]
         assert torch.tensor(figures).isfinite().all()
         assert "narrowed" in row["notes"] or "widened" in row["notes"]
+
+
+def test_the_seed_alone_decides_the_worlds_that_judge() -> None:
+    made = fetch("push", ParameterSpace({FRICTION: Parameter(0.1, 2.0)}))
+    first, second = (outcomes(made.lean, ScriptedPusher(), made.lean.prior, 3, seed=5) for _ in range(2))
+    assert torch.equal(first.theta, second.theta)
+    assert torch.equal(first.reached, second.reached)
+
+
+def test_a_job_goes_on_where_it_was_stopped_and_with_the_same_settings_only(tmp_path: Path, monkeypatch) -> None:
+    case, looks = replace(learning.CASES["reach"], batches=3, worlds=2), []
+
+    def stopped(*_args) -> Success:
+        looks.append(torch.get_rng_state())
+        if len(looks) == 2:
+            raise KeyboardInterrupt
+        return Success(0.0, 0.0, 0.0, 0.0)
+
+    monkeypatch.setattr(learning, "success", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        learning.policy_of(case, 1, tmp_path)
+    _, course = learning.policy_of(case, 1, tmp_path)
+    assert [look["frames"] for look in course] == [100, 200, 300]
+    assert not torch.equal(looks[0], looks[2]), "it does not draw the same numbers again"
+    with pytest.raises(BadInput, match="begun with other settings"):
+        learning.policy_of(replace(case, elsewhere=0.1), 1, tmp_path)
 
 
 def test_the_protocol_has_the_same_starts_for_every_theta() -> None:

@@ -26,7 +26,9 @@ from onlinebayes.simulators.mujoco.inertials import own_inertial
 from onlinebayes.simulators.mujoco.model import compile_spec
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
-LISTS = {kind: f"{kind}s" for kind in ("joint", "geom", "pair", "actuator", "tendon", "sensor", "site")} | {"body": "bodies"}
+LISTS = {kind: f"{kind}s" for kind in ("joint", "geom", "pair", "actuator", "tendon", "sensor", "site")} | {
+    "body": "bodies"
+}
 GEOMETRY = {"qpos_spring", "body_pos", "site_pos"}
 """What a tendon's length at rest follows from."""
 

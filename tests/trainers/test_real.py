@@ -1,0 +1,73 @@
+"""Real systems: a folder of logs that grows, one that runs beside the learning, and what is refused of either."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+import torch
+from tensordict import TensorDict
+from tensordict.nn import TensorDictModule
+from torch import nn
+
+from onlinebayes.trainers import Background, GrowingFolder, TrajectoryFormat
+from onlinebayes.trainers.real import measured
+
+POLICY = TensorDictModule(nn.Identity(), ["observation"], ["action"])
+
+
+def read(path: Path) -> TensorDict:
+    """A log is a line of numbers; each is an observation."""
+    numbers = torch.tensor([float(word) for word in path.read_text().split()])
+    path_of = {"observation": numbers[:, None], "action": numbers[:, None], "next": {"observation": numbers[:, None]}}
+    return TensorDict(path_of, batch_size=[len(numbers)])
+
+
+def test_a_folder_gives_each_log_once_padded_to_one_length(tmp_path: Path) -> None:
+    system = GrowingFolder(tmp_path, read)
+    assert system.run(POLICY, 1) is None
+    (tmp_path / "a.csv").write_text("1 2 3")
+    (tmp_path / "b.csv").write_text("4 5")
+    found = system.run(POLICY, 1)
+    assert found["observation"].squeeze(-1).tolist() == [[1, 2, 3], [4, 5, 0]]
+    assert found["mask"].tolist() == [[True] * 3, [True, True, False]]
+    (tmp_path / "c.csv").write_text("6 half a numb")
+    with pytest.raises(ValueError, match="half"):
+        system.run(POLICY, 1)
+    (tmp_path / "c.csv").write_text("6 7")
+    assert system.run(POLICY, 1)["observation"].squeeze(-1).tolist() == [[6, 7]]
+
+
+def called(system: Background) -> TensorDict | None:
+    """What a call gives; what it began has ended."""
+    found = system.run(POLICY, 1)
+    for thread in threading.enumerate():
+        if "_work" in thread.name:
+            thread.join(10)
+    return found
+
+
+def test_what_a_background_run_had_not_delivered_is_asked_for_again_and_nothing_twice(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("1 2")
+    system = Background(GrowingFolder(tmp_path, read))
+    assert called(system) is None
+    assert called(system)["observation"].squeeze(-1).tolist() == [[1, 2]]
+    (tmp_path / "b.csv").write_text("3 4")
+    assert called(system) is None  # what it begins reads b
+    again = Background(GrowingFolder(tmp_path, read))
+    again.load_state_dict(system.state_dict())
+    assert called(again) is None
+    assert called(again)["observation"].squeeze(-1).tolist() == [[3, 4]]
+    assert called(again) is None
+
+
+def test_values_without_a_width_are_left_out_with_a_note() -> None:
+    class Robot:
+        def run(self, policy, steps):
+            numbers = torch.zeros(2, 5)
+            return TensorDict({"observation": numbers, "action": numbers, "next": {"observation": numbers}}, [2, 5])
+
+    found, note = measured(Robot(), POLICY, 5, TrajectoryFormat())
+    assert found is None
+    assert note == "'observation' of the real trajectories is (2, 5), not (n, T, .); the belief stays as it was"
