@@ -3,7 +3,7 @@
     python -m recipes.cartpole [--seed S] [--kind oracle]     one run, a minute or two; Ctrl-C and again goes on
 
 Prior U[.1, 1]^2 as in Table 5.1 of the thesis (log density there: 4.66). A policy trained on the prior alone balances
-this CartPole too. With :data:`MOTOR` in place of the pole's mass it takes longer: what catches the pole with a weak
+this CartPole too. With an unknown motor in place of the pole's mass it takes longer: what catches the pole with a weak
 motor throws it over with a strong one. ``make online`` has both.
 """
 

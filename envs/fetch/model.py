@@ -33,8 +33,8 @@ SUBSTEPS = 20
 GRIP, OBJECT, HAND, MOCAP = "robot0:grip", "object0", "robot0:gripper_link", "robot0:mocap"
 FINGERS = ("robot0:r_gripper_finger_joint", "robot0:l_gripper_finger_joint")
 
-FRICTION = "geom.*0.friction[0]"
-"""Sliding friction of object, table and floor together. MuJoCo takes the larger one of two surfaces: alone, an object
+FRICTION = "geom.*b*0.friction[0]"
+"""Sliding friction of ``object0`` and ``table0`` together; ``floor0`` keeps its own. MuJoCo takes the larger one of two surfaces: alone, an object
 that is smoother than its table changes nothing."""
 
 PHYSICAL = ParameterSpace(

@@ -39,7 +39,7 @@ problem files are described in docs/problem-files.md"""
 
 COMMANDS = {
     "compare": "fit what is free, replay, show where it fails",
-    "diagnose": "the same, then rank the missing effects",
+    "diagnose": "compare, then rank the missing effects",
     "refine": "add the best effect, refit, repeat until the verdict stands",
     "posterior": "say what is known of the free parameters, and what not",
     "next": "propose the recording that decides what is open",
@@ -67,7 +67,9 @@ def parser() -> argparse.ArgumentParser:
     for name, what in COMMANDS.items():
         usage = f"onlinebayes {name} [-h] --out DIR [--add EFFECT@TARGET [EFFECT@TARGET ...]] problem"
         command = commands.add_parser(name, help=what, description=what, usage=usage)
-        command.add_argument("problem", nargs="?", help="the problem file (TOML)")
+        command.add_argument(
+            "problem", nargs="?", help="the problem file (TOML); for posterior also a folder that refine wrote"
+        )
         command.add_argument(
             "--out", required=True, type=_path, metavar="DIR", help="where report and recording are written"
         )

@@ -56,6 +56,18 @@ def test_the_worlds_are_those_of_gymnasium_robotics(name, reference) -> None:
             state = simulator.step(TensorDict({"command": command}, (WORLDS,)))
 
 
+@pytest.mark.parametrize(("name", "friction"), [("push", 1.0), ("slide", 0.1)])
+def test_the_nominal_friction_is_the_tasks_own_and_changes_nothing(name: str, friction: float) -> None:
+    own, told = (FetchSimulator(scene(name), space) for space in (ParameterSpace({}), SPACE))
+    assert told.nominal.tolist() == [friction]
+    start = own.state
+    told.reset(told.nominal[None], start)
+    command = torch.tensor([[0.3, 0.2, -1.0]], dtype=torch.float64)
+    for _ in range(10):
+        states = [simulator.step(TensorDict({"command": command}, (1,))) for simulator in (own, told)]
+    assert torch.equal(states[0]["qpos"], states[1]["qpos"])
+
+
 @pytest.mark.parametrize("name", TASKS)
 def test_starts_and_goals_spread_as_in_gymnasium_robotics(name, reference) -> None:
     made, task = reference[name](), FetchTask(scene(name))
