@@ -34,8 +34,8 @@ GRIP, OBJECT, HAND, MOCAP = "robot0:grip", "object0", "robot0:gripper_link", "ro
 FINGERS = ("robot0:r_gripper_finger_joint", "robot0:l_gripper_finger_joint")
 
 FRICTION = "geom.*b*0.friction[0]"
-"""Sliding friction of ``object0`` and ``table0`` together; ``floor0`` keeps its own. MuJoCo takes the larger one of two surfaces: alone, an object
-that is smoother than its table changes nothing."""
+"""Sliding friction of ``object0`` and ``table0`` together; ``floor0`` keeps its own. MuJoCo takes the larger one of two
+surfaces: alone, an object that is smoother than its table changes nothing."""
 
 PHYSICAL = ParameterSpace(
     {FRICTION: Parameter(0.05, 2.0, "", "log"), "body.object0.mass": Parameter(0.5, 8.0, "kg", "log")}
