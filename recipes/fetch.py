@@ -104,7 +104,7 @@ def demonstrate(made: Fetch, learner: DDPG, worlds: Distribution, batches: int, 
             learner.demonstrate(env.rollout(STEPS, policy, break_when_any_done=False))
 
 
-def exact(noise: float) -> None:
+def refuse_noise(noise: float) -> None:
     """Refuse sensors with noise.
 
     Raises:

@@ -19,7 +19,7 @@ from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Sizes, online_trainer
 from recipes import common
 from recipes.common import Run, hidden_truth
-from recipes.fetch import STEPS, WORLDS, demonstrate, exact, fetch, figures, friction_estimator, objective
+from recipes.fetch import STEPS, WORLDS, demonstrate, fetch, figures, friction_estimator, objective, refuse_noise
 
 MEMORY = 200_000  # steps: by the end of a run the worlds of the prior are forgotten
 
@@ -39,7 +39,7 @@ class Settings(common.Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        exact(self.noise)
+        refuse_noise(self.noise)
         if not 0.05 <= self.low < self.high <= 2 or not 0 <= self.demonstrations < 1:
             problem = f"low {self.low}, high {self.high}, demonstrations {self.demonstrations}"
             raise BadInput(problem, "needs .05 <= low < high <= 2 and 0 <= demonstrations < 1")

@@ -15,7 +15,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers import Sizes, online_trainer
 from recipes import common
 from recipes.common import Run
-from recipes.fetch import STEPS, exact, fetch, figures, objective
+from recipes.fetch import STEPS, fetch, figures, objective, refuse_noise
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Settings(common.Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        exact(self.noise)
+        refuse_noise(self.noise)
 
 
 def build(settings: Settings) -> Run:

@@ -152,7 +152,7 @@ def finding_of(explanation: Explanation, model: Identifiable, told: str) -> Find
     if rivals := [key for found in explanation.rounds if found.added for key in equals(found)]:
         return Finding((), f"{told}: {named}, or as well {', '.join(rivals)}; nothing is added yet")
     if not _predicts(explanation):
-        return Finding((), f"{told}: {named}, which halves no signal's squared error in unseen ones; nothing is added")
+        return Finding((), f"{told}: {named}, which does not predict unseen ones well enough; nothing is added")
     have = {effect.key for effect in model.effects}
     new = tuple(effect for effect in unscoped(explanation.model).effects if effect.key not in have)
     if {effect.key for effect in new} != set(named.split(", ")) or any(effect.target_kind in UNMOVED for effect in new):
@@ -164,6 +164,6 @@ def finding_of(explanation: Explanation, model: Identifiable, told: str) -> Find
 
 
 def _predicts(explanation: Explanation) -> bool:
-    """Whether what was found halves the squared error of a signal over the held-out runs, and raises that of none."""
+    """Whether one signal's squared error over the held-out runs is halved, and no other's rises by a tenth."""
     ratios = [(explanation.after[name] / value) ** 2 for name, value in explanation.before.items() if value > 0]
     return bool(ratios) and min(ratios) <= 0.5 and max(ratios) <= 1.1

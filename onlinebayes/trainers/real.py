@@ -163,9 +163,9 @@ def measured(system: RealSystem, policy: Policy, steps: int, form: TrajectoryFor
     missing = [key for key in keys if data.get(key, None) is None]
     if missing:
         return None, f"the real trajectories lack {missing[0]!r}; the belief stays as it was"
-    if scalar := [key for key in keys if data.get(key).ndim < 3]:
-        shape = tuple(data.get(scalar[0]).shape)
-        return None, f"{scalar[0]!r} of the real trajectories is {shape}, not (n, T, .); the belief stays as it was"
+    if flat := [key for key in keys if data.get(key).ndim < 3]:
+        shape = tuple(data.get(flat[0]).shape)
+        return None, f"{flat[0]!r} of the real trajectories is {shape}, not (n, T, .); the belief stays as it was"
     return _usable(_masked(data), keys)
 
 

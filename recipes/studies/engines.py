@@ -34,7 +34,7 @@ from onlinebayes.criticism import same_as
 from onlinebayes.runs import ResultTable
 from recipes.common import status
 from recipes.studies.engines_data import CASES, Case, written
-from recipes.studies.resumable import asked, check_names, each_kept_or_done
+from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 
 SEEDS = (1, 2, 3)
 OFF, SECONDS = 1.0, 180.0
@@ -63,7 +63,7 @@ def main(study: Study) -> int:
     wanted = [case for case in CASES if case.name in study.cases]
     jobs = {(case.name, seed): partial(judged, case, seed, study.out) for case in wanted for seed in study.seeds}
     found = each_kept_or_done("engines", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
-    table = ResultTable("engines", asked("engines", study), study.seeds)
+    table = ResultTable("engines", printed_by("engines", study), study.seeds)
     for case in wanted:
         add_case(table, case, [found[case.name, seed] for seed in study.seeds])
     print(table.to_markdown())

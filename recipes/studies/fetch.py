@@ -43,7 +43,7 @@ from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
 from recipes.common import status
 from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
-from recipes.studies.resumable import asked, check_names, each_kept_or_done
+from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 
 SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
 
@@ -188,7 +188,7 @@ def quarters(made: Fetch, learner: DDPG, worlds: Distribution) -> list[float]:
 
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    table = ResultTable("fetch", asked("fetch", study), study.seeds)
+    table = ResultTable("fetch", printed_by("fetch", study), study.seeds)
     for name in study.cases:
         case, of = CASES[name], [job for (case, _), job in found.items() if case == name]
         last = [job["last"] for job in of]

@@ -42,7 +42,7 @@ from recipes.common import status
 from recipes.fetch import STEPS, Fetch, fetch, friction_estimator
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import asked, check_names, each_kept_or_done
+from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 
 SIMULATIONS, HELD_OUT, STARTS, EPOCHS, NOISE = 2000, 500, 10, 60, 0.1
 
@@ -94,7 +94,8 @@ def main(study: Study) -> int:
     """Do what is missing, print the table."""
     check_names(study.questions, QUESTIONS)
     wanted = [(name, seed) for seed in study.seeds for name in study.questions]
-    for task, seed in dict.fromkeys((QUESTIONS[name].task, seed) for name, seed in wanted):
+    missing = [job for job in wanted if not (Path(study.out) / f"{learning.file_of(job)}.json").exists()]
+    for task, seed in dict.fromkeys((QUESTIONS[name].task, seed) for name, seed in missing):
         trained(task, seed, study.policies)  # two jobs that ask for one policy would learn it twice
     jobs = {(name, seed): partial(answered, QUESTIONS[name], seed, study.policies) for name, seed in wanted}
     found = each_kept_or_done("fetch-friction", study.out, jobs, learning.file_of, study.ray_workers)
@@ -184,7 +185,7 @@ def side_by_side(view: Callable[[Tensor], Tensor], number: int) -> Callable[[Ten
 
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all cells."""
-    table = ResultTable("fetch-friction", asked("fetch-friction", study), study.seeds)
+    table = ResultTable("fetch-friction", printed_by("fetch-friction", study), study.seeds)
     for name in study.questions:
         question, of = QUESTIONS[name], [found[name, seed] for seed in study.seeds]
         told = f"{name}, U{list(question.friction)}"

@@ -34,7 +34,7 @@ from recipes import fetch_push, fetch_slide
 from recipes.common import Kind, Run, folder_of, status
 from recipes.fetch import WORDS, outcomes
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import asked
+from recipes.studies.resumable import printed_by
 
 Task = Literal["push", "slide"]
 CELLS, EPISODES, NEAR = 12, 64, 0.1
@@ -74,7 +74,7 @@ class Seen:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table, draw the figures."""
-    table = ResultTable("fetch-robustness", asked("fetch-robustness", study), study.seeds)
+    table = ResultTable("fetch-robustness", printed_by("fetch-robustness", study), study.seeds)
     keys = [(task, seed, kind) for task in study.tasks for seed in study.seeds for kind in KINDS]
     found: dict[tuple[Task, int, Kind], tuple[Run, Seen]] = {}
     with Progress("fetch-robustness", len(keys)) as progress:

@@ -27,7 +27,9 @@ from typing import Any, Literal, get_args
 
 from tensordict import TensorDictBase
 
+from onlinebayes.inference import PosteriorEstimator
 from onlinebayes.inference.calibration import ball_credibility
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState, Problem
 from recipes import hopper
@@ -36,7 +38,7 @@ from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import asked, each_kept_or_done
+from recipes.studies.resumable import each_kept_or_done, printed_by
 
 Part = Literal["policies", "friction"]
 Key = tuple[Any, ...]
@@ -68,17 +70,13 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    each = list(product(study.lows, study.seeds))
-    kinds = KINDS if "policies" in study.parts else ("online",)  # whose policy the friction is told by
-    learn = {
-        ("policy", low, kind, seed): partial(ended, study.out, low, kind, seed) for low, seed in each for kind in kinds
-    }
-    found = done(study, learn)
-    if "friction" in study.parts:
+    each, found = list(product(study.lows, study.seeds)), dict[Key, dict[str, Any]]()
+    if "policies" in study.parts:
         found |= done(
-            study,
-            {("friction", low, e, seed): partial(told, study.out, low, e, seed) for low, seed in each for e in ENGINES},
+            study, {("policy", *key, kind): partial(ended, study.out, *key, kind) for key in each for kind in KINDS}
         )
+    if "friction" in study.parts:  # by the policies, which are there by now
+        found |= done(study, {("friction", *key): partial(told, study.out, *key) for key in each})
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
@@ -90,7 +88,7 @@ def done(study: Study, jobs: Mapping[Key, Callable[[], dict[str, Any]]]) -> dict
     return each_kept_or_done("hopper", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
 
 
-def trained(out: str, low: float, kind: Kind, seed: int) -> tuple[Run, OnlineState]:
+def trained(out: str, low: float, seed: int, kind: Kind) -> tuple[Run, OnlineState]:
     """A run of the recipe, done first where it is missing.
 
     Raises:
@@ -105,39 +103,48 @@ def engine(made: Run, low: float, real: Engine) -> Problem:
     return Problem(hopper.engine_of(real, hopper.space_of(low)), problem.task, problem.prior, problem.sensor_sd)
 
 
-def ended(out: str, low: float, kind: Kind, seed: int) -> dict[str, Any]:
+def ended(out: str, low: float, seed: int, kind: Kind) -> dict[str, Any]:
     """Returns of a policy in both engines at the truth; what its run believes."""
-    made, state = trained(out, low, kind, seed)
+    made, state = trained(out, low, seed, kind)
     policy = made.trainer.objective.policy
     scores = {str(e): engine(made, low, e).score(policy, made.truth, episodes=EPISODES) for e in ENGINES}
     return {**scores, "density": float(state.belief.log_prob(made.truth)), "frames": state.frames}
 
 
-def told(out: str, low: float, real: Engine, seed: int) -> dict[str, Any]:
-    """Log densities of many truths from one trajectory each in an engine, the estimator trained in MuJoCo."""
-    made, _ = trained(out, low, "online", seed)
+def told(out: str, low: float, seed: int) -> dict[str, Any]:
+    """What one trajectory in either engine tells, by estimators trained in MuJoCo; the prior's density."""
+    made, _ = trained(out, low, seed, "online")
     seed_everything(seed)
     policy, prior = made.trainer.objective.policy, made.problem.prior
     simulated = made.problem.simulations(SIMULATIONS, RUN_UP + STEPS, seed + 1).draw([policy], prior)
-    judged = engine(made, low, real).simulations(THETAS, RUN_UP + STEPS, seed + 2).draw([policy], prior)
-    result: dict[str, Any] = {"prior": float(prior.log_prob(judged["theta"][0, 0]))}
+    judged = {
+        e: engine(made, low, e).simulations(THETAS, RUN_UP + STEPS, seed + 2).draw([policy], prior) for e in ENGINES
+    }
+    result: dict[str, Any] = {"prior": float(prior.log_prob(judged["mujoco"]["theta"][0, 0]))}
     for name, begin in WINDOWS.items():
-        some, those = window(simulated, begin), window(judged, begin)
         estimator = hopper.estimator(EPOCHS, prior)
-        estimator.fit(some, generator=generator(seed, "hopper"))
-        theta, posterior = those["theta"][:, 0], estimator.each(those.unsqueeze(1))
-        ball = ball_credibility(posterior, theta, made.problem.space, generator=generator(seed, "ball"))
-        density = posterior.log_prob(theta)
+        estimator.fit(window(simulated, begin), generator=generator(seed, "hopper"))
         result[name] = {
-            "density": float(density.mean()),
-            "median": float(density.median()),
-            "TARP": coverage_error(ball.tolist()),
-            "kept": len(those),
+            e: judgement(estimator, window(data, begin), made.problem.space, seed) for e, data in judged.items()
         }
-        if real == "mujoco":
-            most = known_start.densities(engine(made, low, real), policy, KNOWN, begin, STEPS, seed + 3)
-            result[name]["most"] = float(most.mean())
+        most = known_start.densities(engine(made, low, "mujoco"), policy, KNOWN, begin, STEPS, seed + 3)
+        result[name]["mujoco"]["most"] = float(most.mean())
     return result
+
+
+def judgement(
+    estimator: PosteriorEstimator, some: TensorDictBase, space: ParameterSpace, seed: int
+) -> dict[str, float]:
+    """Densities and calibration of the posteriors of single trajectories."""
+    theta, posterior = some["theta"][:, 0], estimator.each(some.unsqueeze(1))
+    ball = ball_credibility(posterior, theta, space, generator=generator(seed, "ball"))
+    density = posterior.log_prob(theta)
+    return {
+        "density": float(density.mean()),
+        "median": float(density.median()),
+        "TARP": coverage_error(ball.tolist()),
+        "kept": len(some),
+    }
 
 
 def window(data: TensorDictBase, begin: int) -> TensorDictBase:
@@ -148,16 +155,16 @@ def window(data: TensorDictBase, begin: int) -> TensorDictBase:
 
 def tabled(found: dict[Key, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    table = ResultTable("hopper", asked("hopper", study), study.seeds)
+    table = ResultTable("hopper", printed_by("hopper", study), study.seeds)
     for low in study.lows:
         head = f"prior U[{low:g}, {hopper.HIGH:g}]"
         if "policies" in study.parts:
-            add_policies(table, head, {kind: [found["policy", low, kind, s] for s in study.seeds] for kind in KINDS})
+            add_policies(table, head, {kind: [found["policy", low, s, kind] for s in study.seeds] for kind in KINDS})
         if "friction" in study.parts:
-            told = {real: [found["friction", low, real, s] for s in study.seeds] for real in ENGINES}
-            table.add(f"{head}: the prior's density", told[ENGINES[0]][0]["prior"], unit="nats")
-            for real, results in told.items():
-                add_friction(table, head, real, results)
+            jobs = [found["friction", low, s] for s in study.seeds]
+            table.add(f"{head}: the prior's density", jobs[0]["prior"], unit="nats")
+            for real, name in product(ENGINES, WINDOWS):
+                add_friction(table, f"{head}, {name}", real, [job[name][real] for job in jobs])
     return table
 
 
@@ -174,18 +181,15 @@ def add_policies(table: ResultTable, head: str, runs: dict[Kind, list[dict[str, 
 
 
 def add_friction(table: ResultTable, head: str, real: Engine, results: list[dict[str, Any]]) -> None:
-    """Rows of the friction from trajectories of one engine."""
-    for name in WINDOWS:
-        words = f"{head}, {name}, measured in {'Drake' if real == 'drake' else 'MuJoCo'}"
-        least = DENSITY if name == "running" else None
-        parts = [r[name] for r in results]
-        table.add_seeds(f"{words}: log density of the truth", [p["density"] for p in parts], unit="nats", least=least)
-        if real == "mujoco":
-            table.add_seeds(f"{words}: exact, its start known", [p["most"] for p in parts], unit="nats")
-        middle = statistics.median(p["median"] for p in parts)
-        table.add(f"{words}: median over thetas", middle, unit="nats")
-        table.add_seeds(f"{words}: TARP error", [p["TARP"] for p in parts], most=0.05)
-        table.add_seeds(f"{words}: trajectories that last, of {THETAS}", [p["kept"] for p in parts])
+    """Rows of the friction from one window of an engine's trajectories."""
+    words = f"{head}, measured in {'Drake' if real == 'drake' else 'MuJoCo'}"
+    least = DENSITY if "running" in head else None
+    table.add_seeds(f"{words}: log density of the truth", [r["density"] for r in results], unit="nats", least=least)
+    if real == "mujoco":
+        table.add_seeds(f"{words}: exact, its start known", [r["most"] for r in results], unit="nats")
+    table.add(f"{words}: median over thetas", statistics.median(r["median"] for r in results), unit="nats")
+    table.add_seeds(f"{words}: TARP error", [r["TARP"] for r in results], most=0.05)
+    table.add_seeds(f"{words}: trajectories that last, of {THETAS}", [r["kept"] for r in results])
 
 
 if __name__ == "__main__":

@@ -49,7 +49,7 @@ def check_names(told: Iterable[str], known: Iterable[str]) -> None:
         raise BadInput(f"{', '.join(unknown)} is unknown", f"known: {', '.join(known)}")
 
 
-def asked(target: str, study: Any) -> str:
+def printed_by(target: str, study: Any) -> str:
     """What a table says it was printed by: ``make TARGET``, and whether only a part of it was asked for.
 
     Args:

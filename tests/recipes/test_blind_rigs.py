@@ -270,7 +270,7 @@ def test_a_study_goes_on_from_what_was_published_elsewhere(
 @pytest.mark.parametrize(
     ("study", "problem"),
     [
-        (Study(rigs=("crane",)), "rig 'crane'"),
+        (Study(rigs=("crane",)), "crane is unknown"),
         (Study(processes=0), "0 processes"),
         (Study(published=Path("nowhere.jsonl")), "nowhere.jsonl holds no judged cases"),
         (Study(published=Path(__file__)), "holds no judged cases"),

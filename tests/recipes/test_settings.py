@@ -12,7 +12,7 @@ from onlinebayes.runs import BadInput
 from recipes import fetch_push, fetch_reach, fetch_slide, hopper
 from recipes.common import baselines, place_of, told
 from recipes.studies import engines, fetch, fetch_friction, fetch_speed, versus_sbi
-from recipes.studies.resumable import asked, each_kept_or_done
+from recipes.studies.resumable import each_kept_or_done, printed_by
 
 
 @pytest.mark.parametrize("recipe", [fetch_push, fetch_reach, fetch_slide])
@@ -44,8 +44,8 @@ def test_a_name_that_a_study_does_not_know_is_refused(study, name: str, tmp_path
 
 
 def test_a_table_of_a_part_says_so() -> None:
-    assert asked("fetch", fetch.Study(out="elsewhere")) == "make fetch"
-    assert asked("fetch", fetch.Study(seeds=(1,))) == "make fetch (a part)"
+    assert printed_by("fetch", fetch.Study(out="elsewhere")) == "make fetch"
+    assert printed_by("fetch", fetch.Study(seeds=(1,))) == "make fetch (a part)"
 
 
 def test_a_baseline_has_the_same_settings_but_for_its_kind(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from recipes.studies.blind_rigs.workers import Done, work
 from recipes.studies.exits import status
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
-from recipes.studies.resumable import code_mark, kept, print_rows
+from recipes.studies.resumable import check_names, code_mark, kept, print_rows
 
 
 @dataclass(frozen=True)
@@ -88,8 +88,7 @@ class Study:
 
 def main(study: Study) -> int:
     """Judge what is not judged yet, write the table of all that is and print it; returns the exit status."""
-    if unknown := set(study.rigs) - set(RIGS):
-        raise BadInput(f"rig '{unknown.pop()}' is unknown", f"use some of {', '.join(RIGS)}")
+    check_names(study.rigs, RIGS)
     if study.processes < 1:
         raise BadInput(f"{study.processes} processes cannot judge anything", "use one or more")
     wanted, code = study.jobs, code_mark((onlinebayes, envs.rigs), *study.candidates)

@@ -26,7 +26,7 @@ from recipes.studies.exclusion_limits.table import tabulate
 from recipes.studies.exits import status
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
-from recipes.studies.resumable import code_mark, kept, print_rows
+from recipes.studies.resumable import check_names, code_mark, kept, print_rows
 
 REPORTED = 2410
 """Seed of a rig's first reported record; none of these was looked at while the search was tuned."""
@@ -64,8 +64,7 @@ class Study:
 
 def main(study: Study) -> int:
     """Probe what is not probed yet, write the table and print it; returns the exit status."""
-    if unknown := set(study.rigs) - set(RIGS):
-        raise BadInput(f"rig '{unknown.pop()}' is unknown", f"use some of {', '.join(RIGS)}")
+    check_names(study.rigs, RIGS)
     if min(study.processes, study.records, study.each) < 1:
         counts = f"{study.processes} processes, {study.records} records, {study.each} effects"
         raise BadInput(f"{counts} find nothing", "use one or more of each")
