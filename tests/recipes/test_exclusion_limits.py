@@ -99,7 +99,7 @@ def test_the_study_goes_on_from_its_records(
 
 
 @pytest.mark.parametrize(
-    ("study", "problem"), [(Study(rigs=("crane",)), "rig 'crane'"), (Study(records=0), "0 records")]
+    ("study", "problem"), [(Study(rigs=("crane",)), "crane is unknown"), (Study(records=0), "0 records")]
 )
 def test_what_cannot_be_run_is_refused(study: Study, problem: str) -> None:
     with pytest.raises(BadInput, match=problem):
