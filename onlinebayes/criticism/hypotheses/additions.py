@@ -136,16 +136,12 @@ class FreedNumber:
         return simulator.with_free(self.address, self.bounds)
 
     def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
-        """Beside the model's own value; at nothing, too, where that may be: a machine may lack the whole of it."""
+        """One, beside the model's own value."""
         place = simulator.parameters.index(self.address)
         own, step = float(simulator.nominal[place]), DIFFERENCE * (self.bounds.high - self.bounds.low)
-        reaches = [step if own + step <= self.bounds.high else -step]
-        reaches += [-own] if self.bounds.low == 0 < own else []
-        return tuple(self._start(own, reach) for reach in reaches)
-
-    def _start(self, own: float, reach: float) -> Start:
+        reach = step if own + step <= self.bounds.high else -step
         low, high = sorted(((self.bounds.low - own) / reach, (self.bounds.high - own) / reach))
-        return Start({self.address: own + reach}, (self.address,), own, reach, low, high)
+        return (Start({self.address: own + reach}, (self.address,), own, reach, low, high),)
 
 
 @dataclass(frozen=True)
