@@ -62,7 +62,7 @@ class Settings(Options):
     """One run of a recipe."""
 
     seed: int = 0
-    """which truth and which random numbers: 0 for the task's own parameters, s for point s of a Sobol sequence"""
+    """which truth and which random numbers: 0 for the recipe's own values, s for point s of a Sobol sequence"""
     noise: float = 0.01
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     kind: Kind = "online"
