@@ -29,9 +29,9 @@ FRICTION = "pair.*.friction[0]"
 """Of the floor and each body, along the plane in which the hopper moves. Engines mix two surfaces' frictions in ways of
 their own (MuJoCo takes the larger, Drake 2 a b / (a + b)); a pair's means the same in each."""
 
-STOP = 0.008
+STOP = 0.012
 """Time constant of a firm foot's friction [s]. With 4 ms a foot that slides is lifted, with 20 ms one that stands
-creeps: of 4, 6, 8, 12 and 20 ms, 8 and 12 come nearest to Drake's."""
+creeps: of 4, 6, 8, 12 and 20 ms, 8 and 12 come nearest to Drake's, 12 on both gaits that were looked at."""
 
 STANDARD = ParameterSpace(
     {
@@ -61,7 +61,7 @@ def standard_hopper(
             are Drake's steps too.
         firm: a foot that stands does not creep, as in Drake. The file's friction slows a foot by -b v, b = 2 / (.8 tau)
             with tau = 20 ms, so that it is less than mu N while the foot slips by less than mu N / (m b), some
-            centimetres a second. A firm foot has tau = 8 ms for friction, and for nothing else (``solreffriction``).
+            centimetres a second. A firm foot has tau = 12 ms for friction, and for nothing else (``solreffriction``).
     """
     spec = mujoco.MjSpec.from_file(str(STANDARD_MODEL))
     if quick:
