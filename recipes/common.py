@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import logging
-import sys
 from collections.abc import Callable
 from contextlib import closing
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +12,6 @@ from pathlib import Path
 from typing import Any, Generic, Literal, get_args
 
 import torch
-import tyro
 from jaxtyping import Float
 from scipy.stats import qmc
 from torch import Tensor
@@ -37,6 +34,7 @@ from onlinebayes.trainers import (
 )
 from onlinebayes.trainers.distributed import OnRay, Workers
 from onlinebayes.transforms import Distribution
+from recipes.command import STOPPED, status
 
 Kind = Literal["online", "posterior-first", "prior", "oracle"]
 
@@ -153,25 +151,9 @@ def hidden_truth(space: ParameterSpace, seed: int, default: dict[str, float]) ->
     return space.from_unit(torch.from_numpy(point))
 
 
-def settle() -> None:
-    """One thread a run, and no chatter of the libraries."""
-    torch.set_num_threads(1)
-    logging.getLogger("torchrl").setLevel(logging.WARNING)
-
-
 def main(name: str, build: Callable[[S], Run[Any]], description: str | None, settings: type[S] | None = None) -> int:
     """Read the settings, run in a folder of the run's own, say what was written; returns the exit status."""
     return status(partial(run, name, build), settings if settings is not None else Settings, description)
-
-
-def status(play: Callable[[Any], int], settings: type, description: str | None) -> int:
-    """What a recipe's ``play`` returns for the settings of the command line; 2 and one line for bad input."""
-    settle()
-    try:
-        return play(tyro.cli(settings, description=description))
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        return 2
 
 
 def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
@@ -184,7 +166,7 @@ def run(name: str, build: Callable[[S], Run[Any]], settings: S) -> int:
             state = run_in_folder(made.trainer, made.problem.prior, folder, judge=made.judge, watchers=(recording,))
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
-            return 130
+            return STOPPED
         write_atomic(folder.path("finished"), "")
     good = outcome(made, state)
     print(written(place))

@@ -27,7 +27,8 @@ from onlinebayes.runs import seed_everything
 from onlinebayes.trainers import Journal, Point, Problem, SimulatedPlayer, trajectories
 from onlinebayes.transforms import ParameterRandomization
 from recipes.cartpole import state
-from recipes.common import Options, place_of, settle, status, written
+from recipes.command import status
+from recipes.common import Options, place_of, written
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 WORLDS, STEPS = 64, 64  # of a batch
@@ -35,7 +36,6 @@ WORLDS, STEPS = 64, 64  # of a batch
 
 def main(settings: Options) -> int:
     """Train, infer, and look whether both worked."""
-    settle()
     seed_everything(settings.seed)
     prior, truth = BoxUniform(SPACE), torch.tensor([0.5, 0.2], dtype=torch.float64)
     task, place, batches = CartPoleTask(), place_of("custom_loop", settings), 20 if settings.short else 28

@@ -24,6 +24,7 @@ from onlinebayes.simulators import Shape
 from onlinebayes.simulators.mujoco import drawing
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
 from recipes import common
+from recipes.command import status
 from recipes.common import Run
 
 SPACES = {
@@ -84,4 +85,4 @@ def run(settings: Settings) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(common.status(run, Settings, __doc__))
+    sys.exit(status(run, Settings, __doc__))

@@ -23,7 +23,8 @@ from onlinebayes.inference.saving import to_state
 from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Journal, Policy
-from recipes.common import Options, place_of, settle, status, written
+from recipes.command import status
+from recipes.common import Options, place_of, written
 from recipes.demo.measure import hidden_truth, known, measure, write_problem
 from recipes.demo.policy import Training, learner, player, score, train
 from recipes.demo.posterior import Rounds, infer
@@ -31,7 +32,6 @@ from recipes.demo.posterior import Rounds, infer
 
 def main(settings: Options) -> int:
     """The whole arrow; returns the exit status."""
-    settle()
     seed_everything(settings.seed)
     place, small, seed = place_of("from_logs", settings), settings.short, settings.seed
     protocol = Protocol(fit=7, held=2, seconds=2.0) if small else Protocol(fit=8, held=2, seconds=4.0)

@@ -52,7 +52,8 @@ from onlinebayes.trainers import (
 )
 from onlinebayes.transforms import ParameterRandomization
 from recipes import cartpole, pendulum
-from recipes.common import Options, hidden_truth, place_of, status, written
+from recipes.command import status
+from recipes.common import Options, hidden_truth, place_of, written
 from recipes.hidden_machine import CARTPOLE, PENDULUM, Equations, Hidden, Machine
 
 TRAJECTORIES = 5  # real ones in each outer step

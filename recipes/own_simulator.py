@@ -33,7 +33,8 @@ from onlinebayes.inference import (
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import seed_everything
 from onlinebayes.trainers import Journal
-from recipes.common import Options, hidden_truth, place_of, settle, status, written
+from recipes.command import status
+from recipes.common import Options, hidden_truth, place_of, written
 
 SPACE = ParameterSpace(
     {
@@ -77,7 +78,6 @@ def trajectories(theta: Tensor, push: float, random: np.random.Generator) -> Ten
 
 def main(settings: Settings) -> int:
     """Infer, ask whether to trust it, keep it; returns the exit status."""
-    settle()
     seed_everything(settings.seed)
     place, prior = place_of("own_simulator", settings), BoxUniform(SPACE)
     number, epochs = (500, 10) if settings.short else (2000, 25)

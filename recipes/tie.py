@@ -28,7 +28,8 @@ from onlinebayes.objectives import PPO
 from onlinebayes.runs import generator, seed_everything
 from onlinebayes.trainers import Journal, Problem, collector_of, improve
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.common import Options, place_of, status, written
+from recipes.command import status
+from recipes.common import Options, place_of, written
 from recipes.demo.measure import hidden_truth, write_problem
 from recipes.demo.policy import Training, balance_ppo, player, training_worlds
 

@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
-import argparse
+import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 from onlinebayes.runs import atomic_path
+from recipes.command import status
 from recipes.common import written
 from recipes.demo.picture import picture
 from recipes.demo.run import QUICK, SIGNAL, Branch, Budget, Outcome, run
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Settings:
+    """One demonstration."""
+
+    out: Path = Path("out/demo")
+    """folder for all files"""
+    seed: int = 0
+    """another rig, other noise, other networks"""
+    quick: bool = False
+    """tiny budgets: shows that the pieces connect"""
+
+
+def main(given: Settings) -> None:
     """Run the demonstration and print its table."""
-    arguments = argparse.ArgumentParser(prog="python -m recipes.demo", description=__doc__)
-    arguments.add_argument("--out", type=Path, default=Path("out/demo"), help="folder for all files")
-    arguments.add_argument("--seed", type=int, default=0, help="another rig, other noise, other networks")
-    arguments.add_argument("--quick", action="store_true", help="tiny budgets: shows that the pieces connect")
-    given = arguments.parse_args()
     outcome = run(given.seed, given.out, QUICK if given.quick else Budget())
     with atomic_path(given.out / "demo.png") as path:
         picture(outcome).savefig(path, dpi=150)
@@ -67,4 +76,4 @@ def _return(branch: Branch) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(status(main, Settings, __doc__))

@@ -10,18 +10,19 @@ and nothing in 60 sets; an engineer's MJCF is fitted to what its encoder read. T
 from __future__ import annotations
 
 import multiprocessing
+import sys
 import time
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import torch
-import tyro
 
 from onlinebayes.criticism import Criticism, refine
 from onlinebayes.identification import make_windows, replay_error, replay_runs, split
 from onlinebayes.runs import Progress, ResultTable
 from onlinebayes.simulators.mujoco import MujocoSimulator
+from recipes.command import status
 from recipes.studies.blind_data import FREE, KINDS, MODEL, BlindCase, cases
 
 SIGNAL = "qpos.hinge"
@@ -181,4 +182,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Study))
+    sys.exit(status(main, Study, __doc__))

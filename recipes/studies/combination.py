@@ -17,13 +17,12 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import tyro
-
 from onlinebayes.inference import NeuralEstimator
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
-from recipes.common import Run, Settings, settle
+from recipes.command import status
+from recipes.common import Run, Settings
 
 BUILD: dict[str, Callable[[Settings], Run]] = {
     "pendulum": pendulum.build,
@@ -46,7 +45,6 @@ class Study:
 
 def main(study: Study) -> int:
     """Fit, judge, print the table."""
-    settle()
     table = ResultTable("combination", "make combination", study.seeds)
     with Progress("combination", len(study.tasks) * len(study.seeds)) as progress:
         for t, task in enumerate(study.tasks):
@@ -84,4 +82,4 @@ def judged(made: Run, seed: int) -> dict[str, tuple[float, float]]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -28,11 +28,10 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-import tyro
 
 from envs.rigs import RIGS, Rig, sized_case, write_case
 from onlinebayes.runs import BadInput, ResultTable
-from recipes.studies.exits import status
+from recipes.command import status
 
 Part = Literal["arm", "long log", "growth", "six joints"]
 MEMORY = 4.0  # GB
@@ -185,4 +184,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(status("cost", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

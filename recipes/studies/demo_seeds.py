@@ -7,12 +7,14 @@ one by two standard errors of the difference over the episodes.
 
 from __future__ import annotations
 
-import argparse
+import sys
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from envs.driven_pendulum.rig import DELAY
 from onlinebayes.runs import ResultTable, atomic_path
+from recipes.command import status
 from recipes.demo.picture import picture
 from recipes.demo.run import SIGNAL, Budget, Outcome, run
 
@@ -61,24 +63,30 @@ def tabulate(outcomes: Sequence[Outcome]) -> ResultTable:
     return table
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Study:
+    """What to run."""
+
+    seeds: tuple[int, ...] = SEEDS
+    """of rigs, noise and networks"""
+    out: Path = Path("out/demo-seeds")
+    """folder of the demonstrations"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+
+
+def main(study: Study) -> int:
     """Run the seeds one after the other and write the table."""
-    arguments = argparse.ArgumentParser(prog="python -m recipes.studies.demo_seeds", description=__doc__)
-    arguments.add_argument("--seeds", type=int, nargs="+", default=list(SEEDS))
-    arguments.add_argument("--out", type=Path, default=Path("out/demo-seeds"), help="folder of the demonstrations")
-    arguments.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the table")
-    given = arguments.parse_args()
     outcomes = []
-    for seed in given.seeds:
-        outcomes.append(run(seed, given.out / str(seed), Budget()))
-        with atomic_path(given.out / str(seed) / "demo.png") as path:
+    for seed in study.seeds:
+        outcomes.append(run(seed, study.out / str(seed), Budget()))
+        with atomic_path(study.out / str(seed) / "demo.png") as path:
             picture(outcomes[-1]).savefig(path, dpi=150)
     table = tabulate(outcomes)
     print("\n" + table.to_markdown())
-    print(table.write(given.results))
-    if not table.holds:
-        raise SystemExit("a goal was missed")
+    print(table.write(study.results))
+    return 0 if table.holds else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(status(main, Study, __doc__))

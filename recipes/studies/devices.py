@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import itertools
 import os
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-import tyro
 from tensordict import TensorDict
 
 from envs.cartpole import CartPole
@@ -27,6 +27,7 @@ from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralPosteriorL
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import Progress, ResultTable, seed_everything
 from onlinebayes.simulators import TorchSimulator
+from recipes.command import status
 from recipes.studies.timing import median, rate, spread
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
@@ -143,4 +144,4 @@ def main(settings: Settings) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Settings))
+    sys.exit(status(main, Settings, __doc__))

@@ -15,13 +15,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import torch
-import tyro
-
 from onlinebayes.identification import quantities
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, Progress, ResultTable, write_atomic
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from recipes.command import status
 from recipes.studies.effect_pages_likeness import Likeness, Trace, nearest, traces
 from recipes.studies.effect_pages_machine import (
     SPECIMENS,
@@ -31,7 +29,6 @@ from recipes.studies.effect_pages_machine import (
     windows_of,
 )
 from recipes.studies.effect_pages_picture import draw, fingerprint
-from recipes.studies.exits import status
 
 BEGIN, END = "<!-- printed by make effect-pages -->", "<!-- end of what is printed -->"
 
@@ -170,7 +167,6 @@ def name_of(key: str) -> str:
 
 def main(study: Study) -> None:
     """Make the pages and print their figures."""
-    torch.set_num_threads(1)
     cards = make(study)
     for card in cards:
         name = card.effect.name
@@ -204,4 +200,4 @@ def _linked(names: list[str]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(status("effect-pages", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

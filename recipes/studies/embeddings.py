@@ -18,7 +18,7 @@ from typing import Any
 
 from onlinebayes.inference.calibration import ball_credibility
 from onlinebayes.runs import ResultTable
-from recipes.common import status
+from recipes.command import status
 from recipes.studies.calibration import NOISE, SIMULATIONS, THETAS
 from recipes.studies.exact import coverage_error
 from recipes.studies.one_round import EMBEDDINGS, TASKS, OneRound, begun, mixture

@@ -17,11 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import tyro
-
 from envs.measured import FOLDER
 from onlinebayes.runs import BadInput, ResultTable
-from recipes.studies.exits import status
+from recipes.command import status
 
 SIGNAL = "qpos.carriage"
 PROBLEM = FOLDER / "emps" / "problem.toml"
@@ -95,4 +93,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(status("emps", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

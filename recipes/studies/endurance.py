@@ -16,15 +16,14 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-import tyro
-
 from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.inference import BoxUniform, fit, residual_estimator
 from onlinebayes.objectives import sac
 from onlinebayes.runs import ResultTable, RunFolder, seed_everything
 from onlinebayes.trainers import OnlineState, OnlineTrainer, Problem, Schedule, Sizes, online_trainer, run_in_folder
 from recipes import pendulum
-from recipes.common import hidden_truth, settle
+from recipes.command import status
+from recipes.common import hidden_truth
 
 GROWTH, OVERHEAD = 0.02, 0.05
 
@@ -62,7 +61,6 @@ def build(seed: int) -> tuple[Problem, OnlineTrainer]:
 
 def main(study: Study) -> int:
     """Run, look at the memory after each step, print the table."""
-    settle()
     seed_everything(study.seed)
     problem, trainer = build(study.seed)
     memory: list[float] = []
@@ -100,4 +98,4 @@ def resident() -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -41,7 +41,7 @@ from onlinebayes.runs import (
 )
 from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.common import status
+from recipes.command import status
 from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
 from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 

@@ -38,7 +38,7 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers.trajectories import Policy
-from recipes.common import status
+from recipes.command import status
 from recipes.fetch import STEPS, Fetch, fetch, friction_estimator
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error

@@ -31,7 +31,8 @@ from onlinebayes.inference.plots import POSTERIOR, PRIOR, TRUTH, save
 from onlinebayes.runs import Progress, ResultTable
 from onlinebayes.trainers import Listed
 from recipes import fetch_push, fetch_slide
-from recipes.common import Kind, Run, folder_of, status
+from recipes.command import status
+from recipes.common import Kind, Run, folder_of
 from recipes.fetch import WORDS, outcomes
 from recipes.studies.finished_run import finished_run
 from recipes.studies.resumable import printed_by

@@ -21,7 +21,7 @@ import torch
 from envs.fetch import FetchSimulator, FetchTask, scene
 from onlinebayes.runs import ResultTable
 from onlinebayes.simulators import SimulatorEnv
-from recipes.common import status
+from recipes.command import status
 from recipes.studies.fetch_peer import environments
 from recipes.studies.resumable import check_names
 

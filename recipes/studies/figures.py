@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Literal, get_args
 
 import torch
-import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
@@ -33,7 +32,8 @@ from onlinebayes.runs import Progress, seed_everything
 from onlinebayes.trainers import Listed, OnlineState, returns
 from onlinebayes.transforms import ParameterRandomization
 from recipes import cartpole, pendulum
-from recipes.common import Kind, Run, Settings, settle
+from recipes.command import status
+from recipes.common import Kind, Run, Settings
 from recipes.studies import tables
 from recipes.studies.one_round import OneRound, begun, mixture
 from recipes.studies.table_systems import SYSTEMS
@@ -55,7 +55,6 @@ class Study:
 
 def main(study: Study) -> int:
     """Draw them."""
-    settle()
     draw: dict[Name, Callable[[], Figure]] = {
         "4.3": joint_posteriors,
         "4.4": by_method,
@@ -209,4 +208,4 @@ def step_by_step() -> Figure:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -26,7 +26,6 @@ from pathlib import Path
 
 import gymnasium
 import torch
-import tyro
 from tensordict import TensorDict, TensorDictBase
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
@@ -41,7 +40,7 @@ from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomi
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.trainers import Point, Problem, collector_of
 from onlinebayes.transforms import ParameterRandomization
-from recipes.common import settle
+from recipes.command import status
 
 EPISODES = 100
 
@@ -141,7 +140,6 @@ class Outcome:
 
 def main(study: Study) -> int:
     """Train what is missing, print the table."""
-    settle()
     jobs = [(name, seed) for name in study.environments for seed in study.seeds]
     table = ResultTable("gymnasium", "make gymnasium", study.seeds)
     outcomes: dict[tuple[str, int], Outcome] = {}
@@ -213,4 +211,4 @@ def judged(objective: Objective, name: str, seed: int) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -25,12 +25,11 @@ from statistics import fmean
 from typing import Any, Literal
 
 import torch
-import tyro
 from tensordict import TensorDict
 
 from onlinebayes.runs import Interrupt, Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.trainers import Finding, GrowingTrainer, OnlineState, improve
-from recipes.common import settle
+from recipes.command import status
 from recipes.hidden_effect import MOMENTS, SYSTEMS, Settings, build
 
 Part = Literal["naming", "learning"]
@@ -78,7 +77,6 @@ class Job:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    settle()
     began, found = time.monotonic(), dict[Job, dict[str, Any]]()
     jobs = jobs_of(study)
     with Progress("hidden effect", len(jobs)) as progress:
@@ -224,4 +222,4 @@ def add_learning(table: ResultTable, name: str, runs: dict[str, dict[int, dict[s
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -33,7 +33,8 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState, Problem
 from recipes import hopper
-from recipes.common import Kind, Run, status
+from recipes.command import status
+from recipes.common import Kind, Run
 from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error

@@ -17,10 +17,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
 from onlinebayes.runs import BadInput, ResultTable, write_atomic
-from recipes.studies.exits import status
+from recipes.command import status
 
 HOUSE = "onlinebayes/criticism"
 LOOSE = "files in no room"
@@ -165,4 +163,4 @@ def main(study: Study) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(status("house-size", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

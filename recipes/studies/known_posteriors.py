@@ -33,7 +33,7 @@ from onlinebayes.inference import (
     fit,
 )
 from onlinebayes.runs import ResultTable
-from recipes.common import status
+from recipes.command import status
 from recipes.studies.known_tasks import TASKS, KnownTask
 from recipes.studies.one_round import begun
 from recipes.studies.resumable import each_kept_or_done

@@ -8,7 +8,6 @@ Held out are whole runs. Rows of sets that are not run stay as the file has them
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import json
 import os
@@ -16,11 +15,13 @@ import pkgutil
 import sys
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
 from onlinebayes.runs import BadInput, ResultTable, Row
+from recipes.command import status
 from recipes.studies import measured_sets
-from recipes.studies.exits import status
+from recipes.studies.resumable import check_names
 
 PROCESSES = 2
 
@@ -57,20 +58,26 @@ def known_rows(file: Path) -> tuple[Row, ...]:
     return tuple(Row(**row) for row in json.loads(file.read_text(encoding="utf-8"))["rows"])
 
 
-def main() -> None:
+@dataclass(frozen=True)
+class Study:
+    """What to run."""
+
+    sets: tuple[str, ...] = sets()
+    """which machines"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+
+
+def main(study: Study) -> int:
     """Run the study and write its figures."""
-    arguments = argparse.ArgumentParser(prog="python -m recipes.studies.measured", description=__doc__)
-    arguments.add_argument("--sets", nargs="+", choices=sets(), default=list(sets()), help="which; all by default")
-    arguments.add_argument("--results", type=Path, default=Path("docs/results"), help="folder of the table")
-    given = arguments.parse_args()
+    check_names(study.sets, sets())
     if not (data := os.environ.get("ONLINEBAYES_DATA")):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds the measured sets")
-    results = table(given.sets, Path(data), known_rows(given.results / "measured.json"))
+    results = table(study.sets, Path(data), known_rows(study.results / "measured.json"))
     print(results.to_markdown())
-    print(results.write(given.results))
-    if not results.holds:
-        raise SystemExit("a goal was missed")
+    print(results.write(study.results))
+    return 0 if results.holds else 1
 
 
 if __name__ == "__main__":
-    sys.exit(status("measured", main))
+    sys.exit(status(main, Study, __doc__))

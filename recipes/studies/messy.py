@@ -25,8 +25,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import tyro
-
 from envs.rigs import RIGS, BlindCase, messy_case, messy_machine
 from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism import (
@@ -43,11 +41,11 @@ from onlinebayes.criticism import (
     wider_bounds,
 )
 from onlinebayes.runs import BadInput, Progress, ResultTable, one_torch_thread, write_atomic
+from recipes.command import status
 from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
 from recipes.studies.blind_rigs.table import Goal, add_share
 from recipes.studies.blind_rigs.workers import work
-from recipes.studies.exits import status
 from recipes.studies.json_line import line, parsed
 from recipes.studies.resumable import kept, print_rows
 
@@ -360,4 +358,4 @@ def _share(
 
 
 if __name__ == "__main__":
-    sys.exit(status("messy", lambda: main(tyro.cli(Study, description=__doc__))))
+    sys.exit(status(main, Study, __doc__))

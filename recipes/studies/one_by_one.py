@@ -28,7 +28,7 @@ from onlinebayes.inference.neural import mixture_of
 from onlinebayes.inference.population import Simulate
 from onlinebayes.runs import ResultTable
 from onlinebayes.trainers import Listed
-from recipes.common import status
+from recipes.command import status
 from recipes.studies.calibration import NOISE, SEED, add_cell
 from recipes.studies.one_round import TRAIN, OneRound, begun
 from recipes.studies.resumable import each_kept_or_done

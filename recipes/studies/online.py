@@ -18,11 +18,10 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
-import tyro
-
 from onlinebayes.runs import Progress, ResultTable
 from recipes import acrobot, cartpole, pendulum
-from recipes.common import Kind, Run, Settings, run, settle
+from recipes.command import settle, status
+from recipes.common import Kind, Run, Settings, run
 
 KINDS: tuple[Kind, ...] = ("online", "posterior-first", "prior", "oracle")
 BUILD: dict[str, Callable[[Settings], Run]] = {
@@ -143,4 +142,4 @@ def _untrained(task: str, seed: int) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

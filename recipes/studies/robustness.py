@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
-import tyro
 from jaxtyping import Float
 from matplotlib.figure import Figure
 from torch import Tensor
@@ -22,7 +21,8 @@ from torch import Tensor
 from onlinebayes.runs import BadInput, Checkpoints, Progress, ResultTable, atomic_path
 from onlinebayes.trainers import Listed, OnlineState, Saver, returns
 from onlinebayes.transforms import ParameterRandomization
-from recipes.common import Kind, Run, Settings, folder_of, settle
+from recipes.command import status
+from recipes.common import Kind, Run, Settings, folder_of
 from recipes.studies.online import BUILD
 
 SIDE, EPISODES, NEAR = 15, 4, 0.1
@@ -54,7 +54,6 @@ class Grid:
 
 def main(study: Study) -> int:
     """Judge every policy, print the table, draw the first seed's grids."""
-    settle()
     table = ResultTable("robustness", "make robustness", study.seeds)
     with Progress("robustness", len(study.tasks) * len(study.seeds)) as progress:
         for t, task in enumerate(study.tasks):
@@ -124,8 +123,4 @@ def draw(grid: Grid, task: str, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    try:
-        sys.exit(main(tyro.cli(Study, description=__doc__)))
-    except BadInput as error:
-        print(error, file=sys.stderr)
-        sys.exit(2)
+    sys.exit(status(main, Study, __doc__))

@@ -12,11 +12,11 @@ tells more).
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-import tyro
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torchrl.collectors import Collector
@@ -27,6 +27,7 @@ from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.runs import Progress, ResultTable, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.transforms import ParameterRandomization
+from recipes.command import status
 from recipes.studies.speed_hopper import Bench, hopper_rows
 from recipes.studies.timing import PAIRS, alternate, median, rate, spread
 
@@ -122,7 +123,7 @@ def cartpole(table: ResultTable, settings: Settings) -> None:
             progress.update(k + 1, f"{name}: {ratio:.0f} times one GymEnv")
 
 
-def main(settings: Settings) -> ResultTable:
+def main(settings: Settings) -> int:
     """Measure, print and write the table."""
     torch.set_num_threads(settings.threads)
     table = ResultTable("bench", "make bench", [settings.seed])
@@ -133,8 +134,8 @@ def main(settings: Settings) -> ResultTable:
     print(table.to_markdown())
     path = table.write(settings.out)
     print(f"medians of {PAIRS} alternating pairs on {settings.threads} threads, spread from least to most; in {path}")
-    return table
+    return 0 if table.holds else 1
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Settings))
+    sys.exit(status(main, Settings, __doc__))

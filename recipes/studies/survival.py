@@ -19,9 +19,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
-import tyro
 
 from onlinebayes.runs import Checkpoints, Progress, ResultTable
+from recipes.command import status
 
 
 @dataclass(frozen=True)
@@ -120,4 +120,4 @@ def differing(first: Any, second: Any, path: str = "") -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

@@ -23,7 +23,8 @@ from onlinebayes.inference import LikelihoodEstimator, filter_of
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState
 from recipes import acrobot, cartpole, pendulum
-from recipes.common import Run, Settings, status
+from recipes.command import status
+from recipes.common import Run, Settings
 from recipes.studies.resumable import each_kept_or_done
 
 SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300

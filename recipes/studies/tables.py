@@ -39,7 +39,7 @@ from onlinebayes.inference import (
 )
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable
-from recipes.common import status
+from recipes.command import status
 from recipes.studies.one_round import FEATURES, begun
 from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_systems import SYSTEMS, System

@@ -14,14 +14,13 @@ counted, so that other processes disturb little.
 from __future__ import annotations
 
 import copy
-import logging
 import math
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
-import tyro
 from tensordict import TensorDict
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from torch import Tensor, nn
@@ -33,6 +32,7 @@ from torchrl.objectives import DDPGLoss, SACLoss, SoftUpdate
 
 from onlinebayes.objectives import Hindsight, ddpg, sac, stochastic_policy
 from onlinebayes.runs import Progress, ResultTable, seed_everything
+from recipes.command import status
 from recipes.studies.timing import Pairs, alternate, median, spread
 
 Step = Callable[[], object]
@@ -286,10 +286,8 @@ def compare(table: ResultTable, name: str, ours: Pairs, torchrl: Pairs, goal: fl
     table.add(f"{name}, TorchRL over by hand", median(torchrl.ratios), spread=spread(torchrl.ratios, 3), unit="times")
 
 
-def main(settings: Settings) -> ResultTable:
+def main(settings: Settings) -> int:
     """Measure, print and write the table."""
-    torch.set_num_threads(1)
-    logging.getLogger("torchrl").setLevel(logging.WARNING)
     seed_everything(settings.seed)
     data = episodes()
     table = ResultTable("update-speed", "make update-speed", [settings.seed])
@@ -306,8 +304,8 @@ def main(settings: Settings) -> ResultTable:
     print(table.to_markdown())
     path = table.write(settings.out)
     print(f"CPU time of one gradient step, medians of {settings.pairs} alternating pairs on one thread; in {path}")
-    return table
+    return 0 if table.holds else 1
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Settings))
+    sys.exit(status(main, Settings, __doc__))

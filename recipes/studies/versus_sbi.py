@@ -38,7 +38,8 @@ from onlinebayes.inference import NeuralEstimator, fit, residual_estimator
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import BadInput, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
-from recipes.common import Settings, status
+from recipes.command import status
+from recipes.common import Settings
 from recipes.studies.exact import coverage_error
 from recipes.studies.resumable import check_names, each_kept_or_done
 from recipes.studies.resumable import kept as found_in

@@ -23,12 +23,11 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import tyro
-
 from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.trainers import OnlineState
 from recipes import cartpole, pendulum
-from recipes.common import Run, Settings, settle
+from recipes.command import status
+from recipes.common import Run, Settings
 
 BUILD: dict[str, Callable[[Settings], Run]] = {"cartpole": cartpole.build, "pendulum": pendulum.build}
 SOLVED = {"cartpole": 475.0, "pendulum": -200.0}
@@ -101,7 +100,6 @@ def ours(task: str, seed: int) -> Outcome:
 
 def main(study: Study) -> int:
     """Run what is missing, print the table."""
-    settle()
     from recipes.studies.wall_clock_peers import theirs  # the peers are an extra
 
     sides = {"ours": ours, "theirs": theirs}
@@ -135,4 +133,4 @@ def tabulate(study: Study, found: dict[tuple[str, int, str], Outcome]) -> Result
 
 
 if __name__ == "__main__":
-    sys.exit(main(tyro.cli(Study, description=__doc__)))
+    sys.exit(status(main, Study, __doc__))

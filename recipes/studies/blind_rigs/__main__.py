@@ -16,18 +16,16 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
 import envs.rigs
 import onlinebayes
 from envs.rigs import KINDS, RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
+from recipes.command import status
 from recipes.studies.blind_rigs.judging import Judge, unanswered
 from recipes.studies.blind_rigs.plan import REPORTED, in_words, jobs, pair_jobs, seconds_to_go
 from recipes.studies.blind_rigs.record import Judged, from_json
 from recipes.studies.blind_rigs.table import tabulate
 from recipes.studies.blind_rigs.workers import Done, work
-from recipes.studies.exits import status
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
 from recipes.studies.resumable import check_names, code_mark, kept, print_rows
@@ -157,4 +155,4 @@ def _line(judged: Judged, fresh: list[Judged], left: Iterable[Job], processes: i
 
 
 if __name__ == "__main__":
-    sys.exit(status("blind-rigs", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

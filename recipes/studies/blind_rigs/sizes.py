@@ -15,16 +15,15 @@ model that are off, which are sized alike.
 from __future__ import annotations
 
 import math
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
-import torch
-import tyro
-
 from envs.rigs import RIGS, HiddenEffect, OffNumber, Rig, Tie, sized_case
 from onlinebayes.runs import BadInput
+from recipes.command import status
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.truth import base_error
 
@@ -129,7 +128,6 @@ def questions(rig: Rig, keys: Sequence[str]) -> Iterator[tuple[Rig, tuple[Hidden
 
 def main(calibration: Calibration) -> None:
     """Print rig, effect, measured ratios and the new sizes."""
-    torch.set_num_threads(1)
     for name in calibration.rigs:
         began = time.monotonic()
         for rig, effects in questions(RIGS[name], calibration.effects):
@@ -139,4 +137,4 @@ def main(calibration: Calibration) -> None:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Calibration))
+    sys.exit(status(main, Calibration, __doc__))

@@ -13,17 +13,15 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
 import envs.rigs
 import onlinebayes
 from envs.rigs import RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
+from recipes.command import status
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.exclusion_limits.probing import Prober
 from recipes.studies.exclusion_limits.record import Record, from_json
 from recipes.studies.exclusion_limits.table import tabulate
-from recipes.studies.exits import status
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
 from recipes.studies.resumable import check_names, code_mark, kept, print_rows
@@ -94,4 +92,4 @@ def probe_all(study: Study, todo: list[Job], found: dict[str, Record], code: str
 
 
 if __name__ == "__main__":
-    sys.exit(status("exclusion-limits", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

@@ -15,15 +15,13 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-import tyro
-
 import envs.rigs
 import onlinebayes
 import recipes.studies.peers
 from onlinebayes.runs import BadInput, Progress, write_atomic
+from recipes.command import status
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
-from recipes.studies.exits import status
 from recipes.studies.json_line import line
 from recipes.studies.peers.cases import jobs
 from recipes.studies.peers.judging import Judge, Trial, unanswered
@@ -112,4 +110,4 @@ def _told(outcome: Outcome) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(status("versus-peers", lambda: main(tyro.cli(Study))))
+    sys.exit(status(main, Study, __doc__))

@@ -1,0 +1,54 @@
+"""How a script of this folder ends as a command: its exit status, and what it says of bad input and of Ctrl-C.
+
+| exit status | what happened                                                        |
+|-------------|----------------------------------------------------------------------|
+| 0           | it did what it promises                                              |
+| 1           | it ran, and a goal was missed                                        |
+| 2           | bad input; one line on standard error says which and how to mend it  |
+| 130         | it was stopped by Ctrl-C or SIGTERM, after cleaning up               |
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+from collections.abc import Callable
+from typing import TypeVar
+
+import torch
+import tyro
+
+from onlinebayes.runs import BadInput
+
+S = TypeVar("S")
+
+STOPPED = 130
+
+
+def settle() -> None:
+    """One thread a run, and no chatter of the libraries."""
+    torch.set_num_threads(1)
+    logging.getLogger("torchrl").setLevel(logging.WARNING)
+
+
+def status(play: Callable[[S], int | None], settings: type[S], description: str | None) -> int:
+    """Exit status of a script.
+
+    Args:
+        play: what it does with its settings; None is success.
+        settings: a dataclass, read from the command line.
+        description: shown by ``--help``.
+    """
+    settle()
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return play(tyro.cli(settings, description=description)) or 0
+    except BadInput as error:
+        print(error, file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("stopped", file=sys.stderr)
+        return STOPPED
+    finally:
+        signal.signal(signal.SIGTERM, before)
