@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online known-posteriors figures hidden-effect hopper engines devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online known-posteriors figures hidden-effect hopper engines devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -63,6 +63,8 @@ measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/re
 	$(BIN)/python -m recipes.studies.measured
 cost: setup      ## seconds and memory of refine, and how they grow -> docs/results/cost.json
 	$(BIN)/python -m recipes.studies.cost
+goals: setup     ## which goals the studies hold and miss, read off their tables -> docs/results/goals.md
+	$(BIN)/python -m recipes.studies.goals
 house-size: setup  ## lines and constants of criticism, now and at the git revision REVISION -> docs/results/house-size.json
 	$(BIN)/python -m recipes.studies.house_size $(if $(REVISION),--revision $(REVISION))
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json

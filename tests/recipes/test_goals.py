@@ -1,0 +1,28 @@
+"""The page of goals says what the tables say."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from onlinebayes.runs import ResultTable
+from recipes.studies.goals import page_of
+
+RESULTS = Path(__file__).parents[2] / "docs" / "results"
+
+
+def test_a_page_counts_goals_and_lists_those_that_are_missed(tmp_path: Path) -> None:
+    table = ResultTable("pendulum", "make pendulum", [1])
+    table.add("held", 2.0, unit="s", goal="<= 3", holds=True)
+    table.add("missed | by far", 0.123456, unit="rad", goal=">= 1", holds=False)
+    table.add("no goal", 1.0)
+    table.write(tmp_path)
+    ResultTable("without goals", "make nothing", [1]).write(tmp_path)
+    lines = page_of(tmp_path).splitlines()
+    assert "| [pendulum](pendulum.md) | 1 | 2 |" in lines
+    assert "| all | 1 | 2 |" in lines
+    assert lines[-1] == "| missed \\| by far | 0.1235 rad | >= 1 |"
+    assert "without goals" not in page_of(tmp_path)
+
+
+def test_the_page_of_the_repository_is_the_latest() -> None:
+    assert (RESULTS / "goals.md").read_text(encoding="utf-8") == page_of(RESULTS), "run make goals"
