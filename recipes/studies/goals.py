@@ -1,7 +1,4 @@
-"""``make goals``: which goals the studies hold and which they miss, read off the tables in ``docs/results``.
-
-    python -m recipes.studies.goals       -> docs/results/goals.md
-"""
+"""``make goals``: which goals the studies hold and which they miss, read off the tables in ``docs/results`` -> docs/results/goals.md."""
 
 from __future__ import annotations
 
@@ -17,7 +14,8 @@ from recipes.command import status
 
 HEAD = """# Goals
 
-Every goal of every study, read off its table by `make goals`. A goal is held or missed by the value that the study's command printed.
+Every goal of every study, read off its table by `make goals`. A goal is held or missed by the
+value that the study's command printed.
 """
 
 
