@@ -1,4 +1,4 @@
-"""``make goals``: which goals the studies hold and which they miss, read off the tables in ``docs/results`` -> docs/results/goals.md."""
+"""``make goals``: which goals the studies hold and which they miss, read off the tables of ``docs/results``."""
 
 from __future__ import annotations
 
