@@ -14,7 +14,7 @@ from recipes.command import status
 
 HEAD = """# Goals
 
-Every goal of every study, read off its table by `make goals`. A goal is held or missed by the
+Goals that were judged, read off the tables by `make goals`. A goal is held or missed by the
 value that the study's command printed.
 """
 

@@ -66,6 +66,7 @@ def test_compare_tries_no_effect() -> None:
     assert found.failures
 
 
+@pytest.mark.slow
 def test_bounds_that_exclude_the_truth_are_widened() -> None:
     light = ParameterSpace({**FREE, "body.cart.mass": Parameter(0.5, 2.0, "kg")})
     found = asked(measure(runs=10), model(light))

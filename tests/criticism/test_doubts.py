@@ -18,6 +18,7 @@ from tests.criticism.rigs import measure, model
 LOAD = ConstantLoad("rail", Parameter(-5.0, 5.0, "N"))
 
 
+@pytest.mark.slow
 def test_a_law_that_does_not_carry_over_to_the_held_out_runs_is_doubted() -> None:
     measured, other = measure({LOAD: (0.5,)}, runs=10), measure(runs=10)
     held = [measured.runs.index(run) for run in ("run8", "run9")]

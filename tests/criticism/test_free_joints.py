@@ -51,6 +51,7 @@ def test_a_hidden_offset_is_named_and_sized(mended: Criticism) -> None:
     assert max(mended.remainder.rms_over_floor.values()) < 1.1
 
 
+@pytest.mark.slow
 def test_the_recording_shows_the_measured_orientation(mended: Criticism) -> None:
     (run,) = [run for run in mended.final.replays if run.run == "run7"]
     _, poses, _ = fly(Block(centre=(OFFSET, 0.0, 0.0)), 9, 1.0, 0)

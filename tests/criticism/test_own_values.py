@@ -53,6 +53,7 @@ def test_a_load_that_differs_between_runs_is_sized_in_each() -> None:
     assert change.lines.endswith('"body.cart.mass" = { low = 0.5, high = 8, scope = "per_run" }')
 
 
+@pytest.mark.slow
 def test_a_force_that_groups_of_runs_share_is_sized_in_each_group() -> None:
     """Three specimens, three runs of each; the last run of each is held out."""
     model, loads = MujocoSimulator(SLIDE, FREE, threads=1), (-0.4, 0.1, 0.6)

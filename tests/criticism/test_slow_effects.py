@@ -58,6 +58,7 @@ def test_a_drag_that_a_second_hides_is_found_over_longer_windows() -> None:
     assert result.remainder.status == "noise"
 
 
+@pytest.mark.slow
 def test_a_horizon_that_was_asked_for_stands() -> None:
     result = refine(
         model(),

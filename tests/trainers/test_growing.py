@@ -139,6 +139,7 @@ def test_the_policy_that_learnt_before_learns_on() -> None:
     assert trainer.trainer.simulations.env.base_env.simulator.effects == (FRICTION,)
 
 
+@pytest.mark.slow
 def test_another_effect_takes_the_place_of_the_first() -> None:
     trainer = build(says(LATE, RUBS), moments=(1, 2))
     state = trainer.run(OnlineState.begin(PROBLEM.prior))
@@ -181,7 +182,7 @@ def test_ctrl_c_during_criticism_keeps_the_run_and_it_is_asked_again() -> None:
 
 
 @pytest.mark.usefixtures("without_shape_checks")
-@pytest.mark.parametrize("after", [3, 4, pytest.param(6, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("after", [3, *(pytest.param(after, marks=pytest.mark.slow) for after in (4, 6))])
 def test_a_killed_run_goes_on_to_the_last_bit(after: int, tmp_path: Path) -> None:
     """Killed before it grew (3: the first step is complete), when it had grown (4), and in the step that follows."""
     trainer, state = build(says(RUBS)), OnlineState.begin(PROBLEM.prior)

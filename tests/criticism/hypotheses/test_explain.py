@@ -39,6 +39,7 @@ def test_two_hidden_effects_are_both_named() -> None:
     assert set(found.found.hypothesis.keys) == {"constant_load@rail", "dry_friction@rail"}
 
 
+@pytest.mark.slow
 def test_a_wrong_number_of_the_model_is_preferred_to_an_effect() -> None:
     damping = ParameterSpace({"joint.rail.damping": Parameter(0.0, 10.0, "N s/m")})
     found = explain(model(damping), measure(runs=10, truth=(2.4, 1.4)), holdout=HELD)
