@@ -58,6 +58,7 @@ class Amounts:
         shown: batches of demonstrations.
         groups: held-out thetas by which the belief is judged.
         judged: episodes by which the policy is judged.
+        frames_per_update: fresh frames for which one gradient step is taken.
     """
 
     first: int
@@ -68,6 +69,7 @@ class Amounts:
     shown: int = 5
     groups: int = 32
     judged: int = 128
+    frames_per_update: int = 16
 
 
 SHORT = Amounts(first=4, steps=2, batches=2, simulations=48, epochs=4, shown=2, groups=16, judged=32)
@@ -89,7 +91,9 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
     """
     space = ParameterSpace({FRICTION: Parameter(settings.low, settings.high)})
     made = fetch(name, space)
-    learner = objective(made, demonstrations=settings.demonstrations, memory=MEMORY)
+    learner = objective(
+        made, frames_per_update=much.frames_per_update, demonstrations=settings.demonstrations, memory=MEMORY
+    )
     if settings.demonstrations:
         demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
     own = float(made.exact.simulator.nominal.clamp(settings.low, settings.high))

@@ -26,7 +26,7 @@ class Settings(fetch_push.Settings):
     """share of a minibatch from demonstrations: nobody shows how to hit"""
 
 
-LONG = Amounts(first=200, steps=6, batches=16, simulations=2000, epochs=60)
+LONG = Amounts(first=200, steps=6, batches=16, simulations=2000, epochs=60, frames_per_update=8)
 
 
 def build(settings: Settings) -> Run:

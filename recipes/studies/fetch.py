@@ -81,8 +81,8 @@ CASES: dict[str, Case] = {
     "push, alone": Case("push", 310, 0.9),
     "push, uniform": Case("push", 124, None, elsewhere=0.0),
     "push, prior": Case("push", 250, 0.9, (0.1, 2.0), demonstrations=0.2, frames_per_update=8),
-    "slide": Case("slide", 500, 0.5),
-    "slide, prior": Case("slide", 500, None, (0.1, 1.0)),
+    "slide": Case("slide", 500, 0.5, frames_per_update=8),
+    "slide, prior": Case("slide", 500, None, (0.1, 1.0), frames_per_update=8),
 }
 
 
