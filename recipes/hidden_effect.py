@@ -28,7 +28,7 @@ from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import Objective, ppo, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import RunFolder, seed_everything, write_atomic
+from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
 from onlinebayes.simulators.stepping import Integrator
@@ -52,7 +52,7 @@ from onlinebayes.trainers import (
 )
 from onlinebayes.transforms import ParameterRandomization
 from recipes import cartpole, pendulum
-from recipes.command import status
+from recipes.command import STOPPED, status
 from recipes.common import Options, hidden_truth, place_of, written
 from recipes.hidden_machine import CARTPOLE, PENDULUM, Equations, Hidden, Machine
 
@@ -160,6 +160,11 @@ class Settings(Options):
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     steps: int = 5
     """outer steps"""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.noise < 1 or self.steps < 1:
+            raise BadInput(f"noise {self.noise}, steps {self.steps}", "needs 0 <= noise < 1 and a step or more")
 
 
 @dataclass(frozen=True)
@@ -280,13 +285,19 @@ def main(settings: Settings) -> int:
     with RunFolder(place, "hidden_effect", settings=told) as folder:
         parts = build(settings)
         recording = Recording(
-            place, "hidden_effect", parts.begun.prior, parts.played, parts.truth, further=parts.further
+            place,
+            "hidden_effect",
+            parts.begun.prior,
+            parts.played,
+            parts.truth,
+            infers=settings.kind != "oracle",
+            further=parts.further,
         )
         with recording:
             state = run_in_folder(parts.trainer, parts.begun.prior, folder, judge=parts.judge, watchers=(recording,))
         if state.interrupted:
             print(f"stopped; kept: {state.kept()}. The same command goes on from there")
-            return 130
+            return STOPPED
         write_atomic(folder.path("finished"), "")
     last, hidden = state.records[-1], {name.rpartition(".")[0] for name in parts.further}
     print(f"hidden: {', '.join(hidden) or 'nothing'}; found: {', '.join(last.grown) or 'nothing'}")

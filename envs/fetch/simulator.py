@@ -68,6 +68,8 @@ class FetchSimulator(Simulator):
         self._populate(system, worlds, threads)
 
     def _populate(self, system: MujocoSystem, worlds: int, threads: int) -> None:
+        if worlds < 1:
+            raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
         self._system, self._threads, self.worlds = system, threads, worlds
         self.parameters = system.parameters
         self.dt, self.device, self.dtype = SUBSTEPS * system.model.opt.timestep, torch.device("cpu"), torch.float64

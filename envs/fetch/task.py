@@ -17,6 +17,7 @@ from torch import Tensor
 from torchrl.data import Bounded
 
 from envs.fetch.model import SUBSTEPS, Scene
+from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape, Task
 
 THRESHOLD = 0.05
@@ -56,11 +57,16 @@ class FetchTask(Task):
         scene: of the task.
         horizon: steps of an episode.
         reward: "sparse" or "dense".
+
+    Raises:
+        BadInput: another reward, or an episode without steps.
     """
 
     goal_size = 3
 
     def __init__(self, scene: Scene, horizon: int = 50, reward: Literal["sparse", "dense"] = "sparse") -> None:
+        if reward not in ("sparse", "dense") or horizon < 1:
+            raise BadInput(f"reward {reward!r}, horizon {horizon}", "needs 'sparse' or 'dense', and a step or more")
         self.scene, self.horizon, self.sparse = scene, horizon, reward == "sparse"
         self.observation_size = 10 if scene.object_column is None else 25
         self.observation_sizes: Mapping[str, int] = {

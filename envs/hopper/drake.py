@@ -28,24 +28,23 @@ from onlinebayes.simulators.effects import Effect
 
 
 class DrakeHopper(Simulator):
-    """N hoppers in Drake, stepped one after the other on one core.
+    """N hoppers in Drake, commanded every 8 ms, stepped one after the other on one core.
 
     Args:
         parameters: the free ones, by MuJoCo's addresses; others are as in Gymnasium's file, friction 2.0.
         worlds: number of worlds N.
-        dt: seconds between two commands [s], a whole number of timesteps of 2 ms.
 
     Raises:
         BadInput: Drake is not installed, or an address has no meaning in it.
     """
 
-    def __init__(self, parameters: ParameterSpace = STANDARD, worlds: int = 1, dt: float = DT) -> None:
-        self._build(DrakePlant(), parameters, worlds, dt)
+    def __init__(self, parameters: ParameterSpace = STANDARD, worlds: int = 1) -> None:
+        self._build(DrakePlant(), parameters, worlds)
 
-    def _build(self, plant: DrakePlant, parameters: ParameterSpace, worlds: int, dt: float) -> None:
-        self.parameters, self.worlds, self.dt = parameters, worlds, dt
+    def _build(self, plant: DrakePlant, parameters: ParameterSpace, worlds: int) -> None:
+        self.parameters, self.worlds, self.dt = parameters, worlds, DT
         self.device, self.dtype = torch.device("cpu"), torch.float64
-        self._plant, self._steps = plant, timesteps_of(dt, TIMESTEP)
+        self._plant, self._steps = plant, timesteps_of(DT, TIMESTEP)
         self._write = plant.writers(parameters.names)
         self._nominal = standard_hopper(parameters, threads=1).nominal
         if worlds < 1:
@@ -126,7 +125,7 @@ class DrakeHopper(Simulator):
     def with_worlds(self, worlds: int) -> Self:
         """The same with another number of worlds; both share one diagram."""
         other = object.__new__(type(self))
-        other._build(self._plant, self.parameters, worlds, self.dt)
+        other._build(self._plant, self.parameters, worlds)
         return other
 
     def _set(self, i: int, theta: Float[Tensor, " P"]) -> None:

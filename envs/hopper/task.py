@@ -54,9 +54,9 @@ class HopperTask(Task):
         return action
 
     def reward(self, state: TensorDictBase, action: Tensor, after: TensorDictBase) -> Float[Tensor, " N"]:
-        """Forward velocity, one for being upright, less the effort."""
+        """Forward velocity, one where it has not fallen, less the effort."""
         speed = (after.get("qpos")[..., 0] - state.get("qpos")[..., 0]) / DT
-        return speed + 1.0 - 1e-3 * action.to(speed).square().sum(-1)
+        return speed + (~self.terminated(after)).to(speed) - 1e-3 * action.to(speed).square().sum(-1)
 
     def terminated(self, state: TensorDictBase) -> Bool[Tensor, " N"]:
         """Whether it has fallen: too low, or tilted too far."""

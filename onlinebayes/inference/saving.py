@@ -28,7 +28,29 @@ from onlinebayes.runs import BadInput, one_line, write_atomic
 
 CONTENT, FORMAT = "onlinebayes distribution", 1
 
+KNOWN = ("uniform", "mixture", "flow", "truncated", "box")
+"""Tags of the library's own."""
+
 DTYPES = {"float64": torch.float64, "float32": torch.float32, "int64": torch.int64, "bool": torch.bool}
+
+
+_KINDS: dict[str, Any] = {}
+
+
+def register(kind: str, own: type) -> None:
+    """Let a distribution of your own be saved, in files and in the checkpoints of a run.
+
+    Args:
+        kind: its tag.
+        own: a class with ``to_state(self)``, which gives tensors, numbers, strings and dictionaries of them, and with
+            ``from_state(space, state)``, a static or class method that reads them back.
+
+    Raises:
+        BadInput: the tag stands for another distribution.
+    """
+    if kind in KNOWN or _KINDS.get(kind, own) is not own:
+        raise BadInput(f"the tag {kind!r} stands for another distribution", "choose another one")
+    _KINDS[kind] = own
 
 
 def save(belief: Belief, path: str | Path) -> None:
@@ -39,8 +61,7 @@ def save(belief: Belief, path: str | Path) -> None:
         path: of the file.
 
     Raises:
-        TypeError: a distribution that no tag stands for.
-        BadInput: the file cannot be written.
+        BadInput: a distribution that no tag stands for, or the file cannot be written.
     """
     space = [(name, *astuple(parameter)) for name, parameter in belief.space.items()]
     body = {"space": space, "belief": _written(to_state(belief))}
@@ -48,9 +69,7 @@ def save(belief: Belief, path: str | Path) -> None:
     write_atomic(path, text + "\n")
 
 
-def load(
-    path: str | Path, space: ParameterSpace | None = None, *, device: torch.device | str = "cpu"
-) -> BoxUniform | TruncatedMixture | FlowDensity | TruncatedProposal:
+def load(path: str | Path, space: ParameterSpace | None = None, *, device: torch.device | str = "cpu") -> Belief:
     """The distribution that :func:`save` wrote.
 
     Args:
@@ -135,8 +154,11 @@ def to_state(belief: Belief) -> dict[str, Any]:
     """The distribution as plain values.
 
     Raises:
-        TypeError: a distribution that no tag stands for.
+        BadInput: a distribution that no tag stands for.
     """
+    for kind, own in _KINDS.items():
+        if type(belief) is own:
+            return {**belief.to_state(), "kind": kind}  # type: ignore[attr-defined]
     if isinstance(belief, Posterior):
         return to_state(belief.distribution)
     if isinstance(belief, BoxUniform):
@@ -166,8 +188,9 @@ def to_state(belief: Belief) -> dict[str, Any]:
             "within": None if within is None else _box_or_belief(within),
             **belief.values(),
         }
-    raise TypeError(
-        f"{type(belief).__name__} cannot be saved; a uniform, a mixture, a flow or a truncated proposal can"
+    raise BadInput(
+        f"{type(belief).__name__} cannot be saved; a uniform, a mixture, a flow or a truncated proposal can",
+        "register it (onlinebayes.inference.saving.register), or run without saving",
     )
 
 
@@ -178,13 +201,16 @@ def from_state(space: ParameterSpace, state: Mapping[str, Any]) -> Any:
         BadInput: another number of parameters, an unknown tag, or a flow where zuko is not installed.
     """
     kind = state.get("kind")
+    if kind in _KINDS:
+        return _KINDS[kind].from_state(space, state)
     if kind == "truncated":
         within = state["within"]
         return TruncatedProposal.restored(
             from_state(space, state["mixture"]), None if within is None else from_state(space, within), state
         )
-    if kind not in ("uniform", "mixture", "flow", "box"):
-        raise BadInput(f"a saved distribution of kind {kind!r}", "known: uniform, mixture, flow, truncated")
+    if kind not in KNOWN:
+        cure = "register its class first (onlinebayes.inference.saving.register)"
+        raise BadInput(f"a saved distribution of kind {kind!r}; known: {', '.join(KNOWN)}", cure)
     low, high = torch.as_tensor(state["low"]), torch.as_tensor(state["high"])
     if len(low) != len(space):
         raise BadInput(

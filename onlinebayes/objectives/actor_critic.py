@@ -31,6 +31,7 @@ from torchrl.envs import InitTracker, TensorDictPrimer, Transform
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
+from onlinebayes.objectives.checks import check_numbers
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import action_head, mlp
 from onlinebayes.runs import BadInput, load_exactly
@@ -252,8 +253,9 @@ def actor_critic(
         action_key: where the action goes.
 
     Raises:
-        BadInput: an action of another kind, or a key that the spec lacks.
+        BadInput: an action of another kind, a key that the spec lacks, or a number that cannot be.
     """
+    check_numbers(gamma=gamma, positive={"learning_rate": learning_rate}, counts={"width": width})
     inputs, device = inputs_of(observation_spec, in_keys, normalise=normalise), observation_spec.device
     head = action_head(action_spec)
     body = nn.Sequential(mlp(width, head.outputs, (), activation, device), *head.modules)

@@ -24,9 +24,10 @@ from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
 from torchrl.envs.utils import ExplorationType, exploration_type
 
+from onlinebayes.objectives.checks import check_bounds, check_numbers
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
-from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, refuse_infinite
 from onlinebayes.objectives.networks import Network, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
 from onlinebayes.runs import BadInput, load_exactly
@@ -161,7 +162,7 @@ class DDPG:
         missing = [key for key in needed if data.get(key, None) is None]
         if missing:
             raise BadInput(f"the batch has no {missing[0]!r}", "name the keys when you build the objective")
-        _finite(data.select(*needed))
+        refuse_infinite(data.select(*needed))
         extend(data.select(*needed, mask_key, strict=False))
         mask = data.get(mask_key, None)
         rows = data.select(*needed)
@@ -218,10 +219,14 @@ def ddpg(
         learning_rate: Adam's.
 
     Raises:
-        BadInput: an action that is not bounded, a key that the spec lacks, or a goal that the actor does not see.
+        BadInput: an action that is not bounded, a key that the spec lacks, a goal that the actor does not see, or a
+            number that cannot be.
     """
     if not isinstance(action_spec, Bounded) or action_spec.ndim != 1:
         raise unsupported(action_spec, "Bounded (A,)")
+    check_bounds(action_spec)
+    counts = {"memory": memory, "minibatch": minibatch, "frames_per_update": frames_per_update, "steps": steps}
+    check_numbers(gamma=gamma, positive={"tau": tau, "learning_rate": learning_rate}, counts=counts)
     if hindsight is not None and hindsight.desired_key not in in_keys:
         raise BadInput(f"in_keys = {list(in_keys)} has no {hindsight.desired_key!r}", "let the policy see its goal")
     inputs, device = inputs_of(observation_spec, in_keys, normalise=normalise), observation_spec.device
@@ -257,14 +262,3 @@ def ddpg(
         device=device,
     )
     return DDPG(policy, inputs, loss, target, buffer, optimiser, frames_per_update)
-
-
-def _finite(data: TensorDictBase) -> None:
-    for key in data.keys(True, True):
-        value = data[key]
-        if value.is_floating_point() and not value.isfinite().all():
-            worlds = (~value.isfinite()).reshape(len(value), -1).any(-1).nonzero().flatten().tolist()
-            raise BadInput(
-                f"{key!r} is NaN or infinite in {len(worlds)} of the batch's {len(value)} rows, first in {worlds[0]}",
-                "find the world that diverged: bound its parameters or actions, or take a finer step",
-            )

@@ -133,3 +133,19 @@ def selected(data: TensorDictBase, keys: Sequence[NestedKey]) -> TensorDictBase:
 def after(key: NestedKey) -> tuple[str, ...]:
     """The key after the step, below ``"next"``."""
     return ("next", *((key,) if isinstance(key, str) else key))
+
+
+def refuse_infinite(data: TensorDictBase) -> None:
+    """Refuse a batch with values that are no finite numbers.
+
+    Raises:
+        BadInput: there are some.
+    """
+    for key in data.keys(True, True):
+        value = data[key]
+        if value.is_floating_point() and not value.isfinite().all():
+            worlds = (~value.isfinite()).reshape(len(value), -1).any(-1).nonzero().flatten().tolist()
+            raise BadInput(
+                f"{key!r} is NaN or infinite in {len(worlds)} of the batch's {len(value)} rows, first in {worlds[0]}",
+                "find the world that diverged: bound its parameters or actions, or take a finer step",
+            )

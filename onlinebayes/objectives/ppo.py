@@ -31,6 +31,7 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
+from onlinebayes.objectives.checks import check_numbers
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
 from onlinebayes.runs import BadInput, load_exactly
@@ -171,7 +172,12 @@ def ppo(
         learning_rate: Adam's.
         max_grad_norm: bound on each network's gradient.
         target_kl: divergence that a batch should bring [nats], which the learning rate follows; it stays without it.
+
+    Raises:
+        BadInput: an action of another kind, a key that the spec lacks, or a number that cannot be.
     """
+    counts = {"frames_per_batch": frames_per_batch, "minibatch": minibatch, "epochs": epochs}
+    check_numbers(gamma=gamma, positive={"clip": clip, "learning_rate": learning_rate}, counts=counts)
     inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
     policy = stochastic_policy(
         observation_spec, action_spec, widths, activation=activation, log_prob=True, inputs=inputs

@@ -25,8 +25,9 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor
 
 from onlinebayes.objectives.buffer import TransitionBuffer
+from onlinebayes.objectives.checks import check_bounds, check_numbers
 from onlinebayes.objectives.ensemble import EnsembleMLP
-from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, refuse_infinite, selected
 from onlinebayes.objectives.networks import stochastic_policy, unsupported
 from onlinebayes.objectives.soft_loss import SoftLoss
 from onlinebayes.objectives.targets import Follower
@@ -63,9 +64,12 @@ class SAC:
         """Remember a collector's batch (N, T) and take its share of gradient steps; returns the losses' means.
 
         Raises:
-            BadInput: the batch lacks a key, or one has another width than the networks were built for.
+            BadInput: the batch lacks a key, one has another width than the networks were built for, or a value is NaN
+                or infinite; nothing was learnt from the batch.
         """
-        fresh = selected(data, self.loss.in_keys).reshape(-1)
+        fresh = selected(data, self.loss.in_keys)
+        refuse_infinite(fresh)
+        fresh = fresh.reshape(-1)
         self.inputs.observe(fresh)
         fresh["next", "reward"] = self.reward_scale * fresh["next", "reward"]
         self.buffer.extend(fresh)
@@ -144,17 +148,21 @@ def sac(
         frames_per_update: fresh frames for which one gradient step is taken.
         widths: units of the hidden layers.
         activation: between the layers.
-        gamma: discount factor.
+        gamma: discount factor, below 1.
         tau: share of the critics in their targets at each step.
         learning_rate: Adam's.
         alpha: the entropy's weight to begin with; it is learnt.
         reward_scale: factor on the reward; values of order 1 to 100 learn best.
 
     Raises:
-        BadInput: an action that is not bounded, or a key that the spec lacks.
+        BadInput: an action that is not bounded, a key that the spec lacks, or a number that cannot be.
     """
     if not isinstance(action_spec, Bounded) or action_spec.ndim != 1:
         raise unsupported(action_spec, "Bounded (A,)")
+    check_bounds(action_spec)
+    positive = {"tau": tau, "learning_rate": learning_rate, "alpha": alpha, "reward_scale": reward_scale}
+    counts = {"memory": memory, "minibatch": minibatch, "frames_per_update": frames_per_update}
+    check_numbers(gamma=gamma, positive=positive, counts=counts)
     inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
     policy = stochastic_policy(observation_spec, action_spec, widths, activation=activation, inputs=inputs)
     actor, device = policy.get_submodule("module.0.module").body, observation_spec.device

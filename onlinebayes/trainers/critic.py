@@ -89,6 +89,7 @@ class LoggedRuns:
 
     def _columns(self, one: TensorDict, problem: Problem, simulator: Identifiable) -> dict[str, np.ndarray]:
         """Time, commands and signals of one trajectory; the last command is held."""
+        one = one.cpu()
         observed = torch.cat([one["observation"], one["next", "observation"][-1:]])
         state = self.state(observed)
         for j, kind in enumerate(simulator.joint_kinds.values()):

@@ -154,7 +154,7 @@ class OnlineTrainer:
     def _measure(self, state: OnlineState) -> None:
         """Ask the real system for trajectories under the present policy."""
         policy = frozen(self.objective.policy)
-        found, note = measured(self.real, policy, self.schedule.real_steps, self.simulations.form)
+        found, note = measured(self.real, policy, self.schedule.real_steps, self.simulations.form, state.real)
         if found is not None:
             state.real = found if state.real is None else united([state.real, found])
             state.policies.append(policy)

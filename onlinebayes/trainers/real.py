@@ -19,6 +19,9 @@ from onlinebayes.runs import Stateful, one_line
 from onlinebayes.trainers.env_state import env_state, load_env_state
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, trajectories
 
+REWARD = ("next", "reward")
+"""Not every real system gives one, and inference does without."""
+
 
 @runtime_checkable
 class RealSystem(Protocol):
@@ -75,7 +78,7 @@ class GrowingFolder:
 
     def run(self, policy: Policy, steps: int) -> TensorDict | None:
         """What is new, padded to one length; a file that cannot be read now is tried again at the next call."""
-        found, unreadable = [], None
+        found, unreadable = dict[str, TensorDict](), None
         for path in sorted(self.folder.glob(self.pattern)):
             if path.name in self._seen:
                 continue
@@ -84,11 +87,12 @@ class GrowingFolder:
             except Exception as error:  # whoever writes the file may not have ended yet
                 unreadable = error
                 continue
-            self._seen.add(path.name)
-            found.append(data if data.ndim == 2 else data.unsqueeze(0))
+            found[path.name] = data if data.ndim == 2 else data.unsqueeze(0)
         if not found and unreadable is not None:
             raise unreadable
-        return united(found) if found else None
+        result = united(found.values()) if found else None
+        self._seen |= set(found)
+        return result
 
     def state_dict(self) -> dict[str, Any]:
         """Names of the files that were read."""
@@ -143,13 +147,16 @@ class Background:
             self._result.append(error)
 
 
-def measured(system: RealSystem, policy: Policy, steps: int, form: TrajectoryFormat) -> tuple[TensorDict | None, str]:
+def measured(
+    system: RealSystem, policy: Policy, steps: int, form: TrajectoryFormat, before: TensorDict | None = None
+) -> tuple[TensorDict | None, str]:
     """What can be used of one call to the system, and a note on the rest; nothing that it does ends a run.
 
     Args:
         system: the real system.
         policy, steps: what is asked of it.
-        form: which keys a trajectory has.
+        form: which keys a trajectory has; others are left out, a missing reward is zero.
+        before: trajectories that the new ones are to stand beside.
     """
     try:
         data = system.run(policy, steps)
@@ -159,14 +166,22 @@ def measured(system: RealSystem, policy: Policy, steps: int, form: TrajectoryFor
         return None, "the real system gave nothing new; the belief stays as it was"
     if not is_tensor_collection(data) or data.ndim != 2:
         return None, "the real system gave no TensorDict of batch size (n, T); the belief stays as it was"
-    keys = [key for key in form.keys if key != ("next", "reward")]
+    keys = [key for key in form.keys if key != REWARD]
     missing = [key for key in keys if data.get(key, None) is None]
     if missing:
         return None, f"the real trajectories lack {missing[0]!r}; the belief stays as it was"
     if flat := [key for key in keys if data.get(key).ndim < 3]:
         shape = tuple(data.get(flat[0]).shape)
         return None, f"{flat[0]!r} of the real trajectories is {shape}, not (n, T, .); the belief stays as it was"
-    return _usable(_masked(data), keys)
+    data = _masked(data).select(*form.keys, "mask", strict=False)
+    if REWARD in form.keys and data.get(REWARD, None) is None:
+        data[REWARD] = torch.zeros(*data.shape, 1, device=data["mask"].device)
+    for key in keys:
+        now = tuple(data.get(key).shape[2:])
+        was = now if before is None else tuple(before.get(key).shape[2:])
+        if was != now:
+            return None, f"{key!r} of the real trajectories is {now}, it was {was} before; the belief stays as it was"
+    return _usable(data, keys)
 
 
 def _usable(data: TensorDict, keys: Iterable[Any]) -> tuple[TensorDict | None, str]:

@@ -71,7 +71,7 @@ class Simulations:
         randomization: draws their theta.
         steps: length T of a trajectory.
         form: which keys make up a trajectory.
-        repeats: how often the worlds are run for one :meth:`draw`, for environments of few worlds.
+        repeats: how often the worlds are run, for environments of few worlds.
     """
 
     def __init__(
@@ -94,10 +94,14 @@ class Simulations:
         return torch.cat([trajectories(self.env, policy, self.steps, self.form) for policy in each])
 
     def groups(self, policies: Sequence[Policy], proposal: Distribution) -> TensorDict:
-        """N groups (N, n, T): the same theta under each of the n policies."""
-        theta = proposal.sample((self.env.batch_size.numel(),))
-        self._randomization.set_distribution(Listed(theta))
-        return torch.stack([trajectories(self.env, policy, self.steps, self.form) for policy in policies], dim=1)
+        """N groups (N, n, T), ``repeats`` times: the same theta under each of the n policies."""
+        parts = []
+        for _ in range(self.repeats):
+            theta = proposal.sample((self.env.batch_size.numel(),))
+            self._randomization.set_distribution(Listed(theta))
+            each = [trajectories(self.env, policy, self.steps, self.form) for policy in policies]
+            parts.append(torch.stack(each, dim=1))
+        return torch.cat(parts)
 
     def state_dict(self) -> dict[str, Any]:
         """Where the worlds and their sensors stand."""

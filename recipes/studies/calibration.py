@@ -68,7 +68,7 @@ def main(study: Study) -> int:
     table = tabled(found, study)
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
-    return 0
+    return 0 if table.holds else 1
 
 
 def jobs_of(study: Study) -> dict[str, Callable[[], dict[str, Any]]]:

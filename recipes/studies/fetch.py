@@ -163,15 +163,15 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     if done == case.batches:
         return learner, course
     env = made.lean.worlds(case.worlds, ParameterRandomization(worlds), seed + 100 * done)
-    collector, begun = collector_of(env, learner.policy, STEPS), time.process_time()
-    before = course[-1]["seconds"] if course else 0.0
+    collector, seconds = collector_of(env, learner.policy, STEPS), course[-1]["seconds"] if course else 0.0
     every = max(1, case.batches // LOOKS)
     for batch in range(done + 1, case.batches + 1):
+        begun = time.process_time()
         data = collector.next()
         assert data is not None
         learner.update(data)
+        seconds += time.process_time() - begun
         if batch % every == 0 or batch == case.batches:
-            seconds = before + time.process_time() - begun
             seen = success(made.lean, learner.policy, worlds, EPISODES // 2)
             course.append({"frames": batch * data.numel(), "seconds": seconds, **asdict(seen)})
             state = {"objective": learner.state_dict(), "course": course, "done": batch, "case": asdict(case)}

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import TypeVar
 
-from onlinebayes.runs import BadInput, Checkpoints
+from onlinebayes.runs import BadInput, Checkpoints, RunFolder
 from onlinebayes.trainers import OnlineState, Saver
-from recipes.common import Run, Settings, folder_of, run
+from recipes.command import STOPPED
+from recipes.common import Run, Settings, place_of, run, told
 
 S = TypeVar("S", bound=Settings)
 
@@ -22,14 +22,15 @@ def finished_run(name: str, build: Callable[[S], Run], settings: S) -> tuple[Run
         settings: of the run; its folder lies in ``settings.out``.
 
     Raises:
-        BadInput: it was stopped.
+        KeyboardInterrupt: it was stopped.
+        BadInput: it was made with other settings, or what it had learnt is no longer there.
     """
-    folder = Path(settings.out) / folder_of(name, settings)
-    if not (folder / "finished").exists():
-        run(name, build, settings)
-    if not (folder / "finished").exists():
-        raise BadInput(f"the run in {folder} was stopped", "the same command goes on from there")
-    made = build(settings)
-    state = OnlineState.begin(made.problem.prior)
-    Saver(made.trainer, Checkpoints(folder, name)).resume(state)
+    folder = place_of(name, settings)
+    if not (folder / "finished").exists() and run(name, build, settings) == STOPPED:
+        raise KeyboardInterrupt
+    with RunFolder(folder, name, settings=told(settings)):  # which refuses other settings
+        made = build(settings)
+        state = OnlineState.begin(made.problem.prior)
+        if not Saver(made.trainer, Checkpoints(folder, name)).resume(state):
+            raise BadInput(f"{folder} has no checkpoint of its finished run", "delete that folder to do it anew")
     return made, state

@@ -31,7 +31,7 @@ from onlinebayes.inference import PosteriorEstimator
 from onlinebayes.inference.calibration import ball_credibility
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
-from onlinebayes.trainers import OnlineState, Problem
+from onlinebayes.trainers import Listed, OnlineState, Problem
 from recipes import hopper
 from recipes.command import status
 from recipes.common import Kind, Run
@@ -118,8 +118,9 @@ def told(out: str, low: float, seed: int) -> dict[str, Any]:
     seed_everything(seed)
     policy, prior = made.trainer.objective.policy, made.problem.prior
     simulated = made.problem.simulations(SIMULATIONS, RUN_UP + STEPS, seed + 1).draw([policy], prior)
+    truths = Listed(prior.sample((THETAS,)))
     judged = {
-        e: engine(made, low, e).simulations(THETAS, RUN_UP + STEPS, seed + 2).draw([policy], prior) for e in ENGINES
+        e: engine(made, low, e).simulations(THETAS, RUN_UP + STEPS, seed + 2).draw([policy], truths) for e in ENGINES
     }
     result: dict[str, Any] = {"prior": float(prior.log_prob(judged["mujoco"]["theta"][0, 0]))}
     for name, begin in WINDOWS.items():

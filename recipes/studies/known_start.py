@@ -24,20 +24,20 @@ GRID = 200
 
 @torch.no_grad()
 def densities(problem: Problem, policy: Policy, number: int, begin: int, steps: int, seed: int) -> Tensor:
-    """Log densities [nats] of the truths of those of ``number`` windows that no episode's end breaks."""
+    """Log densities [nats] of the truths of those of ``number`` windows whose first episode lasts to their end."""
     env = problem.worlds(number, ParameterRandomization(problem.prior), seed)
     inner = env.base_env
     assert isinstance(inner, SimulatorEnv)
     with set_exploration_type(ExplorationType.RANDOM):
         now = env.reset()
+        lasting = torch.ones(number, dtype=torch.bool)
         if begin:
-            now = step_mdp(
-                env.rollout(begin, policy, auto_reset=False, tensordict=now, break_when_any_done=False)[:, -1]
-            )
-            now = env.maybe_reset(now)
+            before = env.rollout(begin, policy, auto_reset=False, tensordict=now, break_when_any_done=False)
+            lasting = ~before["next", "done"].any(1)[:, 0]
+            now = env.maybe_reset(step_mdp(before[:, -1]))
         start = inner.simulator.state.select("qpos", "qvel").clone()
         data = env.rollout(steps, policy, auto_reset=False, tensordict=now, break_when_any_done=False)
-    whole = ~data["next", "done"][:, :-1, 0].any(1)
+    whole = lasting & ~data["next", "done"][:, :-1, 0].any(1)
     return torch.stack([density(problem, data[i], start[i]) for i in whole.nonzero()[:, 0].tolist()])
 
 

@@ -41,7 +41,7 @@ from onlinebayes.criticism import (
     wider_bounds,
 )
 from onlinebayes.runs import BadInput, Progress, ResultTable, one_torch_thread, write_atomic
-from recipes.command import status
+from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
 from recipes.studies.blind_rigs.table import Goal, add_share
@@ -176,7 +176,7 @@ def main(study: Study) -> int:
                 progress.update(len(found), f"{one.name}: {', '.join(one.accepted) or one.ended or 'nothing'}")
     except KeyboardInterrupt:
         print(f"stopped; finished cases are kept in {study.out}, and the same command goes on", file=sys.stderr)
-        return 130
+        return STOPPED
     table = tabulate([found[name] for name in study.names], study.first)
     print_rows(table)
     print(f"written: {table.write(study.results)}")

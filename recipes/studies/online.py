@@ -20,7 +20,7 @@ from pathlib import Path
 
 from onlinebayes.runs import Progress, ResultTable
 from recipes import acrobot, cartpole, pendulum
-from recipes.command import settle, status
+from recipes.command import STOPPED, settle, status
 from recipes.common import Kind, Run, Settings, run
 
 KINDS: tuple[Kind, ...] = ("online", "posterior-first", "prior", "oracle")
@@ -70,7 +70,7 @@ def main(study: Study) -> int:
                 progress.update(done, f"runs lie in {study.out}")
     except KeyboardInterrupt:
         print(f"stopped; the runs in {study.out} are kept, and the same command goes on from there")
-        return 130
+        return STOPPED
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
     table = tabulate(study)

@@ -76,7 +76,7 @@ def main(study: Study) -> int:
         table = tabled(found, study)
         print(table.to_markdown())
         print(f"written: {table.write(study.results)}")
-    return 0
+    return 0 if table.holds else 1
 
 
 def file_of(job: tuple[str, float, int]) -> str:

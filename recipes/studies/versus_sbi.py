@@ -93,7 +93,7 @@ def main(study: Study) -> int:
     table = tabled(Path(study.out))
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
-    return 0
+    return 0 if table.holds else 1
 
 
 def name_of(task: str, budget: int, seed: int, method: str) -> str:

@@ -183,8 +183,8 @@ def test_the_task_and_mujocos_worlds_are_gymnasiums_hopper() -> None:
         after = ours.simulator.step(TensorDict({"command": action}, batch_size=[1]))
         assert torch.allclose(ours.task.observe(after)[0], torch.from_numpy(observation).float(), atol=1e-6)
         assert bool(ours.task.terminated(after)) == over
+        assert float(ours.task.reward(state, action, after)) == pytest.approx(reward, abs=1e-6)
         if over:
             break
-        assert float(ours.task.reward(state, action, after)) == pytest.approx(reward, abs=1e-6)
         state = after
     assert over

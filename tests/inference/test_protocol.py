@@ -181,7 +181,7 @@ def test_distributions_are_the_same_after_saving() -> None:
         from_state(SPACE.subspace(["a"]), to_state(PRIOR))
     with pytest.raises(BadInput, match="of kind 'diffusion'"):
         from_state(SPACE, {"kind": "diffusion"})
-    with pytest.raises(TypeError, match="Marginal cannot be saved"):
+    with pytest.raises(BadInput, match="Marginal cannot be saved"):
         to_state(Marginal(PRIOR, ["a"]))
 
 

@@ -101,3 +101,43 @@ def test_weights_are_read_into_the_box_that_they_speak_of(tmp_path: Path) -> Non
     other.estimator.box = Box(SPACE, torch.tensor([0.0, 0.0]).double(), torch.tensor([0.5, 0.5]).double())
     with pytest.raises(BadInput, match="build the estimator in that box"):
         other.load_state_dict(weights)
+
+
+class Peak:
+    """A distribution of somebody's own: the box's centre, always."""
+
+    def __init__(self, box: Box) -> None:
+        self.box, self.space = box, box.space
+
+    def log_prob(self, theta: torch.Tensor) -> torch.Tensor:
+        return torch.zeros(theta.shape[:-1])
+
+    def sample(self, shape: tuple[int, ...] = (), generator: torch.Generator | None = None) -> torch.Tensor:
+        return self.box.from_frame(torch.full((*shape, len(self.space)), 0.5, dtype=torch.float64))
+
+    def to_state(self) -> dict[str, object]:
+        return {"low": self.box.low, "high": self.box.high}
+
+    @classmethod
+    def from_state(cls, space: ParameterSpace, state: dict[str, torch.Tensor]) -> Peak:
+        return cls(Box(space, state["low"], state["high"]))
+
+
+def test_a_distribution_of_ones_own_is_saved_once_it_is_registered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(saving, "_KINDS", {})
+    own = Peak(PRIOR.box)
+    with pytest.raises(BadInput, match=r"Peak cannot be saved.*register it"):
+        saving.save(own, tmp_path / "peak.json")
+    saving.register("peak", Peak)
+    saving.save(own, tmp_path / "peak.json")
+    again = saving.load(tmp_path / "peak.json", SPACE)
+    assert type(again) is Peak
+    assert torch.equal(again.sample((2,)), own.sample((2,)))
+    for taken in ("mixture", "peak"):
+        with pytest.raises(BadInput, match="stands for another"):
+            saving.register(taken, Box)
+    monkeypatch.setattr(saving, "_KINDS", {})
+    with pytest.raises(BadInput, match=r"kind 'peak'.*register"):
+        saving.load(tmp_path / "peak.json", SPACE)

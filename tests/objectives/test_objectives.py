@@ -8,7 +8,7 @@ from tensordict import TensorDict
 from torchrl.data import Bounded, Categorical, OneHot, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from onlinebayes.objectives import ppo, sac, stochastic_policy
+from onlinebayes.objectives import actor_critic, ddpg, ppo, sac, stochastic_policy
 from onlinebayes.runs import BadInput, seed_everything
 
 OBSERVATION = Unbounded((3,))
@@ -132,3 +132,39 @@ def test_state_dict_continues_bit_for_bit(build):
     assert losses[0] == losses[1]
     for a, b in zip(first.loss.parameters(), second.loss.parameters(), strict=True):
         assert torch.equal(a, b)
+
+
+def test_sac_says_which_world_gave_no_number_and_remembers_nothing_of_the_batch() -> None:
+    learner = sac(OBSERVATION, BOUNDED)
+    data = batch(learner.policy)
+    data["next", "reward"][3, 5] = torch.nan
+    before = copy.deepcopy(learner.buffer.state_dict())
+    with pytest.raises(BadInput, match=r"'reward'.*1 of the batch's 8 rows, first in 3"):
+        learner.update(data)
+    assert str(learner.buffer.state_dict()) == str(before)
+
+
+@pytest.mark.parametrize(
+    ("make", "number", "said"),
+    [
+        (ppo, {"gamma": 1.0}, "gamma = 1; a discount factor"),
+        (sac, {"gamma": 1.5}, r"gamma = 1\.5"),
+        (ddpg, {"gamma": -0.1}, "gamma"),
+        (actor_critic, {"gamma": 1.0}, "gamma"),
+        (sac, {"minibatch": 0}, "minibatch = 0; it must be one or more"),
+        (sac, {"frames_per_update": 0}, "frames_per_update"),
+        (sac, {"alpha": 0.0}, "alpha = 0; it must be positive and finite"),
+        (ddpg, {"tau": 0.0}, "tau"),
+        (ppo, {"epochs": 0}, "epochs"),
+        (actor_critic, {"learning_rate": float("nan")}, "learning_rate"),
+    ],
+)
+def test_numbers_with_which_nothing_can_be_learnt_are_refused(make, number, said) -> None:
+    with pytest.raises(BadInput, match=said):
+        make(OBSERVATION, BOUNDED, **number)
+
+
+@pytest.mark.parametrize("make", [sac, ddpg])
+def test_an_action_without_bounds_is_refused(make) -> None:
+    with pytest.raises(BadInput, match="finite bounds"):
+        make(OBSERVATION, Bounded(torch.tensor([-torch.inf]), torch.tensor([1.0])))

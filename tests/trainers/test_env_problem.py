@@ -29,6 +29,13 @@ def test_simulations_are_as_many_as_asked_for_in_few_worlds() -> None:
     assert len(data["theta"][:, 0].unique(dim=0)) == 8
 
 
+def test_so_are_groups() -> None:
+    groups = PROBLEM.simulations(8, 5, seed=0).groups([policy(), policy()], PROBLEM.prior)
+    assert groups.shape == (8, 2, 5)
+    assert len(groups["theta"][:, 0, 0].unique(dim=0)) == 8
+    assert torch.equal(groups["theta"][:, 0, 0], groups["theta"][:, 1, 0])
+
+
 def test_the_hidden_world_tells_no_theta_and_sensors_are_noisy() -> None:
     seen = PROBLEM.hidden(TRUTH, seed=0).run(policy(), 5)
     assert "theta" not in seen

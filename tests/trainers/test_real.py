@@ -12,7 +12,7 @@ from tensordict.nn import TensorDictModule
 from torch import nn
 
 from onlinebayes.trainers import Background, GrowingFolder, TrajectoryFormat
-from onlinebayes.trainers.real import measured
+from onlinebayes.trainers.real import measured, united
 
 POLICY = TensorDictModule(nn.Identity(), ["observation"], ["action"])
 
@@ -71,3 +71,55 @@ def test_values_without_a_width_are_left_out_with_a_note() -> None:
     found, note = measured(Robot(), POLICY, 5, TrajectoryFormat())
     assert found is None
     assert note == "'observation' of the real trajectories is (2, 5), not (n, T, .); the belief stays as it was"
+
+
+def runs(width: int, steps: int = 5, **more: torch.Tensor) -> TensorDict:
+    values = torch.zeros(2, steps, width)
+    return TensorDict({"observation": values, "action": values, "next": {"observation": values}, **more}, [2, steps])
+
+
+class Given:
+    """A system that gives what it was told to."""
+
+    def __init__(self, *data: TensorDict) -> None:
+        self._data = list(data)
+
+    def run(self, policy, steps) -> TensorDict:
+        return self._data.pop(0)
+
+
+def test_trajectories_that_do_not_fit_those_before_are_left_out_with_a_note() -> None:
+    system, form = Given(runs(3), runs(2), runs(3, 7)), TrajectoryFormat()
+    first, note = measured(system, POLICY, 5, form)
+    assert (first.shape, note) == ((2, 5), "")
+    found, note = measured(system, POLICY, 5, form, first)
+    assert found is None
+    assert note == "'observation' of the real trajectories is (2,), it was (3,) before; the belief stays as it was"
+    found, note = measured(system, POLICY, 5, form, first)
+    assert united([first, found]).shape == (4, 7)
+
+
+def test_a_reward_may_be_missing_at_any_call_and_other_keys_are_left_out() -> None:
+    rewarded = runs(3)
+    rewarded["next", "reward"] = torch.ones(2, 5, 1)
+    system, form = Given(rewarded, runs(3, **{"qpos.hinge": torch.zeros(2, 5, 1)})), TrajectoryFormat()
+    first, _ = measured(system, POLICY, 5, form)
+    second, note = measured(system, POLICY, 5, form, first)
+    assert note == ""
+    assert united([first, second])["next", "reward"].flatten(1).sum(1).tolist() == [5, 5, 0, 0]
+    assert "qpos.hinge" not in second
+
+
+def test_logs_that_cannot_stand_together_are_read_again(tmp_path: Path) -> None:
+    def wide(path: Path) -> TensorDict:
+        return runs(int(path.stem), 2)
+
+    system = GrowingFolder(tmp_path, wide)
+    (tmp_path / "1.csv").write_text("")
+    (tmp_path / "2.csv").write_text("")
+    for _ in range(2):
+        with pytest.raises(RuntimeError):
+            system.run(POLICY, 1)
+    (tmp_path / "2.csv").unlink()
+    assert system.run(POLICY, 1).shape == (2, 2)
+    assert system.run(POLICY, 1) is None

@@ -20,7 +20,7 @@ import envs.rigs
 import onlinebayes
 from envs.rigs import KINDS, RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
-from recipes.command import status
+from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.judging import Judge, unanswered
 from recipes.studies.blind_rigs.plan import REPORTED, in_words, jobs, pair_jobs, seconds_to_go
 from recipes.studies.blind_rigs.record import Judged, from_json
@@ -107,7 +107,7 @@ def main(study: Study) -> int:
     ordered = sorted(found.values(), key=lambda judged: judged.name)
     write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(line, ordered)))
     print(f"written: {table.write(study.results)}")
-    return 130 if stopped else 0
+    return STOPPED if stopped else 0
 
 
 def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str) -> None:

@@ -17,7 +17,7 @@ import envs.rigs
 import onlinebayes
 from envs.rigs import RIGS
 from onlinebayes.runs import BadInput, Progress, write_atomic
-from recipes.command import status
+from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.exclusion_limits.probing import Prober
 from recipes.studies.exclusion_limits.record import Record, from_json
@@ -77,7 +77,7 @@ def main(study: Study) -> int:
     table = tabulate([found[name] for name in sorted(found)], len(wanted))
     print_rows(table)
     print(f"written: {table.write(study.results)}")
-    return 130 if stopped else 0
+    return STOPPED if stopped else 0
 
 
 def probe_all(study: Study, todo: list[Job], found: dict[str, Record], code: str) -> None:

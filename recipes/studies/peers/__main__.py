@@ -19,7 +19,7 @@ import envs.rigs
 import onlinebayes
 import recipes.studies.peers
 from onlinebayes.runs import BadInput, Progress, write_atomic
-from recipes.command import status
+from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.json_line import line
@@ -84,7 +84,7 @@ def main(study: Study) -> int:
     table = tabulate(list(found.values()), command, len({trial.job.name for trial in wanted}))
     print_rows(table)
     print(f"written: {table.write(study.results)}")
-    return 130 if stopped else 0
+    return STOPPED if stopped else 0
 
 
 def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: str) -> None:
