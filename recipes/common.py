@@ -120,13 +120,12 @@ class Run(Generic[P]):
     to_beat: float | None = None
     figures: Callable[[], dict[str, float]] = dict
     workers: Workers | None = None
+    score: Callable[[Policy, Float[Tensor, " P"]], float] | None = None
 
     def close(self) -> None:
         """End what the run has started."""
         if self.workers is not None:
             self.workers.close()
-
-    score: Callable[[Policy, Float[Tensor, " P"]], float] | None = None
 
     def judge(self, state: OnlineState) -> dict[str, float]:
         """Log density of the truth, and the policy's return on the real system."""

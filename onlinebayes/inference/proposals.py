@@ -13,6 +13,7 @@ kept with probability c / q_w(u); whichever accepted more in a trial.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
@@ -66,7 +67,8 @@ class TruncatedProposal:
         within: Region | None = None,
     ) -> None:
         self.space: ParameterSpace = mixture.space
-        self._mixture, self._threshold, self._known, self._within = mixture, threshold, samples, within
+        self._mixture, self._threshold, self._known = mixture, threshold, samples
+        self._within = within._bare() if isinstance(within, TruncatedProposal) else within
         self._low, self._high = _around(samples)
         outer = mixture.box
         width = outer.high - outer.low
@@ -152,6 +154,12 @@ class TruncatedProposal:
             found.append(self._known[index])
         z = torch.cat(found)[:wanted] if found else self._known[:0]
         return self._mixture.box.from_frame(z).reshape(*shape, len(self.space))
+
+    def _bare(self) -> TruncatedProposal:
+        """The region alone, without the points that draws may need: regions within regions stay small."""
+        bare = copy.copy(self)
+        bare._known = self._known[:0]
+        return bare
 
     def _draw(self, size: int, generator: torch.Generator | None) -> Tensor:
         if self._use_box:

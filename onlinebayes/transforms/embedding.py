@@ -26,7 +26,7 @@ VECTOR, HIDDEN = ("embedding", "vector"), ("embedding", "hidden")
 
 
 @runtime_checkable
-class StepwiseEmbedding(Protocol):
+class Stepwise(Protocol):
     """What is asked of an embedding (a module; see ``onlinebayes.embeddings``).
 
     And ``features``, a module: observation, action, next observation (B, .) -> features (B, F) of single transitions.
@@ -59,7 +59,7 @@ class TrajectoryEmbedding(Transform):
 
     def __init__(
         self,
-        embedding: StepwiseEmbedding,
+        embedding: Stepwise,
         *,
         observation_key: NestedKey = "observation",
         action_key: NestedKey = "action",
@@ -68,7 +68,7 @@ class TrajectoryEmbedding(Transform):
         self.observation_key, self.action_key = observation_key, action_key
         self.set_embedding(embedding)
 
-    def set_embedding(self, embedding: StepwiseEmbedding) -> None:
+    def set_embedding(self, embedding: Stepwise) -> None:
         """Keep a frozen copy of ``embedding`` from now on; hidden rows of running episodes are carried over."""
         self.embedding = copy.deepcopy(cast(nn.Module, embedding)).requires_grad_(False).eval()
 
@@ -143,8 +143,8 @@ class TrajectoryEmbedding(Transform):
     # --- both ---------------------------------------------------------------------------------------------------
 
     @property
-    def _module(self) -> StepwiseEmbedding:
-        return cast(StepwiseEmbedding, self.embedding)
+    def _module(self) -> Stepwise:
+        return cast(Stepwise, self.embedding)
 
     @torch.no_grad()
     def _advance(self, before: TensorDictBase, after: TensorDictBase, hidden: Tensor) -> tuple[Tensor, Tensor]:

@@ -17,6 +17,7 @@ from onlinebayes.inference import (
     TruncatedMixture,
     fit,
     proposals,
+    saving,
 )
 from onlinebayes.inference.proposals import TruncatedProposal
 from onlinebayes.parameters import ParameterSpace
@@ -191,6 +192,19 @@ def test_a_region_within_another_is_a_part_of_both() -> None:
     )
     assert TWO.contains(apart.sample((100,), _generator())).all()
     assert not first.contains(apart.sample((100,), _generator())).any()  # type: ignore[union-attr]
+
+
+def test_a_region_in_a_region_in_a_region_is_saved_without_the_points_of_the_outer_ones() -> None:
+    region = None
+    for sd in (0.3, 0.2, 0.1):
+        belief = _posterior(_gaussian(TWO, [0.5, 0.5], sd * torch.eye(2)))
+        region = proposals.truncated(belief, generator=_generator(), within=region)
+    state = saving.to_state(region)
+    assert len(state["known"]) > 0 == len(state["within"]["known"]) == len(state["within"]["within"]["known"])
+    again = saving.from_state(TWO, state)
+    draws = [each.sample((100,), _generator()) for each in (region, again)]
+    assert torch.equal(*draws)
+    assert region.contains(draws[0]).all()
 
 
 def test_bad_settings_are_refused() -> None:
