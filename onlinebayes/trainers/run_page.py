@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import torch
@@ -16,6 +17,7 @@ from onlinebayes.simulators.drawing import render, view_of
 from onlinebayes.trainers.playing import Episode
 from onlinebayes.trainers.state import OnlineState, Record
 
+NUMBER = re.compile(r"-?\d[\d.e+-]*|-?\.\d+")
 FRAMES, FILM = 8, 60  # of the strip and of the film
 EPISODE = "An episode: the real system, and pale, under the same commands, the simulator at the {}'s mean"
 
@@ -56,9 +58,30 @@ def page(
         charts=[*(_beliefs(state, truth) if inferred else []), *_charts(state, baselines)],
         pictures=pictures,
         seconds=seconds,
-        notes=[f"step {record.step}: {note}" for record in state.records for note in record.notes],
+        notes=notes_of(state.records),
         films=films,
     )
+
+
+def notes_of(records: Sequence[Record]) -> list[str]:
+    """The notes of all steps; those that differ by their numbers alone are one line, in the words of the last."""
+    alike: dict[str, list[tuple[int, str]]] = {}
+    for record in records:
+        for note in record.notes:
+            alike.setdefault(NUMBER.sub("", note), []).append((record.step, note))
+    return [f"{_steps([step for step, _ in told])}: {told[-1][1]}" for told in alike.values()]
+
+
+def _steps(steps: Sequence[int]) -> str:
+    """``step 3``; ``steps 1 to 8``; ``steps 1, 3 to 5``."""
+    runs: list[list[int]] = []
+    for step in sorted(set(steps)):
+        if runs and step == runs[-1][-1] + 1:
+            runs[-1].append(step)
+        else:
+            runs.append([step])
+    told = ", ".join(str(run[0]) if len(run) == 1 else f"{run[0]} to {run[-1]}" for run in runs)
+    return f"step{'s' if len(set(steps)) > 1 else ''} {told}"
 
 
 def _rows(state: OnlineState, truth: Tensor | None) -> list[list[str]]:
