@@ -10,6 +10,7 @@ import numpy as np
 
 from onlinebayes.cli.matching import Match, match_time, unit_of
 from onlinebayes.measurements.formats import Source
+from onlinebayes.measurements.units import to_si
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.wrenches import is_wrench, with_wrenches
@@ -35,12 +36,12 @@ def run_names(sources: Sequence[Source]) -> list[str]:
 def clock_of(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:
     """The clock's column; where its name has no unit, the one in which a log has between 1 and 1000 rows a second."""
     clock = match_time(shared)
-    if clock is None or clock.exact or clock.unit:
+    if clock is None or clock.unit:
         return clock
     ticks = sources[0].columns([clock.column])[clock.column]
     step = float(np.median(np.abs(np.diff(ticks)))) if len(ticks) > 1 else 1.0
     unit = next((unit for unit, longest in LONGEST_STEP.items() if step <= longest), "ns")
-    return replace(clock, unit=unit)
+    return clock if clock.exact and unit == "s" else replace(clock, unit=unit)
 
 
 def rises(sources: Sequence[Source], column: str) -> bool:
@@ -50,6 +51,14 @@ def rises(sources: Sequence[Source], column: str) -> bool:
     except BadInput:
         return False
     return all(len(step) > 0 and float(np.mean(step > 0)) > 0.9 for step in steps)
+
+
+def is_unit_of(unit: str, wanted: str) -> bool:
+    """Whether a column's unit is one of the quantity with this SI unit; no unit is that one itself."""
+    try:
+        return not unit or to_si(unit, wanted) > 0
+    except BadInput:
+        return False
 
 
 def is_numeric(sources: Sequence[Source], column: str) -> bool:

@@ -7,6 +7,7 @@ Ctrl-C, or at work by SIGTERM. What is slow to import is imported only once the 
 from __future__ import annotations
 
 import argparse
+import errno
 import io
 import os
 import sys
@@ -96,6 +97,14 @@ def _path(text: str) -> str:
     return text
 
 
+def _is_text(word: str) -> bool:
+    try:
+        word.encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
     """The arguments; a problem file that stands behind the effects of ``--add`` is none of them."""
     top = parser()
@@ -111,6 +120,10 @@ def _parsed(argv: Sequence[str] | None) -> argparse.Namespace:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status."""
+    for word in sys.argv[1:] if argv is None else argv:
+        if not _is_text(word):
+            print(f"onlinebayes: error: {word!r}: its name is not UTF-8; rename it", file=sys.stderr)
+            return 2
     try:
         arguments = _parsed(argv)
     except SystemExit as stop:
@@ -129,6 +142,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         from onlinebayes.runs.errors import BadInput
 
+        if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
+            error = BadInput("its name is too long for a file", "give a shorter one", where=str(error.filename))
         if isinstance(error, BadInput):
             print(f"onlinebayes: error: {error}", file=sys.stderr)
             return 2

@@ -16,6 +16,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 from onlinebayes.measurements.units import SI
 
@@ -93,6 +94,9 @@ SECONDS = {
 }
 OF_PUSHES = ("N", "N m", "V", "A")
 """SI units of what an actuator is told that is no servo."""
+OF_POSITIONS = {"m", "mm", "cm", "um", "rad", "mrad", "deg", "rev"}
+UNKNOWN_UNITS = {"counts", "ticks", "raw", "adc", "lsb", "grad", "gon"}
+"""Words for numbers whose size in SI nobody can tell by the name."""
 PER_SECOND = {"mm", "cm", "deg", "rev", "mrad"}
 
 
@@ -198,8 +202,14 @@ def match_time(columns: Sequence[str]) -> Match | None:
 
 def words(column: str) -> list[str]:
     """``LeftKneePos_deg`` -> ``["left", "knee", "pos", "deg"]``."""
-    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", column)
+    parts = re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+", column.replace("°", " deg "))
     return [part.lower() for part in parts]
+
+
+def _is_rate(said: Sequence[str]) -> bool:
+    """Whether the words have the unit of a speed: ``rpm``, or a unit of a position before seconds (``deg_s``)."""
+    pairs = pairwise(said)
+    return "rpm" in said or any(unit in OF_POSITIONS and SECONDS.get(of) == "s" for unit, of in pairs)
 
 
 def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]) -> int:
@@ -210,7 +220,10 @@ def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]
     others = set().union(*(means[other] for other in means if other != kind)) - means[kind] - wanted
     aim = KINDS[told[name]] if name in told and have & ORDERS else set()
     named = wanted <= have
-    said = _said(kind, have - wanted, named, name in told) + bool(have & aim)
+    rate = _is_rate([word for word in words(column) if word not in wanted])
+    if kind != "ctrl" and (((have - wanted) & UNKNOWN_UNITS) or (kind == "qpos" and rate)):
+        return 0
+    said = SURE if kind == "qvel" and rate else _said(kind, have - wanted, named, name in told) + bool(have & aim)
     only = sum(other.partition(".")[0] == kind for other in names) == 1
     if have & (others - aim) or not (named or (only and said)):
         return 0

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from onlinebayes.cli.effects import add_effects, check_candidates, check_constant, check_effect, import_modules
+from onlinebayes.cli.limits import read_allowed
 from onlinebayes.cli.mapping import command_columns, signal_columns, time_column
 from onlinebayes.cli.model import beside_bounds, build_simulator, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
@@ -32,6 +33,9 @@ LARGEST, MOST_DOTS = 2**20, 2000
 
 DATA = "$ONLINEBAYES_DATA"
 """As the first part of a table's path: the folder that this variable of the environment names; no other is read."""
+
+FEWEST_STEPS = 4
+"""Of the model in a run: one of fewer has a clock in another unit."""
 
 TOP = (
     *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "parameters"),
@@ -100,7 +104,9 @@ def load_problem(
         note(line)
     candidates = check_candidates(effects, simulator)
     holdout = _holdout(top, measurement)
-    _check_clock(measurement, selection, path)
+    _check_clock(measurement, selection, simulator.timestep, path)
+    if "next" in top and simulator.commands:
+        read_allowed(top, simulator)
     if 10 * simulator.timestep > selection.horizon_s:
         problem = f"a timestep of {simulator.timestep:g} s is too long for windows of {selection.horizon_s:g} s"
         raise top.error("model", problem, "give the model a timestep of a tenth of that or less")
@@ -280,8 +286,8 @@ def _check_measured(measurement: Measurement, what: str, path: Path) -> None:
         )
 
 
-def _check_clock(measurement: Measurement, selection: Selection, path: Path) -> None:
-    """A clock in milliseconds that was taken for seconds leaves windows without rows: say so."""
+def _check_clock(measurement: Measurement, selection: Selection, timestep: float, path: Path) -> None:
+    """A clock in milliseconds that was taken for seconds leaves windows without rows, the other way runs: say so."""
     times = measurement.data["time"]
     for run, time, rows in zip(measurement.runs, times, measurement.lengths.tolist(), strict=True):
         step = float(time[:rows].diff().median())
@@ -289,5 +295,12 @@ def _check_clock(measurement: Measurement, selection: Selection, path: Path) -> 
             raise BadInput(
                 f"run '{run}' has a row every {step:g} s, a window of {selection.horizon_s:g} s has too few of them",
                 'say the unit of its time, [time] unit = "ms" (or "us"), or set selection.horizon_s to suit a slow log',
+                where=str(path),
+            )
+        seconds = float(time[rows - 1] - time[0])
+        if rows > FEWEST_STEPS and seconds < FEWEST_STEPS * timestep:
+            raise BadInput(
+                f"run '{run}' lasts {seconds:g} s, which is less than {FEWEST_STEPS} steps of the model",
+                "say the unit of its time, [time] unit, or record longer runs",
                 where=str(path),
             )

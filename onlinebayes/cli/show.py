@@ -45,7 +45,7 @@ def show(folder: str | Path, *, html: bool = False) -> None:
     if not folder.is_dir():
         raise BadInput("no such folder", "name the folder given to --out, or a run's", where=str(folder))
     pages = [(name, folder / name) for name in PAGES if (folder / name).is_file()]
-    recordings = sorted(folder.glob(RECORDINGS), key=lambda path: (len(path.name), path.name))
+    recordings = sorted(filter(Path.is_file, folder.glob(RECORDINGS)), key=lambda path: (len(path.name), path.name))
     if not pages and (html or not recordings):
         raise BadInput(
             f"holds no {' and no '.join(PAGES)}", "name the folder given to --out, or a run's", where=str(folder)

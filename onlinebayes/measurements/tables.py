@@ -78,7 +78,12 @@ class TableReader:
         runs: dict[str, Mapping[str, np.ndarray]] = {}
         origin: dict[str, Path] = {}
         columns: dict[str, list[str]] = {}
-        for source in self._tables(paths):
+        tables = self._tables(paths)
+        there = {name for source in tables for name in source.names}
+        renamed = any(mapped.source != mapped.signal.name for mapped in self.mapped)
+        if renamed and not any(one.source in there for one in wanted):  # in no table, be it beside one of commands
+            self._check_mapped(set(), {str(source.path): list(source.names) for source in tables})
+        for source in tables:
             path = source.path
             columns[str(path)] = list(source.names)
             for run, values in self._runs_of(source, wanted).items():

@@ -23,11 +23,14 @@ def atomic_path(destination: str | Path, *, durable: bool = False) -> Iterator[P
         durable: return only when the file is on the disk, so that it survives a power cut.
 
     Raises:
-        BadInput: the folder cannot be made or written, a folder has the file's name, or the disk is full.
+        BadInput: the folder cannot be made or written, a folder, a device or a pipe has the file's
+            name, or the disk is full.
     """
     destination = Path(destination)
     if destination.is_dir():
         raise BadInput("is a folder", "give the name of a file", where=str(destination))
+    if destination.exists() and not destination.is_file():  # which the rename would put an end to
+        raise BadInput("is a device or a pipe", "give the name of a file", where=str(destination))
     try:
         destination.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(

@@ -482,3 +482,45 @@ def test_a_finger_that_is_geared_to_the_other_is_not_missed(folder, capsys) -> N
         "qpos.right",
     ]
     assert not any("right" in name for name in problem.simulator.parameters)
+
+
+@pytest.mark.parametrize(
+    ("column", "name", "unit"),
+    [
+        ("carriage_mm_s", "qvel.carriage", "mm/s"),
+        ("carriage [mm/s]", "qvel.carriage", "mm/s"),
+        ("carriage_rpm", "qvel.carriage", "rpm"),
+        ("carriage_m_s", "qvel.carriage", ""),
+        ("carriage_mm", "qpos.carriage", "mm"),
+        ("carriage angle (°)", "qpos.carriage", "deg"),
+        ("carriage_m", "qpos.carriage", ""),
+    ],
+)
+def test_a_unit_of_a_speed_is_no_position(column: str, name: str, unit: str) -> None:
+    (found,) = match(["qpos.carriage", "qvel.carriage"], [column])
+    assert (found.name, found.unit) == (name, unit)
+
+
+@pytest.mark.parametrize("column", ["carriage_counts", "carriage_pos_raw", "carriage_angle_grad"])
+def test_a_unit_that_nobody_knows_is_not_taken_for_si(column: str) -> None:
+    assert match(["qpos.carriage", "qvel.carriage"], [column]) == ()
+
+
+def test_a_unit_of_another_quantity_is_not_proposed(folder, capsys) -> None:
+    table = folder / "carriage.csv"
+    table.write_text(table.read_text().replace("qpos.carriage", "carriage_pos_deg"))
+    status, said = make(folder, capsys)
+    assert status == 0
+    assert "carriage_pos_deg" not in said.split("missing:")[0]
+    assert "qpos.carriage" in said.split("missing:")[1]
+
+
+def test_a_clock_called_time_in_milliseconds_is_read_so(folder, capsys) -> None:
+    table = folder / "carriage.csv"
+    head, *rows = table.read_text().splitlines()
+    cells = [row.split(",") for row in rows]
+    table.write_text("\n".join([head, *(",".join([r, str(1e3 * float(t)), *rest]) for r, t, *rest in cells)]) + "\n")
+    status, said = make(folder, capsys)
+    assert status == 0
+    assert "time <- time [ms]" in said
+    assert len(load_problem(folder / "first.toml").measurement.runs) == 2

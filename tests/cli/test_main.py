@@ -163,3 +163,28 @@ def test_help_and_version_are_quick_and_import_nothing_heavy():
         [sys.executable, "-m", "onlinebayes.cli.main", "--version"], capture_output=True, text=True
     )
     assert version.stdout.startswith("onlinebayes 0.")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["compare", "p.toml", "--out", "x" * 300], "its name is too long for a file; give a shorter one"),
+        (["init", "x" * 300, "log.csv", "--out", "p.toml"], "its name is too long for a file"),
+        (["show", "x" * 300], "its name is too long for a file"),
+        (["init", "drive.xml", "l\udcff.csv", "--out", "p.toml"], "its name is not UTF-8; rename it"),
+    ],
+)
+def test_names_that_no_file_can_have_are_one_line(arguments, said, capsys, folder, monkeypatch) -> None:
+    monkeypatch.chdir(folder)
+    (folder / "p.toml").write_text((folder / "carriage.toml").read_text())
+    assert main(arguments) == 2
+    told = capsys.readouterr().err
+    assert said in told
+    assert told.count("\n") == 1
+
+
+def test_a_recording_that_is_a_folder_is_not_offered(tmp_path: Path, capsys) -> None:
+    (tmp_path / "report.html").write_text("<html></html>")
+    (tmp_path / "run.rrd").mkdir()
+    assert main(["show", str(tmp_path)]) == 0
+    assert "recording:" not in capsys.readouterr().out

@@ -302,3 +302,23 @@ def test_a_welded_body_names_all_that_needs_its_joint(folder):
     needs = "for actuator 'motor', sensor 'ruler', a nameless equality, tendon 'belt';"
     with pytest.raises(BadInput, match=needs):
         load_problem(write(folder, PROBLEM + "[model_edit]\nweld = ['carriage']\n"))
+
+
+def test_a_mapped_column_that_is_not_there_is_named(folder) -> None:
+    text = PROBLEM + '[signals."qpos.carriage"]\ncolumn = "nope"\n'
+    (folder / "carriage.toml").write_text(text)
+    with pytest.raises(BadInput, match=r"no column 'nope', which \[signals\.\"qpos\.carriage\"\] names"):
+        load_problem(folder / "carriage.toml")
+
+
+def test_seconds_that_are_called_milliseconds_are_met_with_the_run_and_the_cure(folder) -> None:
+    (folder / "carriage.toml").write_text(PROBLEM + '[time]\nunit = "ms"\n')
+    with pytest.raises(BadInput, match=r"run 'first' lasts 0\.002 s.*\[time\] unit"):
+        load_problem(folder / "carriage.toml")
+
+
+@pytest.mark.parametrize("wrong", ["[next]\nmax_comand = 1\n", "next = 1\n"])
+def test_what_next_may_do_is_read_by_every_command(folder, wrong: str) -> None:
+    (folder / "carriage.toml").write_text(wrong + PROBLEM if wrong.startswith("next") else PROBLEM + wrong)
+    with pytest.raises(BadInput, match="next"):
+        load_problem(folder / "carriage.toml")

@@ -76,3 +76,11 @@ def test_what_a_kill_left_is_removed(tmp_path):
         (tmp_path / ".b").write_text("")
     remove_partial(tmp_path)
     assert sorted(path.name for path in tmp_path.iterdir()) == [".b", "a.txt"]
+
+
+def test_a_pipe_is_not_replaced(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(BadInput, match="is a device or a pipe"):
+        write_atomic(pipe, "text")
+    assert pipe.is_fifo()

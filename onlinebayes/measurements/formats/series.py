@@ -70,10 +70,7 @@ class SeriesSource(Source):
 
     Args:
         path: the file.
-        series: column name -> samples; instants [ns] strictly increasing.
-
-    Raises:
-        BadInput: there is no sample at all, or the instants of a column stand still or go back.
+        series: column name -> samples; instants [ns] strictly increasing in those that are asked for.
     """
 
     def __init__(self, path: Path, series: Mapping[str, Series]) -> None:
@@ -82,8 +79,6 @@ class SeriesSource(Source):
             name: (np.frombuffer(one.instants, dtype=np.int64), np.frombuffer(one.values))
             for name, one in series.items()
         }
-        for name, (instants, _) in self._samples.items():
-            _check_clock(instants, name, path)
         self._start = min((int(instants[0]) for instants, _ in self._samples.values()), default=0)
 
     def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
@@ -91,7 +86,9 @@ class SeriesSource(Source):
         for name in held:
             check_held(self._samples[name][1], f"{self.path}, '{name}'")
         wanted = [name for name in names if name != "time"]
-        clocks = [self._samples[name][0] for name in wanted]
+        for name in wanted:
+            _check_clock(self._samples[name][0], name, self.path)
+        clocks = [self._samples[name][0] for name in wanted or self._samples]
         check_cells(sum(map(len, clocks)), 1, self.path)
         rows = np.unique(np.concatenate(clocks))
         check_cells(len(rows), len(wanted), self.path)
