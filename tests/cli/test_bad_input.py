@@ -192,7 +192,7 @@ BAD: dict[str, tuple[Callable[[Path], object], str]] = {
     "signal unit": (more('[signals."qpos.carriage"]\nunit = "deg"'), "unit 'deg' cannot become m; use one of m, cm"),
     "signal column": (
         more('[signals."qpos.carriage"]\ncolumn = "x"'),
-        "commands alone cannot stand by themselves; .*'x'",
+        "no column 'x', which .* names; the columns are 'ctrl",
     ),
     "alpha": (more("[selection]\nalpha = 3"), "selection.alpha: 3.0 is out of range; .*between 0 and 1"),
     "folds": (more("[selection]\nfolds = 1.5"), "selection.folds: 1.5 is not a whole number"),
