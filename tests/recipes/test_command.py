@@ -64,6 +64,7 @@ def test_otherwise_the_script_says(returned: int | None, expected: int) -> None:
 @pytest.mark.parametrize("sent", [signal.SIGTERM, signal.SIGINT])
 def test_what_is_stopped_cleans_up(sent: signal.Signals, capsys: pytest.CaptureFixture[str]) -> None:
     before, cleaned = signal.getsignal(signal.SIGTERM), []
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
 
     def play(_: Settings) -> None:
         try:
