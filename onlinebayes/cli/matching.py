@@ -94,10 +94,10 @@ SECONDS = {
 }
 OF_PUSHES = ("N", "N m", "V", "A")
 """SI units of what an actuator is told that is no servo."""
-OF_POSITIONS = {"m", "mm", "cm", "um", "rad", "mrad", "deg", "rev"}
+OF_POSITIONS = OF_KIND["qpos"] | {"m", "rad"}
 UNKNOWN_UNITS = {"counts", "ticks", "raw", "adc", "lsb", "grad", "gon"}
 """Words for numbers whose size in SI nobody can tell by the name."""
-PER_SECOND = {"mm", "cm", "deg", "rev", "mrad"}
+PER_SECOND = {unit for unit in OF_KIND["qpos"] if f"{unit}/s" in SI}
 
 
 @dataclass(frozen=True)
@@ -208,8 +208,15 @@ def words(column: str) -> list[str]:
 
 def _is_rate(said: Sequence[str]) -> bool:
     """Whether the words have the unit of a speed: ``rpm``, or a unit of a position before seconds (``deg_s``)."""
-    pairs = pairwise(said)
-    return "rpm" in said or any(unit in OF_POSITIONS and SECONDS.get(of) == "s" for unit, of in pairs)
+    return "rpm" in said or any(unit in OF_POSITIONS and SECONDS.get(of) == "s" for unit, of in pairwise(said))
+
+
+def _has_foreign_unit(kind: str, column: str, said: Sequence[str]) -> bool:
+    """Whether the unit in a column's name is of another quantity, or one that cannot be turned into SI."""
+    if kind == "qpos" and _is_rate(said):
+        return True
+    unread = kind == "qvel" and any(word in UNITS for word in said) and not unit_of(kind, column)
+    return kind != "ctrl" and (unread or bool(UNKNOWN_UNITS & {*said}))
 
 
 def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]) -> int:
@@ -220,10 +227,10 @@ def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]
     others = set().union(*(means[other] for other in means if other != kind)) - means[kind] - wanted
     aim = KINDS[told[name]] if name in told and have & ORDERS else set()
     named = wanted <= have
-    rate = _is_rate([word for word in words(column) if word not in wanted])
-    if kind != "ctrl" and (((have - wanted) & UNKNOWN_UNITS) or (kind == "qpos" and rate)):
+    beside = [word for word in words(column) if word not in wanted]
+    if _has_foreign_unit(kind, column, beside):
         return 0
-    said = SURE if kind == "qvel" and rate else _said(kind, have - wanted, named, name in told) + bool(have & aim)
+    said = _said(kind, beside, named, name in told) + bool(have & aim)
     only = sum(other.partition(".")[0] == kind for other in names) == 1
     if have & (others - aim) or not (named or (only and said)):
         return 0
@@ -232,10 +239,11 @@ def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]
     return NAMED * named + said
 
 
-def _said(kind: str, have: set[str], named: bool, servo: bool) -> int:
-    """How surely these words mean the kind: 0 for not at all."""
+def _said(kind: str, beside: Sequence[str], named: bool, servo: bool) -> int:
+    """How surely the words beside the name mean the kind: 0 for not at all."""
+    have, rate = {*beside}, kind == "qvel" and _is_rate(beside)
     goal = kind == "ctrl" and bool(have & GOALS)
-    if have & KINDS[kind] or (goal and (servo or have & QUANTITIES)):
+    if rate or have & KINDS[kind] or (goal and (servo or have & QUANTITIES)):
         return SURE
     likely = QUANTITIES | UNIT_OF_A_COMMAND if named else QUANTITIES
     return LIKELY if goal or (kind == "ctrl" and have & likely) else 0
