@@ -79,7 +79,11 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     told = servo_inputs(simulator.model)
     matches = match(wanted, [name for name in shared if name not in ("run", column)], told)
     units = signal_units(simulator)
-    matches = tuple(found for found in matches if is_unit_of(found.unit, units.get(found.name, "")))
+
+    def fits(found: Match) -> bool:
+        return is_unit_of(found.unit, units.get(found.name, ""))
+
+    matches = tuple(filter(fits, matches))
     if clock is None and not matches:
         raise BadInput(
             "no column is one of the model's, and none a clock",
@@ -95,7 +99,7 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     left = [name for name in shared if name not in taken and not name.startswith(LIKE_THE_MODEL)]
     numbers = [name for name in left if needed and is_numeric(sources, name)]
     lacking = {name: could_be(name, wanted, numbers, told) for name in needed if name not in follows}
-    if (guess := last_one(lacking)) and is_unit_of(guess.unit, units.get(guess.name, "")):
+    if (guess := last_one(lacking)) and fits(guess):
         matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
     clocks = () if clock else tuple(name for name in shared if name not in taken and rises(sources, name))
     missing = ({} if clock else {"time": clocks}) | lacking

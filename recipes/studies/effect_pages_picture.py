@@ -10,7 +10,6 @@ angle and command, blue while the machine moves forward, orange while it moves b
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib.resources import files
 
 import numpy as np
 import torch
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.report import Curve, Panel, chart
+from onlinebayes.criticism.report import Curve, Panel, chart, stylesheet
 from onlinebayes.identification import Fit, Windows, fit, replay, signal_rms
 from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
@@ -120,7 +119,7 @@ def _place(drawing: str, x: int, y: int, width: int, height: int) -> str:
 
 def _file(drawing: str, height: int, title: str) -> str:
     """A file of its own: the report's colours and rules for charts, on its paper."""
-    style = files("onlinebayes.criticism.report").joinpath("style.css").read_text(encoding="utf-8")
+    style = stylesheet()
     colours, rules = style.split("\n* {")[0], style.splitlines()
     kept = "\n".join([colours, *(rule for rule in rules if rule.startswith((".chart ", ".curve", ".dots")))])
     return (

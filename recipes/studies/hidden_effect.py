@@ -30,7 +30,8 @@ from tensordict import TensorDict
 from onlinebayes.runs import Interrupt, Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.trainers import Finding, GrowingTrainer, OnlineState, improve
 from recipes.command import status
-from recipes.hidden_effect import MOMENTS, SYSTEMS, Settings, build
+from recipes.hidden_effect import MOMENTS, Settings, build
+from recipes.hidden_systems import SYSTEMS
 
 Part = Literal["naming", "learning"]
 KINDS = ("criticised", "blind", "oracle")

@@ -10,6 +10,7 @@ from onlinebayes.criticism.report.plan import FILES as PLAN_FILES
 from onlinebayes.criticism.report.plan import write_plan
 from onlinebayes.criticism.report.refined import FILES as REFINED_FILES
 from onlinebayes.criticism.report.refined import left_out, noted
+from onlinebayes.criticism.report.style import stylesheet
 from onlinebayes.criticism.report.svg import Curve, Panel, chart
 from onlinebayes.criticism.report.write import FILES as REPORT_FILES
 from onlinebayes.criticism.report.write import write_report
@@ -26,6 +27,7 @@ __all__ = [
     "left_out",
     "noted",
     "plan_words",
+    "stylesheet",
     "words",
     "write_picture",
     "write_plan",

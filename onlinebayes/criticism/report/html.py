@@ -6,12 +6,12 @@ The first screen answers four questions: how wrong is the model, where, what is 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Final
 
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.markup import Html, chapter, join, tag, text
 from onlinebayes.criticism.report.sections import accuracy, errors, parameters, ranking, summary, usage, where
+from onlinebayes.criticism.report.style import stylesheet
 from onlinebayes.criticism.results import Criticism
 
 PAGE: Final = """<!doctype html>
@@ -45,7 +45,7 @@ def to_html(
         refined: names of the refined model's files that stand beside the report.
         left_out: keys of the effects that refined.xml cannot hold -> why.
     """
-    style = files("onlinebayes.criticism.report").joinpath("style.css").read_text(encoding="utf-8")
+    style = stylesheet()
     chapters = [
         chapter(
             "answer", "Before and after", summary.tiles(result), accuracy.picture(result), accuracy.heldout(result)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from importlib.resources import files
 from typing import Final
 
 from torch import Tensor
@@ -12,6 +11,7 @@ from onlinebayes.criticism.experiment import Plan
 from onlinebayes.criticism.report import plan_words
 from onlinebayes.criticism.report.html import PAGE
 from onlinebayes.criticism.report.markup import Html, section, table, tag, text
+from onlinebayes.criticism.report.style import stylesheet
 from onlinebayes.criticism.report.svg import Array, Curve, Panel, chart
 
 LISTED = 20
@@ -26,7 +26,7 @@ def to_page(plan: Plan, *, title: str = "") -> str:
         plan: what is proposed.
         title: what was criticised, e.g. the name of the problem file.
     """
-    style = files("onlinebayes.criticism.report").joinpath("style.css").read_text(encoding="utf-8")
+    style = stylesheet()
     colours = "".join(
         f".curve.rival{k} {{ stroke: var(--{ink}); }} .key.rival{k}::before {{ background: var(--{ink}); }}\n"
         for k, ink in enumerate(INKS)
