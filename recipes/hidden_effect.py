@@ -7,8 +7,8 @@ has neither, and the belief makes up for it with a wrong mass. After some real t
 the simulator gets it, the belief its parameter, and the policy learns on in worlds that have it; ``run.rrd`` shows it.
 
 The machine is no simulator of the library: see ``hidden_machine``, and ``hidden_systems`` for the two. ``--kind blind``
-is the same run without criticism, ``--kind oracle`` a policy in worlds of the truth, ``--effect nothing`` a machine that
-hides nothing.
+is the same run without criticism, ``--kind oracle`` a policy in worlds of the truth, ``--effect nothing`` a machine
+that hides nothing.
 """
 
 from __future__ import annotations

@@ -27,7 +27,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from onlinebayes.objectives.checks import check_bounds, check_numbers
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
-from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, refuse_infinite
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, refuse_nonfinite
 from onlinebayes.objectives.networks import Network, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
 from onlinebayes.runs import BadInput, load_exactly
@@ -162,7 +162,7 @@ class DDPG:
         missing = [key for key in needed if data.get(key, None) is None]
         if missing:
             raise BadInput(f"the batch has no {missing[0]!r}", "name the keys when you build the objective")
-        refuse_infinite(data.select(*needed))
+        refuse_nonfinite(data.select(*needed))
         extend(data.select(*needed, mask_key, strict=False))
         mask = data.get(mask_key, None)
         rows = data.select(*needed)

@@ -135,7 +135,7 @@ def after(key: NestedKey) -> tuple[str, ...]:
     return ("next", *((key,) if isinstance(key, str) else key))
 
 
-def refuse_infinite(data: TensorDictBase) -> None:
+def refuse_nonfinite(data: TensorDictBase) -> None:
     """Refuse a batch with values that are no finite numbers.
 
     Raises:
