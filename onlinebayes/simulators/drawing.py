@@ -23,6 +23,8 @@ from jaxtyping import Float, Int, UInt8
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from onlinebayes.simulators.supports import rotation, support
+
 if TYPE_CHECKING:
     from PIL.ImageDraw import ImageDraw
 
@@ -38,6 +40,8 @@ SIDE, OBLIQUE = (0.0, 0.0), (25.0, 20.0)
 """Directions to look in [degrees]: azimuth, from behind +x towards the viewer, and elevation."""
 DIRECTIONS = 64  # points of an outline
 SMOOTH = 3  # a picture is drawn so much larger first
+TOUCHING = 0.05  # of the smaller extent: what overlaps by less is taken for parted
+ALONG = 0.05  # a plane that the view runs along tells nothing: least cosine
 PALE = 0.75  # how far a ghost's colours are on their way to white
 LIGHT = np.array([-0.3, -0.7, 0.65]) / math.sqrt(0.3**2 + 0.7**2 + 0.65**2)
 
@@ -140,7 +144,7 @@ def view_of(shapes: Sequence[Shape], poses: Float[Tensor, "T S 7"], turn: tuple[
     for i, shape in enumerate(shapes):
         if shape.kind == "plane":
             continue
-        ends = _support(shape, places[:, i], np.concatenate([axes[:2], -axes[:2]]))
+        ends = support(shape, places[:, i], np.concatenate([axes[:2], -axes[:2]]))
         seen = (ends @ axes[:2].T).reshape(-1, 2)
         low, high = np.minimum(low, seen.min(0)), np.maximum(high, seen.max(0))
     if not np.isfinite(low).all():
@@ -176,7 +180,7 @@ def render(
     draw = ImageDraw.Draw(image)
     for some, where, mix in ([(*ghost, PALE)] if ghost is not None else []) + [(shapes, poses, 0.0)]:
         places = where.double().numpy()
-        for i in np.argsort(-(places[:, :3] @ view.axes[2]), kind="stable"):
+        for i in _back_to_front(some, places, view):
             for points, colour, edge in _patches(some[i], places[i], view):
                 pixels = large / 2 + (points - middle) * [scale, -scale]
                 _polygon(draw, pixels, _shade(colour, mix), _shade(edge, mix) if edge else None)
@@ -196,6 +200,30 @@ def render_state(
     return render(shapes, poses[0], size=size, view=view)
 
 
+def _back_to_front(shapes: Sequence[Shape], places: Float[np.ndarray, "S 7"], view: View) -> list[int]:
+    """The painter's order: two shapes that a plane parts are drawn on their sides of it, others by their centres.
+
+    The planes lie across the world's axes and across the direction of view. So a cup is drawn after the table that it
+    stands on, however large the table is.
+    """
+    if not shapes:
+        return []
+    across = np.concatenate([np.eye(3), view.axes[2:]])
+    away = across @ view.axes[2]
+    ends = [support(shape, places[i : i + 1], np.concatenate([across, -across]))[0] for i, shape in enumerate(shapes)]
+    high = np.array([(end[:4] * across).sum(1) for end in ends])
+    low = np.array([(end[4:] * across).sum(1) for end in ends])
+    touching = TOUCHING * np.minimum((high - low)[:, None], (high - low)[None])
+    beyond = low[:, None] >= high[None] - touching  # (S, S, 4): the first lies on the far side of the second
+    behind = ((away > ALONG) & beyond | (away < -ALONG) & beyond.swapaxes(0, 1)).any(-1)
+    behind &= ~behind.T  # both: neither hides the other
+    left, order = np.argsort(-(places[:, :3] @ view.axes[2]), kind="stable").tolist(), list[int]()
+    while left:
+        order.append(next((i for i in left if not behind[left, i].any()), left[0]))
+        left.remove(order[-1])
+    return order
+
+
 def _patches(
     shape: Shape, pose: Float[np.ndarray, 7], view: View
 ) -> list[tuple[Float[np.ndarray, "K 2"], Colour, Colour | None]]:
@@ -205,11 +233,9 @@ def _patches(
         angles = 2 * math.pi * np.arange(DIRECTIONS) / DIRECTIONS
         around = np.cos(angles)[:, None] * axes[0] + np.sin(angles)[:, None] * axes[1]
         red, green, blue = (0.7 * part for part in shape.colour[:3])
-        return [
-            (_support(shape, pose[None], around)[0] @ axes[:2].T, shape.colour, (red, green, blue, shape.colour[3]))
-        ]
+        return [(support(shape, pose[None], around)[0] @ axes[:2].T, shape.colour, (red, green, blue, shape.colour[3]))]
     assert shape.vertices is not None
-    corners = (shape.vertices.double().numpy() @ _rotation(pose[3:]).T + pose[:3])[shape.faces.numpy()]
+    corners = (shape.vertices.double().numpy() @ rotation(pose[3:]).T + pose[:3])[shape.faces.numpy()]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normals, axis=-1)
     towards = normals @ axes[2] < 0
@@ -220,40 +246,6 @@ def _patches(
         red, green, blue = (float(light[k] * part) for part in shape.colour[:3])
         found.append((corners[k] @ axes[:2].T, (red, green, blue, shape.colour[3]), None))
     return found
-
-
-def _support(
-    shape: Shape, poses: Float[np.ndarray, "T 7"], directions: Float[np.ndarray, "K 3"]
-) -> Float[np.ndarray, "T K 3"]:
-    """The farthest points of a shape in each of the directions."""
-    turned = _rotation(poses[:, 3:])
-    d = directions @ turned
-    size = np.array(shape.size)
-    if shape.kind == "mesh":
-        assert shape.vertices is not None
-        vertices = shape.vertices.double().numpy()
-        own = vertices[np.argmax(d @ vertices.T, axis=-1)]
-    elif shape.kind in ("box", "plane"):
-        own = np.sign(d) * size
-    elif shape.kind == "ellipsoid":
-        own = d * size**2 / np.linalg.norm(d * size, axis=-1, keepdims=True)
-    elif shape.kind == "cylinder":
-        radial = d * [1, 1, 0]
-        length = np.maximum(np.linalg.norm(radial, axis=-1, keepdims=True), 1e-12)
-        own = size[0] * radial / length + np.sign(d) * [0, 0, size[1]]
-    else:
-        own = size[0] * d + (np.sign(d) * [0, 0, size[1]] if shape.kind == "capsule" else 0)
-    return own @ turned.swapaxes(-1, -2) + poses[:, None, :3]
-
-
-def _rotation(quaternion: Float[np.ndarray, "*batch 4"]) -> Float[np.ndarray, "*batch 3 3"]:
-    w, x, y, z = np.moveaxis(quaternion, -1, 0)
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 def _shade(colour: Colour, mix: float) -> tuple[int, int, int]:

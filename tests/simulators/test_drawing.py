@@ -181,6 +181,19 @@ def test_what_is_nearer_covers_what_is_farther_in_whatever_order() -> None:
         assert picture[0, 0].tolist() == [255, 255, 255]
 
 
+@pytest.mark.parametrize("order", [[0, 1], [1, 0]])
+@pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (0.9, 0.9), (-0.9, 0.9), (0.9, -0.9), (-0.9, -0.9)])
+def test_what_stands_on_a_table_is_seen_wherever_it_stands(order: list[int], x: float, y: float) -> None:
+    table, cup = Shape("table", "box", (1.0, 1.0, 0.4), BLUE), Shape("cup", "cylinder", (0.05, 0.05), RED)
+    poses = torch.cat([pose(z=0.4), pose(x=x, y=y, z=0.85 - 1e-4)])  # sunk in by as much as contacts give way
+    above = View((-2, -2), (2, 2), OBLIQUE)
+    picture = render([(table, cup)[i] for i in order], poses[order], size=(200, 200), view=above)
+    assert (picture == (255, 0, 0)).all(-1).sum() > 10
+    below = View((-2, -2), (2, 2), (25.0, -20.0))
+    picture = render([(table, cup)[i] for i in order], poses[order], size=(200, 200), view=below)
+    assert y < 0 or not (picture == (255, 0, 0)).all(-1).any()  # at the near edge it looks over
+
+
 def test_right_is_x_and_up_is_z_and_a_positive_angle_leans_towards_x() -> None:
     rod = Shape("rod", "capsule", (0.05, 1.0), RED)
     one = torch.ones(1).double()
