@@ -231,5 +231,5 @@ def outcome(made: Run[Any], state: OnlineState) -> int:
     if made.trainer.worlds is not None:
         return 0
     gain = float(state.belief.log_prob(made.truth) - made.problem.prior.log_prob(made.truth))
-    print(f"the belief holds the truth {gain:.1f} nats better than the prior")
+    print(f"the belief holds the truth {abs(gain):.1f} nats {'better' if gain > 0 else 'worse'} than the prior")
     return 0 if gain > 0 else 1

@@ -52,8 +52,9 @@ def table(outcome: Outcome) -> str:
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     lines.insert(1, "-" * len(max(lines, key=len)))
-    verdict = f"{difference / se:.0f} standard errors" if se > 0 else "no spread"
-    lines.append(f"the mended model's policy holds the bob {difference:+.1f} steps longer ({verdict})")
+    verdict = f"{abs(difference) / se:.0f} standard errors" if se > 0 else "no spread"
+    told = f"{abs(difference):.1f} steps {'longer' if difference > 0 else 'shorter'}"
+    lines.append(f"the mended model's policy holds the bob {told} ({verdict})")
     lines.append(f"took {outcome.seconds:.0f} s")
     return "\n".join(lines)
 
