@@ -12,6 +12,7 @@ from onlinebayes.runs.printable import one_line
 from onlinebayes.runs.progress import Progress
 from onlinebayes.runs.random_state import OwnRandom, random_state, set_random_state
 from onlinebayes.runs.results import ResultTable, Row
+from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, seed_everything, seed_of
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
@@ -35,6 +36,7 @@ __all__ = [
     "Stopped",
     "Watch",
     "atomic_path",
+    "commit",
     "gather",
     "generator",
     "give_back_freed_memory",

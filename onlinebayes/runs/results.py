@@ -1,7 +1,7 @@
 """Result tables: ``docs/results/NAME.json`` and the Markdown table made from it.
 
-Each row is ``{name, value, spread, unit, goal, holds}``; the head records command, seeds, versions and machine, so that
-every figure in a document can be printed again.
+Each row is ``{name, value, spread, unit, goal, holds}``; the head records command, date, commit, seeds, versions and
+machine, so that every figure in a document can be printed again, by the code that printed it.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ import platform
 import statistics
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 
 from onlinebayes.runs.files import write_atomic
+from onlinebayes.runs.revision import commit
 
 PACKAGES = ("onlinebayes", "torch", "tensordict", "torchrl", "mujoco", "gymnasium", "numpy", "scipy", "pysindy", "sbi")
 
@@ -41,12 +43,15 @@ class ResultTable:
         name: the make target's name; also the file's.
         command: what a reader types to get the same figures.
         seeds: the seeds that were run.
+        commit: of the code that did the work, "+" where it was changed since; None where nobody knows. A study that
+            prints work kept from earlier names the commits that did it.
     """
 
     name: str
     command: str
     seeds: Sequence[int]
     rows: list[Row] = field(default_factory=list)
+    commit: str | None = field(default_factory=commit)
 
     def add(
         self,
@@ -90,6 +95,8 @@ class ResultTable:
         head = {
             "name": self.name,
             "command": self.command,
+            "date": today(),
+            "commit": self.commit,
             "seeds": list(self.seeds),
             "versions": versions(),
             "machine": machine(),
@@ -102,7 +109,8 @@ class ResultTable:
         lines = [
             f"# {self.name}",
             "",
-            f"Printed by `{self.command}` (seeds {', '.join(map(str, self.seeds))}; {machine()}).",
+            f"Printed by `{self.command}` on {today()} (commit {self.commit or 'unknown'};"
+            f" seeds {', '.join(map(str, self.seeds))}; {machine()}).",
             "",
             "| name | value | spread | unit | goal | holds |",
             "|---|---|---|---|---|---|",
@@ -119,6 +127,11 @@ class ResultTable:
         write_atomic(folder / f"{self.name}.md", self.to_markdown())
         write_atomic(folder / f"{self.name}.json", self.to_json())
         return folder / f"{self.name}.json"
+
+
+def today() -> str:
+    """The date of printing, YYYY-MM-DD in UTC."""
+    return datetime.now(UTC).date().isoformat()
 
 
 def versions() -> dict[str, str]:

@@ -66,6 +66,7 @@ def main(study: Study) -> int:
     if study.only_jobs:
         return 0
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

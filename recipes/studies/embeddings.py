@@ -55,6 +55,7 @@ def main(study: Study) -> int:
     }
     found = each_kept_or_done("embeddings", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

@@ -71,6 +71,7 @@ def main(study: Study) -> int:
             jobs += [(f"{task}-{noise:g}", partial(one_round, task, noise)) for noise in NOISES]
     found = each_kept_or_done("exact", study.out, dict(jobs), str, study.ray_workers)
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

@@ -110,6 +110,7 @@ def main(study: Study) -> int:
     jobs = {(case, seed): partial(learnt, CASES[case], seed, place) for (case, seed), place in places.items()}
     found = each_kept_or_done("fetch", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

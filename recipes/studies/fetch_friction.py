@@ -100,6 +100,7 @@ def main(study: Study) -> int:
     jobs = {(name, seed): partial(answered, QUESTIONS[name], seed, study.policies) for name, seed in wanted}
     found = each_kept_or_done("fetch-friction", study.out, jobs, learning.file_of, study.ray_workers)
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

@@ -54,6 +54,7 @@ def main(study: Study) -> int:
 
     jobs = {seed: partial(job, seed) for seed in study.seeds}
     found = each_kept_or_done("fetch-wall-clock", study.out, jobs, str)
+    table.commit = found.commit
     runs = [(found[seed]["ours"], found[seed]["theirs"]) for seed in study.seeds]
     for key, unit in (("success", "share"), ("frames", "steps"), ("seconds", "s")):
         table.add_seeds(f"ours: {key}", [mine[key] for mine, _ in runs], unit=unit)

@@ -39,7 +39,7 @@ from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import each_kept_or_done, printed_by
+from recipes.studies.resumable import Found, each_kept_or_done, printed_by
 
 Part = Literal["policies", "friction"]
 Key = tuple[Any, ...]
@@ -71,20 +71,20 @@ class Study:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    each, found = list(product(study.lows, study.seeds)), dict[Key, dict[str, Any]]()
+    each, parts = list(product(study.lows, study.seeds)), list[Found[Key]]()
     if "policies" in study.parts:
-        found |= done(
-            study, {("policy", *key, kind): partial(ended, study.out, *key, kind) for key in each for kind in KINDS}
-        )
+        jobs = {("policy", *key, kind): partial(ended, study.out, *key, kind) for key in each for kind in KINDS}
+        parts.append(done(study, jobs))
     if "friction" in study.parts:  # by the policies, which are there by now
-        found |= done(study, {("friction", *key): partial(told, study.out, *key) for key in each})
-    table = tabled(found, study)
+        parts.append(done(study, {("friction", *key): partial(told, study.out, *key) for key in each}))
+    table = tabled({key: result for part in parts for key, result in part.items()}, study)
+    table.commit = ", ".join(sorted({part.commit for part in parts}))
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1
 
 
-def done(study: Study, jobs: Mapping[Key, Callable[[], dict[str, Any]]]) -> dict[Key, dict[str, Any]]:
+def done(study: Study, jobs: Mapping[Key, Callable[[], dict[str, Any]]]) -> Found[Key]:
     """What jobs give, of which none asks for what another does."""
     return each_kept_or_done("hopper", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
 

@@ -107,6 +107,7 @@ def main(study: Study) -> int:
     jobs = {(task, method): partial(told_apart, task, method) for task in study.tasks for method in METHODS}
     found = each_kept_or_done("known-posteriors", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

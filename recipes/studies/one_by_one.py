@@ -129,7 +129,8 @@ def main(study: Study) -> int:
     jobs = {(task, name): partial(sampled, task, name, SEED, NOISE) for task in study.tasks for name in SAMPLERS}
     label = "calibration-one-by-one"
     found = each_kept_or_done(label, study.out, jobs, lambda job: ", ".join(job).replace(" ", "_"), study.ray_workers)
-    table = ResultTable(label, f"make {label}{' (a part)' if study.tasks != TASKS else ''}", [SEED])
+    some = " (a part)" if study.tasks != TASKS else ""
+    table = ResultTable(label, f"make {label}{some}", [SEED], commit=found.commit)
     for (task, name), result in found.items():
         add_cell(table, f"{task}, {name}", 1, result)
         table.add(f"{task}, {name}: processor time of a run", result["seconds"], unit="s")

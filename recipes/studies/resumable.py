@@ -9,17 +9,18 @@ from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
 from types import ModuleType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, final
 
 import envs
 import onlinebayes
 import recipes
-from onlinebayes.runs import BadInput, Progress, ResultTable, write_atomic
+from onlinebayes.runs import BadInput, Progress, ResultTable, commit, write_atomic
 from onlinebayes.trainers.distributed import Here
 from recipes.common import workers_of
 
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
+UNKNOWN = "unknown"
 
 
 def kept(folder: Path, wanted: Iterable[str], read: Callable[[str], R]) -> dict[str, R]:
@@ -61,13 +62,27 @@ def printed_by(target: str, study: Any) -> str:
     return f"make {target}{' (a part)' if some else ''}"
 
 
+@final
+class Found(dict[K, dict[str, Any]]):
+    """What each job gave, by key.
+
+    Args:
+        results: by key.
+        commit: of the code that did the jobs; several where it was not the same code.
+    """
+
+    def __init__(self, results: Mapping[K, dict[str, Any]], commit: str) -> None:
+        super().__init__(results)
+        self.commit = commit
+
+
 def each_kept_or_done(
     label: str,
     folder: str | Path,
     jobs: Mapping[K, Callable[[], dict[str, Any]]],
     named: Callable[[K], str],
     ray_workers: int = 0,
-) -> dict[K, dict[str, Any]]:
+) -> Found[K]:
     """What each job gives, from its file where it was done before, be it by another process meanwhile.
 
     What other code has done is kept, and said: a study of hours outlives a comment that is changed.
@@ -80,7 +95,7 @@ def each_kept_or_done(
         ray_workers: that do the jobs; 0: this process does, one after the other.
     """
     files, begun = {key: Path(folder) / f"{named(key)}.json" for key in jobs}, list[K]()
-    mark = code_mark([onlinebayes, envs, recipes])
+    mark, own = code_mark([onlinebayes, envs, recipes]), commit() or UNKNOWN
     Path(folder).mkdir(parents=True, exist_ok=True)
 
     def missing() -> Iterator[Callable[[], dict[str, Any]]]:
@@ -92,11 +107,22 @@ def each_kept_or_done(
 
     with closing(workers_of(ray_workers) or Here()) as workers, Progress(label, len(jobs)) as progress:
         for number, result in workers.work(_call, missing()):
-            write_atomic(files[begun[number]], json.dumps({**result, "code": mark}))
+            write_atomic(files[begun[number]], json.dumps({**result, "code": mark, "commit": own}))
     found = {key: json.loads(file.read_text(encoding="utf-8")) for key, file in files.items()}
+    commits = {result.pop("commit", UNKNOWN) for result in found.values()} or {own}
     if others := sum(result.pop("code", None) != mark for result in found.values()):
         print(f"{label}: other code did {others} of {len(found)} jobs in {folder}; delete their files to do them anew")
-    return found
+    return Found(found, ", ".join(sorted(commits)))
+
+
+def commit_of(codes: Iterable[str], mark: str) -> str | None:
+    """The commit that runs; None where other code made some of the records that are kept.
+
+    Args:
+        codes: marks of the code that made each record.
+        mark: of the code that runs, by :func:`code_mark`.
+    """
+    return commit() if all(code == mark for code in codes) else None
 
 
 def _call(job: Callable[[], R]) -> R:

@@ -74,6 +74,7 @@ def main(study: Study) -> int:
     found = each_kept_or_done("table-online", study.out, jobs, file_of, study.ray_workers)
     if not study.only_jobs:
         table = tabled(found, study)
+        table.commit = found.commit
         print(table.to_markdown())
         print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

@@ -143,6 +143,7 @@ def main(study: Study) -> int:
     jobs = {(name, seed): partial(columns, name, seed) for name in study.systems for seed in study.seeds}
     found = each_kept_or_done("tables", study.out, jobs, file_of, study.ray_workers)
     table = tabled(found, study)
+    table.commit = found.commit
     print(table.to_markdown())
     print(f"written: {table.write(study.results)}")
     return 0 if table.holds else 1

@@ -41,7 +41,7 @@ from recipes import acrobot, cartpole, pendulum
 from recipes.command import status
 from recipes.common import Settings
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import check_names, each_kept_or_done
+from recipes.studies.resumable import UNKNOWN, check_names, each_kept_or_done
 from recipes.studies.resumable import kept as found_in
 
 TASKS: dict[str, ModuleType] = {"pendulum": pendulum, "cartpole": cartpole, "acrobot": acrobot}
@@ -198,15 +198,16 @@ def tabled(folder: Path) -> ResultTable:
     found: dict[tuple[str, int], dict[str, dict[int, Result]]] = {}
     names = {name_of(*job): job for job in product(TASKS, BUDGETS, range(100), METHODS)}
     present = (path.stem for path in sorted(folder.glob("*.json")) if path.stem in names)
-    seeds, jobs = set(), 0
+    seeds, commits, jobs = set(), set(), 0
     for name, result in found_in(folder, present, json.loads).items():
         task, budget, seed, method = names[name]
         found.setdefault((task, budget), {}).setdefault(method, {})[seed] = result
         seeds.add(seed)
+        commits.add(result.get("commit", UNKNOWN))
         jobs += 1
     whole = len(TASKS) * len(BUDGETS) * len(SEEDS) * len(METHODS)
     part = "" if jobs >= whole else f" (a part: {jobs} of {whole} jobs)"
-    table = ResultTable("versus-sbi", f"make versus-sbi{part}", sorted(seeds))
+    table = ResultTable("versus-sbi", f"make versus-sbi{part}", sorted(seeds), commit=", ".join(sorted(commits)))
     for task, budget in product(TASKS, BUDGETS):
         if (task, budget) in found:
             by_method = {method: found[task, budget][method] for method in METHODS if method in found[task, budget]}

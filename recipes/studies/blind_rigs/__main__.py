@@ -28,7 +28,7 @@ from recipes.studies.blind_rigs.table import tabulate
 from recipes.studies.blind_rigs.workers import Done, work
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
-from recipes.studies.resumable import check_names, code_mark, kept, print_rows
+from recipes.studies.resumable import check_names, code_mark, commit_of, kept, print_rows
 
 
 @dataclass(frozen=True)
@@ -103,6 +103,7 @@ def main(study: Study) -> int:
         print(f"stopped; {len(found)} of {len(wanted)} cases are kept; the same command goes on", file=sys.stderr)
         stopped = True
     table = tabulate(list(found.values()), len(wanted), study.name)
+    table.commit = commit_of((judged.code for judged in found.values()), code)
     print_rows(table)
     ordered = sorted(found.values(), key=lambda judged: judged.name)
     write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(line, ordered)))

@@ -24,7 +24,7 @@ from recipes.studies.exclusion_limits.record import Record, from_json
 from recipes.studies.exclusion_limits.table import tabulate
 from recipes.studies.job import Job
 from recipes.studies.json_line import line
-from recipes.studies.resumable import check_names, code_mark, kept, print_rows
+from recipes.studies.resumable import check_names, code_mark, commit_of, kept, print_rows
 
 REPORTED = 2410
 """Seed of a rig's first reported record; none of these was looked at while the search was tuned."""
@@ -75,6 +75,7 @@ def main(study: Study) -> int:
         print(f"stopped; {len(found)} of {len(wanted)} records are kept; the same command goes on", file=sys.stderr)
         stopped = True
     table = tabulate([found[name] for name in sorted(found)], len(wanted))
+    table.commit = commit_of((probe.code for record in found.values() for probe in record.probes), code)
     print_rows(table)
     print(f"written: {table.write(study.results)}")
     return STOPPED if stopped else 0

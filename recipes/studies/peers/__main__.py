@@ -27,7 +27,7 @@ from recipes.studies.peers.cases import jobs
 from recipes.studies.peers.judging import Judge, Trial, unanswered
 from recipes.studies.peers.record import COST, METHODS, Outcome, from_json
 from recipes.studies.peers.table import tabulate
-from recipes.studies.resumable import code_mark, kept, print_rows
+from recipes.studies.resumable import code_mark, commit_of, kept, print_rows
 
 NEEDED = ("pysindy", "colorama", "tabulate", "yaml", "imageio", "plotly")
 
@@ -82,6 +82,7 @@ def main(study: Study) -> int:
     whole = study.cases == Study.cases
     command = "make versus-peers" if whole else f"python -m recipes.studies.peers --cases {study.cases}"
     table = tabulate(list(found.values()), command, len({trial.job.name for trial in wanted}))
+    table.commit = commit_of((outcome.code for outcome in found.values()), code)
     print_rows(table)
     print(f"written: {table.write(study.results)}")
     return STOPPED if stopped else 0
