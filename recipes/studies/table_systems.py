@@ -1,5 +1,7 @@
 """The rows of the thesis's Table 4.1: systems, truths, priors; ten rollouts of 50 steps a world, under random actions.
 
+Sensor noise is a share of each observed value's range, as in the recipes.
+
 Each row asks for one parameter; in CartPole both are unknown, in Acrobot one at a time. The pendulum's unknown is the
 timestep of Gymnasium's integrator, no parameter of a simulator here, so that it is written out below.
 """
@@ -8,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
+from typing import Protocol
 
 import torch
 from jaxtyping import Float
@@ -20,13 +24,28 @@ from envs.acrobot import Acrobot, AcrobotTask
 from envs.cartpole import CartPole, CartPoleTask
 from envs.mountain_car import MountainCarContinuous, MountainCarContinuousTask
 from onlinebayes.embeddings import FilteredEmbedding
-from onlinebayes.inference import Box, BoxUniform, filter_of
+from onlinebayes.inference import Box, BoxUniform, LikelihoodEstimator, filter_of
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.trainers import Listed, Problem
-from recipes import acrobot, cartpole, mountain_car
+from recipes import acrobot, cartpole, mountain_car, pendulum
 
 ROLLOUTS, STEPS = 10, 50
+
+
+class Simulate(Protocol):
+    """Rollouts of given parameters."""
+
+    def __call__(
+        self,
+        theta: Float[Tensor, "G P"],
+        generator: torch.Generator,
+        *,
+        rollouts: int = ROLLOUTS,
+        noise: float = 0.0,
+    ) -> TensorDict:
+        """Theta (G, P) -> sets of rollouts (G, n, T), with sensor noise as a share of each range."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -37,15 +56,17 @@ class System:
         space: the unknown parameters and their bounds.
         truth: their true values.
         rows: parameter -> (the thesis's best log density, the least that is asked for here).
-        simulate: theta (G, P) -> sets of rollouts (G, n, T).
+        simulate: see :class:`Simulate`.
         filtered: a fresh embedding by the filter through the simulator, where the library has one.
+        exact: a fresh exact posterior, where the library has the simulator.
     """
 
     space: ParameterSpace
     truth: dict[str, float]
     rows: dict[str, tuple[float, float]]
-    simulate: Callable[[Float[Tensor, "G P"], torch.Generator], TensorDict]
+    simulate: Simulate
     filtered: Callable[[], FilteredEmbedding] | None = None
+    exact: Callable[[], LikelihoodEstimator] | None = None
 
 
 class RandomActions(TensorDictModuleBase):
@@ -61,18 +82,18 @@ class RandomActions(TensorDictModuleBase):
         return self._draw(tensordict)
 
 
-def by_simulator(
-    simulator: TorchSimulator, task: Task
-) -> Callable[[Float[Tensor, "G P"], torch.Generator], TensorDict]:
-    """Rollouts of one of the library's systems under random actions."""
+def by_simulator(simulator: TorchSimulator, task: Task, width: Float[Tensor, " O"]) -> Simulate:
+    """Rollouts of one of the library's systems under random actions; ``width`` is each observed value's range."""
 
-    def simulate(theta: Float[Tensor, "G P"], generator: torch.Generator) -> TensorDict:
+    def simulate(
+        theta: Float[Tensor, "G P"], generator: torch.Generator, *, rollouts: int = ROLLOUTS, noise: float = 0.0
+    ) -> TensorDict:
         seed = int(torch.randint(2**31, (), generator=generator))
-        problem = Problem(simulator, task, BoxUniform(simulator.parameters))
+        problem = Problem(simulator, task, BoxUniform(simulator.parameters), noise * width if noise else None)
         worlds = problem.simulations(len(theta), STEPS, seed)
         policy = RandomActions(worlds.env)
         torch.manual_seed(seed)
-        rows = [worlds.draw([policy], Listed(theta)) for _ in range(ROLLOUTS)]
+        rows = [worlds.draw([policy], Listed(theta)) for _ in range(rollouts)]
         return torch.stack(rows, dim=1)
 
     return simulate
@@ -90,43 +111,80 @@ def filter_by(
     return embedding
 
 
-def pendulum_steps(theta: Float[Tensor, "G 1"], generator: torch.Generator) -> TensorDict:
+def exact_by(
+    simulator: TorchSimulator, task: Task, state: Callable[[Tensor], TensorDict]
+) -> Callable[[], LikelihoodEstimator]:
+    """The exact posterior of one of the library's systems."""
+
+    def estimator() -> LikelihoodEstimator:
+        box = Box.whole(simulator.parameters)
+        return LikelihoodEstimator(filter_of(simulator, task, box, state=state), box, task.action_spec.shape[-1])
+
+    return estimator
+
+
+def pendulum_steps(
+    theta: Float[Tensor, "G 1"], generator: torch.Generator, *, rollouts: int = ROLLOUTS, noise: float = 0.0
+) -> TensorDict:
     """Gymnasium's Pendulum-v1 with a timestep of its own in each world: g = 10, l = m = 1.
 
     w+ = clip(w + h (15 sin phi + 3 u), 8),   phi+ = phi + h w+,   u ~ U(-2, 2)
     """
-    size = (len(theta), ROLLOUTS)
+    size = (len(theta), rollouts)
     h = theta.double().expand(size)
 
     def uniform(*shape: int) -> Tensor:
         return 2 * torch.rand(*size, *shape, dtype=torch.float64, generator=generator) - 1
 
     phi, w, u = torch.pi * uniform(), uniform(), 2 * uniform(STEPS)
-    seen = [torch.stack([phi.cos(), phi.sin(), w], dim=-1)]
-    for t in range(STEPS):
-        w = (w + h * (15 * phi.sin() + 3 * u[..., t])).clamp(-8, 8)
-        phi = phi + h * w
-        seen.append(torch.stack([phi.cos(), phi.sin(), w], dim=-1))
-    path = torch.stack(seen, dim=2).float()
+    path = swung(h, phi, w, u)
+    if noise:
+        path = path + noise * pendulum.RANGE * torch.randn(path.shape, dtype=path.dtype, generator=generator)
+    path = path.float()
     told = {"observation": path[:, :, :-1], "action": u.float()[..., None], "next": {"observation": path[:, :, 1:]}}
     rows = theta[:, None, None].expand(*size, STEPS, -1)
     return TensorDict({**told, "theta": rows}, batch_size=[*size, STEPS])
 
 
+def swung(
+    h: Float[Tensor, "*size"], phi: Float[Tensor, "*size"], w: Float[Tensor, "*size"], u: Float[Tensor, "*size T"]
+) -> Float[Tensor, "*size T1 3"]:
+    """What the pendulum's sensors see without noise: (cos phi, sin phi, w) at 0, h, ... T h.
+
+    Args:
+        h: timestep [s].
+        phi, w: where it begins [rad, rad/s].
+        u: torques [N m].
+    """
+    seen = [torch.stack([phi.cos(), phi.sin(), w], dim=-1)]
+    for t in range(u.shape[-1]):
+        w = (w + h * (15 * phi.sin() + 3 * u[..., t])).clamp(-8, 8)
+        phi = phi + h * w
+        seen.append(torch.stack([phi.cos(), phi.sin(), w], dim=-1))
+    return torch.stack(seen, dim=-2)
+
+
 def _system(
     simulator: TorchSimulator,
     task: Task,
-    state: Callable[[Tensor], TensorDict],
+    recipe: ModuleType,
     truth: dict[str, float],
     rows: dict[str, tuple[float, float]],
 ) -> System:
-    """One of the library's systems."""
-    return System(simulator.parameters, truth, rows, by_simulator(simulator, task), filter_by(simulator, task, state))
+    """One of the library's systems, with the sensors of a recipe."""
+    return System(
+        simulator.parameters,
+        truth,
+        rows,
+        by_simulator(simulator, task, recipe.RANGE),
+        filter_by(simulator, task, recipe.state),
+        exact_by(simulator, task, recipe.state),
+    )
 
 
 def _acrobot(name: str, bounds: tuple[float, float], unit: str, truth: float, thesis: float, least: float) -> System:
     simulator = Acrobot(ParameterSpace({name: Parameter(*bounds, unit)}))
-    return _system(simulator, AcrobotTask(), acrobot.state, {name: truth}, {name: (thesis, least)})
+    return _system(simulator, AcrobotTask(), acrobot, {name: truth}, {name: (thesis, least)})
 
 
 CARTPOLE = ParameterSpace({"length": Parameter(0.1, 2.0, "m"), "mass": Parameter(0.1, 2.0, "kg")})
@@ -139,14 +197,14 @@ SYSTEMS: dict[str, System] = {
     "Mountain Car": _system(
         MountainCarContinuous(ENGINE),
         MountainCarContinuousTask(),
-        mountain_car.state,
+        mountain_car,
         {"power": 0.03},
         {"power": (3.901, 5.0)},
     ),
     "CartPole": _system(
         CartPole(CARTPOLE),
         CartPoleTask(),
-        cartpole.state,
+        cartpole,
         {"length": 0.7, "mass": 1.3},
         {"length": (-0.211, 2.5), "mass": (0.973, 2.5)},
     ),

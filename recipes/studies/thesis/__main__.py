@@ -1,0 +1,86 @@
+"""``make thesis``: Tables 4.1 and 5.1 of the thesis with our columns beside its own, and the page that shows them.
+
+Every system, without sensor noise and with 1 %; with noise the ceiling stands beside each density, the exact posterior
+or whoever knows the start exactly. The rows of the Fetch arm and of the hopper are those of ``make fetch-friction`` and
+``make hopper``. Each finished job is kept.
+
+    python -m recipes.studies.thesis [--parts 4.1] [--noises 0] [--systems CartPole]     -> docs/results/thesis-4.1.json
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from recipes.command import status
+from recipes.studies.resumable import each_kept_or_done, printed_by
+from recipes.studies.table_online import ROWS
+from recipes.studies.table_systems import SYSTEMS
+from recipes.studies.thesis import table_4_1, table_5_1
+from recipes.studies.thesis.rows import Job, Part, tables
+
+
+@dataclass(frozen=True)
+class Study:
+    """What to print."""
+
+    parts: tuple[Part, ...] = ("4.1", "5.1", "loop")
+    """Table 4.1, Table 5.1, and its runs of the thesis's own learner"""
+    systems: tuple[str, ...] = (*SYSTEMS, *ROWS)
+    """rows of either table"""
+    noises: tuple[float, ...] = (0.0, 0.01)
+    """of the sensors, as a share of each range"""
+    seeds: tuple[int, ...] = (2, 3)
+    """of truths, simulations and networks; with seed 1 a recipe's hidden truth is the centre of its prior"""
+    out: str = "out/thesis"
+    """finished jobs go here"""
+    results: Path = Path("docs/results")
+    """folder of the tables"""
+    only_jobs: bool = False
+    """no table, for a process beside others"""
+    kept_only: bool = False
+    """a table of the jobs that are done"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
+
+
+DO: dict[Part, tuple[Callable[[str, float, int], dict[str, Any]], tuple[str, ...]]] = {
+    "4.1": (table_4_1.judged, tuple(SYSTEMS)),
+    "5.1": (table_5_1.judged, tuple(ROWS)),
+    "loop": (table_5_1.in_the_loop, tuple(ROWS)),
+}
+
+
+def main(study: Study) -> int:
+    """Do what is missing, print the tables."""
+    jobs: dict[Job, Callable[[], dict[str, Any]]] = {}
+    for seed in study.seeds:
+        for noise in study.noises:
+            for part in study.parts:
+                do, names = DO[part]
+                some = [name for name in names if name in study.systems]
+                jobs |= {(part, name, noise, seed): partial(do, name, noise, seed) for name in some}
+    if study.kept_only:
+        jobs = {job: do for job, do in jobs.items() if (Path(study.out) / f"{file_of(job)}.json").exists()}
+    found = each_kept_or_done("thesis", study.out, jobs, file_of, study.ray_workers)
+    held = True
+    if not study.only_jobs:
+        for table in tables(found, printed_by("thesis", study), sorted({job[-1] for job in found})):
+            table.commit = found.commit
+            print(table.to_markdown())
+            print(f"written: {table.write(study.results)}")
+            held = held and table.holds
+    return 0 if held else 1
+
+
+def file_of(job: Job) -> str:
+    """Name of a job's file."""
+    return "-".join(map(str, job)).replace(", ", "-").replace(" ", "_")
+
+
+if __name__ == "__main__":
+    sys.exit(status(main, Study, __doc__))
