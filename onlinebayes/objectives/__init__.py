@@ -1,7 +1,7 @@
 """Policies and how they learn: specs -> policy, loss module, buffer."""
 
 from onlinebayes.objectives.actor_critic import ActorCritic, RecurrentNetwork, actor_critic
-from onlinebayes.objectives.base import Objective
+from onlinebayes.objectives.base import Objective, TakesBelief
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.ddpg import DDPG, Exploration, ddpg
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
@@ -10,6 +10,7 @@ from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import Inputs, inputs_of
 from onlinebayes.objectives.networks import action_value, state_value, stochastic_policy
 from onlinebayes.objectives.normalisation import RunningNormalization
+from onlinebayes.objectives.planned import Planned
 from onlinebayes.objectives.ppo import PPO, ppo
 from onlinebayes.objectives.sac import SAC, sac
 from onlinebayes.objectives.soft_loss import SoftLoss
@@ -28,9 +29,11 @@ __all__ = [
     "Hindsight",
     "Inputs",
     "Objective",
+    "Planned",
     "RecurrentNetwork",
     "RunningNormalization",
     "SoftLoss",
+    "TakesBelief",
     "TransitionBuffer",
     "action_value",
     "actor_critic",

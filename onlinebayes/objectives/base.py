@@ -7,6 +7,8 @@ from typing import Any, Protocol, runtime_checkable
 from tensordict import TensorDictBase
 from tensordict.nn import TensorDictModuleBase
 
+from onlinebayes.transforms import Distribution
+
 
 @runtime_checkable
 class Objective(Protocol):
@@ -24,3 +26,11 @@ class Objective(Protocol):
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Continue from what :meth:`state_dict` gave."""
+
+
+@runtime_checkable
+class TakesBelief(Protocol):
+    """An objective, or a policy, that acts on the belief itself, as a planner does; most only act in its worlds."""
+
+    def set_belief(self, belief: Distribution, /) -> None:
+        """Act for the worlds of this belief from now on."""

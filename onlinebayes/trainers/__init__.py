@@ -12,6 +12,7 @@ from onlinebayes.trainers.playing import Episode, Player, SimulatedPlayer
 from onlinebayes.trainers.problem import Problem, Sizes, Worlds, online_trainer
 from onlinebayes.trainers.real import Background, GrowingFolder, RealEnvironment, RealSystem
 from onlinebayes.trainers.recording import Recording
+from onlinebayes.trainers.repeated import Repeated
 from onlinebayes.trainers.schedule import Schedule, Turn
 from onlinebayes.trainers.session import run_in_folder
 from onlinebayes.trainers.simulations import Listed, Point, Simulations, TrajectorySource
@@ -40,6 +41,7 @@ __all__ = [
     "RealSystem",
     "Record",
     "Recording",
+    "Repeated",
     "Saver",
     "Schedule",
     "SearchCritic",

@@ -24,14 +24,16 @@ import torch
 
 from onlinebayes.inference import Belief, FitReport, Gate, PosteriorEstimator
 from onlinebayes.inference.calibration import LEVELS, credibility_of
-from onlinebayes.objectives import Objective
+from onlinebayes.objectives import Objective, TakesBelief
 from onlinebayes.runs import Interrupt, Progress, give_back_freed_memory
 from onlinebayes.trainers.clock import Clock
 from onlinebayes.trainers.improve import Batches, improve
 from onlinebayes.trainers.real import RealSystem, measured, united
+from onlinebayes.trainers.repeated import Repeated
 from onlinebayes.trainers.schedule import Schedule, spread
 from onlinebayes.trainers.simulations import TrajectorySource
 from onlinebayes.trainers.state import Inferred, OnlineState, frozen
+from onlinebayes.trainers.trajectories import Policy
 from onlinebayes.transforms import Distribution, ParameterRandomization
 
 Checkpoint = Callable[[OnlineState, bool], None]
@@ -57,6 +59,8 @@ class OnlineTrainer:
         schedule: how much of each step, and in which order.
         generator: of the fits and the gate.
         worlds: where the policy's worlds come from; the belief without it.
+        repeats: whether simulations repeat the commands of real trajectories, in the place of the policies that gave
+            them: for a policy that takes its time, as a planner does. See ``repeated``.
     """
 
     objective: Objective
@@ -70,6 +74,12 @@ class OnlineTrainer:
     schedule: Schedule
     generator: torch.Generator
     worlds: Distribution | None = None
+    repeats: bool = False
+
+    @property
+    def maker(self) -> Policy:
+        """A policy of the kind that makes simulations; a saved one is loaded into its copy."""
+        return Repeated() if self.repeats else self.objective.policy
 
     def run(
         self,
@@ -115,6 +125,7 @@ class OnlineTrainer:
     def _step(self, state: OnlineState, interrupt: Interrupt, progress: Progress, save: Checkpoint) -> bool:
         """One outer step; False where it was cut short."""
         turn, clock = self.schedule.turns[state.step], Clock()
+        self._tell(state)
         if state.batches < turn.policy_batches:
             with clock("policy"):
                 self._improve(state, turn.policy_batches, interrupt, progress, save)
@@ -134,6 +145,11 @@ class OnlineTrainer:
                 return False
         state.complete(dict(clock.seconds), inferred)
         return True
+
+    def _tell(self, state: OnlineState) -> None:
+        """Where a step begins, and there only: a run that goes on in the middle of one has been told before."""
+        if isinstance(self.objective, TakesBelief) and not state.batches and not state.measured:
+            self.objective.set_belief(self.worlds if self.worlds is not None else state.belief)
 
     def _improve(
         self, state: OnlineState, batches: int, interrupt: Interrupt, progress: Progress, save: Checkpoint
@@ -157,7 +173,7 @@ class OnlineTrainer:
         found, note = measured(self.real, policy, self.schedule.real_steps, self.simulations.form, state.real)
         if found is not None:
             state.real = found if state.real is None else united([state.real, found])
-            state.policies.append(policy)
+            state.policies.append(Repeated(found) if self.repeats else policy)
             state.made_by += [len(state.policies) - 1] * len(found)
         state.notes += [note] if note else []
         state.measured = True

@@ -153,6 +153,7 @@ def online_trainer(
     worlds: Distribution | None = None,
     learn_in: Worlds | None = None,
     workers: Workers | None = None,
+    repeats: bool = False,
     seed: int = 0,
 ) -> OnlineTrainer:
     """The trainer over worlds of one problem.
@@ -168,6 +169,7 @@ def online_trainer(
         worlds: where the policy's worlds come from; the belief without it.
         learn_in: the problem in whose worlds the policy learns, as a faster simulator's; ``problem`` without it.
         workers: step the worlds, of the policy and of the simulations; without them this process does.
+        repeats: whether simulations repeat the commands of real trajectories, see :class:`OnlineTrainer`.
         seed: of worlds, sensors, fits and proposals.
 
     Raises:
@@ -176,13 +178,12 @@ def online_trainer(
     if (estimator is None or real is None) and any(turn.infers for turn in schedule.turns):
         missing = "estimator" if estimator is None else "real system"
         raise BadInput(f"order '{schedule.order}' without a{'n' * (estimator is None)} {missing}", ALONE)
-    drawn = ParameterRandomization(problem.prior)
+    drawn, learns = ParameterRandomization(problem.prior), any(turn.policy_batches for turn in schedule.turns)
+    taught_in = learn_in if learn_in is not None else problem
     simulations = partial(_simulations, problem, schedule.real_steps, workers)
     return OnlineTrainer(
         objective=objective,
-        collector=_collector(
-            learn_in if learn_in is not None else problem, objective.policy, sizes, drawn, workers, seed
-        ),
+        collector=_collector(taught_in, objective.policy, sizes, drawn, workers, seed) if learns else _NoBatches(),
         randomization=drawn,
         simulations=simulations(sizes.simulations, seed + 1000),
         held_out=simulations(sizes.groups, seed + 3000),
@@ -192,6 +193,7 @@ def online_trainer(
         schedule=schedule,
         generator=generator(seed, "online"),
         worlds=worlds,
+        repeats=repeats,
     )
 
 
@@ -210,6 +212,16 @@ def _simulations(problem: Worlds, steps: int, workers: Workers | None, number: i
     if workers is None:
         return problem.simulations(number, steps, seed)
     return PartedSimulations(problem.worlds, number, steps, workers, seed, most=getattr(problem, "beside", None))
+
+
+class _NoBatches:
+    """In the place of a collector where nothing is learnt: building one would ask the policy to act."""
+
+    def reset(self) -> None:
+        """There are no episodes."""
+
+    def next(self) -> None:
+        """There are no batches."""
 
 
 class _NoSystem:

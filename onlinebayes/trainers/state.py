@@ -68,7 +68,7 @@ class OnlineState:
         belief: what is known of theta from all real trajectories; the prior at first. This is what is reported.
         proposal: where the next simulations are drawn; the prior at first.
         real: the real trajectories (n, T) with their ``"mask"``, None before the first.
-        policies: frozen copies of the policies that made them.
+        policies: frozen copies of the policies that made them, or what repeats their commands.
         made_by: for each real trajectory the index of its policy.
         records: one for each complete outer step.
         batches: policy batches done in the outer step under way.
