@@ -21,7 +21,7 @@ from onlinebayes.runs import seed_everything
 from recipes import pendulum
 from recipes.studies.one_round import begun
 from recipes.studies.table_systems import SYSTEMS, swung
-from recipes.studies.thesis.columns import CEILING, Data, beliefs
+from recipes.studies.thesis.columns import CEILING, COLUMNS, TEN_AS_ONE, Data, beliefs, ten_as_one
 
 SIMULATIONS, DRAWS, POINTS = 1000, 20_000, 600
 
@@ -45,7 +45,8 @@ def judged(name: str, noise: float, seed: int) -> dict[str, Any]:
     before = torch.Generator().set_state(draw.get_state())
     true = system.simulate(truth[None], draw, noise=noise)[0]
     data = Data(prior, sets, true.exclude("theta"), simulate, system.filtered)
-    found = {column: marginals(belief, truth) for column, belief in beliefs(data, seed).items()}
+    columns = {**COLUMNS, TEN_AS_ONE: ten_as_one}
+    found = {column: marginals(belief, truth) for column, belief in beliefs(data, seed, columns).items()}
     if noise:
         if system.exact is None:
             clean = system.simulate(truth[None], before)[0]

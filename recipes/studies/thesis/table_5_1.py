@@ -28,7 +28,7 @@ from onlinebayes.runs import generator, seed_everything
 from onlinebayes.trainers import Listed, OnlineState, Policy
 from recipes.common import Run, Settings
 from recipes.studies.table_online import ROWS, reference
-from recipes.studies.thesis.columns import CEILING, FILTER, LSTM_TRAIN, Data, beliefs
+from recipes.studies.thesis.columns import CEILING, COLUMNS, FILTER, LSTM_TRAIN, Data, beliefs
 from recipes.studies.thesis.printed import LOOP
 
 SETS, STEPS = 500, 50
@@ -61,7 +61,7 @@ def judged(name: str, noise: float, seed: int) -> dict[str, Any]:
     draw = generator(seed, "thesis")
     sets = simulate(problem.prior.sample((SETS,), draw), draw, n)
     data = Data(BoxUniform(problem.space), sets, state.real, simulate, None)
-    found = {column: float(belief.log_prob(made.truth)) for column, belief in beliefs(data, seed).items()}
+    found = {column: float(belief.log_prob(made.truth)) for column, belief in beliefs(data, seed, COLUMNS).items()}
     found[FILTER] = float(state.belief.log_prob(made.truth))
     if noise:
         exact = reference(made, ROWS[name].recipe.state)
