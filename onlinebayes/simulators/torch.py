@@ -205,8 +205,7 @@ class TorchSimulator(Identifiable):
         q, v, hidden = self._stepper.advance(
             self._values, self._q, self._v, self._hidden, command, self._enable(inputs), self._substeps
         )
-        # One reduction tells whether any world may have diverged; the masks are worked out only then.
-        if self._any_failed or not bool(q.abs().sum() + v.abs().sum() < DIVERGED):
+        if self._any_failed or not _settled(q, v):
             bad = self._failed | diverged(q, v)
             q, v = torch.where(bad, self._q, q), torch.where(bad, self._v, v)
             hidden = {key: _select(bad, self._hidden[key], hidden[key]) for key in hidden}
@@ -228,15 +227,18 @@ class TorchSimulator(Identifiable):
         enable = self._enable(inputs)
         marks = [0, *(times.double() / self.timestep).round().long().tolist()]
         valid = torch.ones(len(theta), dtype=torch.bool, device=self.device)
-        rows = []
+        all_valid, rows = True, []
         for k, steps in enumerate(b - a for a, b in itertools.pairwise(marks)):
             on = None if enable is None else enable[:, k]
             new_q, new_v, new_hidden = self._stepper.advance(values, q, v, hidden, command[:, k], on, steps)
-            valid = valid & ~diverged(new_q, new_v)
-            q, v = torch.where(valid, new_q, q), torch.where(valid, new_v, v)
-            hidden = {key: _select(valid, new_hidden[key], hidden[key]) for key in hidden}
-            rows.append(self._state(q, v, hidden).set("valid", valid))
-        return torch.stack(rows, dim=1)
+            if not (all_valid and _settled(new_q, new_v)):
+                valid = valid & ~diverged(new_q, new_v)
+                all_valid = bool(valid.all())
+                new_q, new_v = torch.where(valid, new_q, q), torch.where(valid, new_v, v)
+                new_hidden = {key: _select(valid, new_hidden[key], hidden[key]) for key in new_hidden}
+            q, v, hidden = new_q, new_v, new_hidden
+            rows.append((q, v, hidden, valid))
+        return self._recorded(rows)
 
     def hidden_states_along(
         self, theta: Float[Tensor, "N P"], motion: TensorDictBase, step: float
@@ -354,6 +356,18 @@ class TorchSimulator(Identifiable):
             state["effects", key] = value.clone()
         return state
 
+    def _recorded(self, rows: Sequence[tuple[Tensor, Tensor, Hidden, Tensor]]) -> TensorDict:
+        """A rollout from its rows of positions, velocities, hidden states and validity; one TensorDict for all."""
+        leaves = {
+            "qpos": torch.stack([q.T for q, _, _, _ in rows], dim=1),
+            "qvel": torch.stack([v.T for _, v, _, _ in rows], dim=1),
+            "valid": torch.stack([valid for _, _, _, valid in rows], dim=1),
+        }
+        recorded = TensorDict(leaves, batch_size=leaves["valid"].shape, device=self.device)
+        for key in rows[0][2]:
+            recorded["effects", key] = TensorDict.stack([hidden[key] for _, _, hidden, _ in rows], dim=1)
+        return recorded
+
     def _load_state(
         self, state: TensorDictBase | None, worlds: int, rows: Tensor | slice = slice(None)
     ) -> tuple[Tensor, Tensor, Hidden]:
@@ -368,6 +382,11 @@ class TorchSimulator(Identifiable):
         if state is None:
             return blank, blank.clone(), hidden
         return self._rows(state.get("qpos")[rows]), self._rows(state.get("qvel")[rows]), hidden
+
+
+def _settled(q: Float[Tensor, "J N"], v: Float[Tensor, "J N"]) -> bool:
+    """Whether no world can have diverged: one reduction, which costs less than the masks."""
+    return bool(q.abs().sum() + v.abs().sum() < DIVERGED)
 
 
 def _put(into: TensorDict, rows: Tensor, values: TensorDict) -> TensorDict:
