@@ -168,7 +168,7 @@ class MPPI(TensorDictModuleBase):
         if not len(self._draws):
             raise BadInput("the planner has no belief yet", "give it one when it is built, or by set_belief")
         batch = tensordict.batch_size
-        state = self._state(_rows(tensordict.get(self.in_keys[0]), len(batch))).to(self._like.device)
+        state = self._state(_rows(tensordict.get(self.in_keys[0]), len(batch)))
         if not all(bool(value.isfinite().all()) for value in state.values(True, True)):
             raise BadInput("the observation to plan from is not finite", "look at the environment and its sensors")
         init = tensordict.get(self.init_key, None)

@@ -47,7 +47,13 @@ def rolled_out(
     inputs = TensorDict({"command": commands}, batch_size=(M, H), device=simulator.device)
     after = simulator.rollout(theta, state, inputs, times)
     valid = after.pop("valid")
-    shared = [key for key in state.keys(True, True) if key in after.keys(True, True)]
-    first = state.select(*shared).to(simulator.dtype)
-    before = TensorDict.cat([first[:, None], after.select(*shared)[:, :-1]], dim=1)
+    before = TensorDict(
+        {
+            key: torch.cat((first.to(path)[:, None], path[:, :-1]), dim=1)
+            for key, path in after.items(True, True)
+            if (first := state.get(key, None)) is not None
+        },
+        batch_size=(M, H),
+        device=after.device,
+    )
     return Rollouts(before, after, valid)

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import torch
@@ -118,20 +119,27 @@ class Search:
         Raises:
             BadInput: no candidate has a cost in any world.
         """
-        factor = self.noise.factor(self.horizon).to(plan)
-        z = torch.randn(self.samples, factor.shape[1], self.bounds.number, generator=generator, dtype=torch.float64)
+        S, H, U = self.samples, self.horizon, self.bounds.number
+        factor = self._factor.to(plan)
+        z = torch.randn(S, U, factor.shape[1], generator=generator, dtype=plan.dtype).to(plan.device)
         z[0] = 0  # the plan as it stands is a candidate
-        z, sd = z.to(plan), torch.as_tensor(self.noise.sd).to(plan)
-        noise = sd * torch.einsum("hn,snu->shu", factor, z)
-        size = max(1, AT_ONCE // (len(theta) * self.samples * self.horizon))
+        sd = torch.as_tensor(self.noise.sd).to(plan).expand(U)
+        noise = (z @ factor.T).mT * sd
+        size = max(1, AT_ONCE // (len(theta) * S * H))
         found = []
-        for rows in torch.arange(len(plan)).split(size):
-            tried = self.bounds.admit(plan[rows, None] + noise, last[rows, None], self.simulator.dt)
-            costs = self._costs(tried, state[rows], theta)
+        for begin in range(0, len(plan), size):
+            rows = slice(begin, begin + size) if size < len(plan) else ...
+            tried = self.bounds.admit(plan[rows][:, None] + noise, last[rows][:, None], self.simulator.dt)
+            costs = self._costs(tried, state if rows is ... else state[rows], theta)
             total, admitted = self._risked(costs, weights)
-            total = total + self._kept(plan[rows], factor, z / sd)
+            if self.control_cost:
+                total = total + self._kept(plan[rows], z / sd[:, None])
             found.append(Found(*averaged(tried, total, admitted, self.temperature), (~costs.isfinite()).sum(-1)))
         return Found(*(torch.cat(part) for part in zip(*found, strict=True)))
+
+    @cached_property
+    def _factor(self) -> Float[Tensor, "H n"]:
+        return self.noise.factor(self.horizon)
 
     def _costs(
         self, tried: Float[Tensor, "B S H U"], state: TensorDictBase, theta: Float[Tensor, "K P"]
@@ -170,14 +178,10 @@ class Search:
         admitted = number == number.amax(-1, keepdim=True)
         return torch.where(admitted, total, 0), admitted
 
-    def _kept(
-        self, plan: Float[Tensor, "B H U"], factor: Float[Tensor, "H n"], scaled: Float[Tensor, "S n U"]
-    ) -> Tensor | float:
-        """gamma u^T Sigma^+ e_s (B, S), where e_s = sd F z_s and ``scaled`` is z_s / sd."""
-        if not self.control_cost:
-            return 0.0
-        coordinates = torch.linalg.pinv(factor) @ plan
-        return self.control_cost * torch.einsum("bnu,snu->bs", coordinates, scaled)
+    def _kept(self, plan: Float[Tensor, "B H U"], scaled: Float[Tensor, "S U n"]) -> Float[Tensor, "B S"]:
+        """gamma u^T Sigma^+ e_s, where e_s = sd F z_s and ``scaled`` is z_s / sd."""
+        coordinates = torch.linalg.pinv(self._factor).to(plan) @ plan
+        return self.control_cost * torch.einsum("bnu,sun->bs", coordinates, scaled)
 
 
 def averaged(
@@ -185,5 +189,5 @@ def averaged(
 ) -> tuple[Tensor, Tensor, Tensor]:
     """Plan (B, H, U), its candidates' mean cost (B,) and effective number (B,)."""
     weights = torch.softmax((-costs / temperature).masked_fill(~admitted, -torch.inf), dim=-1)
-    plan = torch.einsum("bs,bshu->bhu", weights, tried)
+    plan = (weights[:, None] @ tried.flatten(2)).unflatten(2, tried.shape[2:])[:, 0]
     return plan, (weights * costs).sum(-1), 1 / weights.square().sum(-1)
