@@ -11,6 +11,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted([*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md")])
+LINK = r"\]\(([^)#\"\s]*)#?([^)\"\s]*)(?: \"[^\"]*\")?\)"
+"""[text](target#anchor "title"), the anchor and the title where there are some."""
 
 
 def blocks(page: Path, language: str) -> list[str]:
@@ -37,7 +39,7 @@ def test_the_example_does_what_the_readme_says(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_between_the_documents_lead_somewhere(page: Path) -> None:
-    for target, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", page.read_text(encoding="utf-8")):
+    for target, anchor in re.findall(LINK, page.read_text(encoding="utf-8")):
         if "://" not in target:
             other = page.parent / target if target else page
             assert other.exists(), f"{page.name} links to {target}"

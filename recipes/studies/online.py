@@ -101,7 +101,8 @@ def tabulate(study: Study) -> ResultTable:
         parts = [a / b for a, b in zip(frames["online"], frames["posterior-first"], strict=True)]
         most = HALF if task != "cartpole" else None
         table.add_seeds(f"{task}: online's share of the frames of a posterior first", parts, most=most)
-        table.add_seeds(f"{task}, online: log density of the truth", [found["online", s].density for s in study.seeds])
+        for kind in KINDS[:2]:
+            table.add_seeds(f"{task}, {kind}: log density of the truth", [found[kind, s].density for s in study.seeds])
     return table
 
 

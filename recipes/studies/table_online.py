@@ -20,6 +20,7 @@ from types import ModuleType
 from typing import Any
 
 from onlinebayes.inference import LikelihoodEstimator, filter_of
+from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState
 from recipes import acrobot, cartpole, pendulum
@@ -32,18 +33,19 @@ SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300
 
 @dataclass(frozen=True)
 class Row:
-    """One row: a recipe, how it is built, and the thesis's figure."""
+    """One row: a recipe, how it is built, its unknown parameters, and the thesis's figure."""
 
     recipe: ModuleType
     build: Callable[[Settings], Run]
+    space: ParameterSpace
     thesis: float
 
 
 ROWS: dict[str, Row] = {
-    "CartPole": Row(cartpole, cartpole.build, 4.66),
-    "Pendulum": Row(pendulum, pendulum.build, 4.076),
-    "Acrobot, masses": Row(acrobot, acrobot.build, 2.85),
-    "Acrobot, lengths": Row(acrobot, partial(acrobot.build, space=acrobot.LENGTHS), 2.25),
+    "CartPole": Row(cartpole, cartpole.build, cartpole.SPACE, 4.66),
+    "Pendulum": Row(pendulum, pendulum.build, pendulum.SPACE, 4.076),
+    "Acrobot, masses": Row(acrobot, acrobot.build, acrobot.SPACE, 2.85),
+    "Acrobot, lengths": Row(acrobot, partial(acrobot.build, space=acrobot.LENGTHS), acrobot.LENGTHS, 2.25),
 }
 
 

@@ -16,11 +16,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from onlinebayes.runs import write_atomic
 from recipes.command import status
 from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.studies.table_online import ROWS
 from recipes.studies.table_systems import SYSTEMS
-from recipes.studies.thesis import table_4_1, table_5_1
+from recipes.studies.thesis import page, table_4_1, table_5_1
 from recipes.studies.thesis.rows import Job, Part, tables
 
 
@@ -40,6 +41,8 @@ class Study:
     """finished jobs go here"""
     results: Path = Path("docs/results")
     """folder of the tables"""
+    page: Path = Path("docs/thesis.md")
+    """whose tables are written anew"""
     only_jobs: bool = False
     """no table, for a process beside others"""
     kept_only: bool = False
@@ -74,6 +77,8 @@ def main(study: Study) -> int:
             print(table.to_markdown())
             print(f"written: {table.write(study.results)}")
             held = held and table.holds
+        if study.page.exists():
+            write_atomic(study.page, page.filled(study.page.read_text(encoding="utf-8"), study.results))
     return 0 if held else 1
 
 

@@ -9,7 +9,6 @@ from typing import Any, Literal
 from onlinebayes.inference import BoxUniform
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable
-from recipes.common import Settings
 from recipes.studies.table_online import ROWS
 from recipes.studies.table_systems import SYSTEMS
 from recipes.studies.tables import NOT_IN_THE_DYNAMICS, UNKNOWABLE
@@ -38,7 +37,7 @@ def tables(found: Mapping[Job, dict[str, Any]], command: str, seeds: Sequence[in
     second.add("protocol", table_5_1.PROTOCOL)
     for name, row in ROWS.items():
         of = {noise: each(found, ("5.1", "loop"), name, noise) for noise in NOISES}
-        prior = BoxUniform(row.build(Settings(short=True)).problem.space)
+        prior = BoxUniform(row.space)
         add_rows(second, name, of, TABLE_5_1[name], float(prior.log_prob(prior.sample((1,)))))
     return [first, second]
 

@@ -23,7 +23,7 @@ from recipes.studies.one_round import begun
 from recipes.studies.table_systems import SYSTEMS, swung
 from recipes.studies.thesis.columns import CEILING, COLUMNS, TEN_AS_ONE, Data, beliefs, ten_as_one
 
-SIMULATIONS, DRAWS, POINTS = 1000, 20_000, 600
+SIMULATIONS, DRAWS, POINTS = 500, 20_000, 600
 
 PROTOCOL = (
     f"one round; {SIMULATIONS} thetas of ten rollouts of 50 steps, random actions; ten measured rollouts;"

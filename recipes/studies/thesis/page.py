@@ -1,0 +1,122 @@
+"""``docs/thesis.md``: its figures checked against the result files, its two tables written from them.
+
+    [5.30](results/exact.md "the row's name")       a figure: the value of that row of results/exact.json, as rounded
+    <!-- table 4.1 --> ... <!-- end -->             one of :data:`TABLES`, written anew by :func:`filled`
+
+A cell of Tables 4.1 and 5.1 holds our median, and without noise the thesis's figure of the same method in brackets.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import statistics
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from recipes.studies.thesis.columns import CEILING, COLUMNS, FILTER, TEN_AS_ONE
+from recipes.studies.thesis.printed import LOOP, TABLE_4_1, TABLE_5_1
+
+FIGURE = re.compile(r'\[([^\]]+)\]\(results/([\w.-]+)\.md "([^"]+)"\)')
+BLOCK = re.compile(r"(<!-- table ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+NUMBER = re.compile(r"-?\d*\.?\d+")
+MISSING = "-"
+
+Rows = Mapping[str, Mapping[str, Any]]
+"""Row's name -> row of a result file."""
+
+HEADS = {
+    "4.1": [*COLUMNS, TEN_AS_ONE, FILTER, CEILING],
+    "5.1": [*COLUMNS, FILTER, CEILING, LOOP],
+}
+THESIS = {"4.1": TABLE_4_1, "5.1": TABLE_5_1}
+
+
+def rows_of(results: Path, name: str) -> Rows:
+    """The rows of a result file; none where there is no file."""
+    file = results / f"{name}.json"
+    return {row["name"]: row for row in json.loads(file.read_text(encoding="utf-8"))["rows"]} if file.exists() else {}
+
+
+def wrong(text: str, results: Path) -> list[str]:
+    """One line for each figure of a page that is not what its result file holds.
+
+    Args:
+        text: of the page.
+        results: folder of the result files.
+    """
+    return [problem for told, name, row in FIGURE.findall(text) if (problem := _problem(told, name, row, results))]
+
+
+def _problem(told: str, name: str, row: str, results: Path) -> str | None:
+    rows = rows_of(results, name)
+    if row not in rows:
+        return f"{name} has no row '{row}'"
+    value, number = rows[row]["value"], NUMBER.fullmatch(told)
+    if isinstance(value, str):
+        return None if told == value else f"{name}, {row}: {told} is told, '{value}' stands there"
+    if number is None:
+        return f"{name}, {row}: '{told}' is no number"
+    digits = len(told.partition(".")[2])
+    return None if round(value, digits) == float(told) else f"{name}, {row}: {told} is told, {value:g} stands there"
+
+
+def filled(text: str, results: Path) -> str:
+    """The page with its tables as the result files have them."""
+
+    def block(found: re.Match[str]) -> str:
+        return found[1] + "\n".join(TABLES[found[2]](results)) + "\n" + found[3]
+
+    return BLOCK.sub(block, text)
+
+
+def densities(number: str, results: Path) -> Iterator[str]:
+    """Table 4.1 or 5.1: two lines a system, without noise and with."""
+    heads, rows = HEADS[number], rows_of(results, f"thesis-{number}")
+    yield _line(["system", "prior", "noise", *heads])
+    yield _line(["---"] * (3 + len(heads)))
+    for told, thesis in THESIS[number].items():
+        for noise in ("0", "1"):
+            head = f"{told}, noise {noise} %"
+            if any(f"{head}: {column}" in rows for column in heads):
+                cells = [_cell(rows.get(f"{head}: {column}"), thesis.get(column), noise) for column in heads]
+                yield _line([told, _text(rows[f"{told}: the prior"]["value"]), f"{noise} %", *cells])
+
+
+def features_against_network(results: Path) -> Iterator[str]:
+    """Random features beside a network, five seeds each: medians, standard deviations, and in how many rows."""
+    rows, below, wider = rows_of(results, "tables"), 0, 0
+    names = [name.removesuffix(", mixture") for name in rows if name.endswith(", mixture")]
+    yield _line(["parameter", "network", "its sd", "Fourier features", "their sd"])
+    yield _line(["---"] * 5)
+    for name in names:
+        network, features = rows[f"{name}, mixture"], rows[f"{name}, Fourier features"]
+        spreads = [statistics.stdev(map(float, str(row["spread"]).split())) for row in (network, features)]
+        below += features["value"] < network["value"]
+        wider += spreads[1] > spreads[0]
+        yield _line([name, _text(network["value"]), _text(spreads[0]), _text(features["value"]), _text(spreads[1])])
+    yield ""
+    yield f"Features are below the network in {below} of {len(names)} rows, and spread wider in {wider}."
+
+
+TABLES: dict[str, Callable[[Path], Iterable[str]]] = {
+    "4.1": partial(densities, "4.1"),
+    "5.1": partial(densities, "5.1"),
+    "features": features_against_network,
+}
+
+
+def _cell(row: Mapping[str, Any] | None, thesis: float | None, noise: str) -> str:
+    ours = MISSING if row is None else _text(row["value"])
+    return f"{ours} ({_text(thesis)})" if thesis is not None and noise == "0" else ours
+
+
+def _text(value: float) -> str:
+    text = f"{value:.2f}"
+    return "0.00" if text == "-0.00" else text
+
+
+def _line(cells: Iterable[str]) -> str:
+    return "| " + " | ".join(cells) + " |"
