@@ -18,7 +18,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.runs import BadInput, nearest
+from onlinebayes.runs import BadInput, UnknownName, nearest
 
 
 @dataclass(frozen=True)
@@ -232,5 +232,5 @@ class ParameterSpace(Mapping[str, Parameter]):
                 f"theta has {theta.shape[-1]} columns, the space has {len(self)} parameters: {', '.join(self.names)}"
             )
 
-    def _unknown(self, name: str) -> BadInput:
-        return BadInput(f"parameter '{name}' is unknown", nearest(name, self.names))
+    def _unknown(self, name: str) -> UnknownName:
+        return UnknownName(f"parameter '{name}' is unknown", nearest(name, self.names))

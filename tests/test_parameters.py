@@ -1,6 +1,7 @@
 """Parameter and ParameterSpace: names <-> theta <-> unit cube, and errors that say what to do."""
 
 import math
+from collections import ChainMap
 
 import pytest
 import torch
@@ -68,6 +69,37 @@ def test_bad_bounds_name_value_rule_and_cure(arguments: tuple, message: str) -> 
 def test_unknown_names_suggest_the_nearest() -> None:
     with pytest.raises(BadInput, match="parameter 'masss' is unknown; nearest: mass"):
         SPACE.index("masss")
+
+
+def test_it_answers_as_any_mapping_does() -> None:
+    plain = {name: SPACE[name] for name in SPACE}
+    for mapping in (SPACE, plain):
+        assert mapping.get("mass") == Parameter(0.1, 2.0, "kg")
+        assert mapping.get("masss") is None
+        assert mapping.get("masss", 3) == 3
+        assert "mass" in mapping
+        assert "masss" not in mapping
+        with pytest.raises(KeyError):
+            mapping["masss"]
+        with pytest.raises(TypeError):
+            mapping.get([])
+    assert (list(SPACE), list(SPACE.keys()), len(SPACE)) == (list(plain), list(plain), len(plain))
+    assert (list(SPACE.values()), list(SPACE.items())) == (list(plain.values()), list(plain.items()))
+    assert dict(SPACE) == {**SPACE} == plain
+    assert ChainMap({}, SPACE).get("masss", 3) == 3
+    match SPACE:
+        case {"masss": _}:
+            pytest.fail("no such parameter")
+        case {"load": load, **rest}:
+            assert load.low == -3
+            assert set(rest) == {"mass", "damping"}
+
+
+def test_an_unknown_name_is_said_in_one_plain_line() -> None:
+    for raising in (lambda: SPACE["masss"], lambda: SPACE.replaced("masss", SPACE["mass"])):
+        with pytest.raises(BadInput) as caught:
+            raising()
+        assert str(caught.value) == "parameter 'masss' is unknown; nearest: mass"
 
 
 def test_check_names_the_first_value_out_of_bounds() -> None:

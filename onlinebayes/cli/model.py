@@ -19,8 +19,6 @@ from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.addresses import resolve, written_out
 from onlinebayes.simulators.mujoco.model import compile_spec, load_spec
-from onlinebayes.simulators.mujoco.sensors import measured_sensors
-from onlinebayes.simulators.mujoco.wrenches import with_wrenches
 
 RATES = {"qpos": "", "qvel": "/s"}
 
@@ -57,14 +55,14 @@ def build_simulator(
             with top.at("measurements"):
                 made = made.with_columns(columns)
         return made, parameters
-    with top.at("measurements"):
-        spec = with_wrenches(edited(made, edit, actuators), columns)
+    spec = edited(made, edit, actuators)
     compiled = compile_spec(spec.copy())
     parameters = parameters.expanded(lambda name: written_out(compiled, name), top.section("parameters"))
-    sensors = measured_sensors(compiled, columns)
     space = _with_units(top, compiled, parameters)
     with top.at("parameters"):
-        simulator = MujocoSimulator(spec, space, sensors=sensors)
+        simulator = MujocoSimulator(spec, space)
+    with top.at("measurements"):
+        simulator = simulator.with_columns(columns)  # after the globs: they mean elements of the user's model
     for name, value in zip(simulator.parameters, simulator.nominal.tolist(), strict=True):
         if not math.isfinite(value):
             raise top.error("model", f"its own {name} is {value}", "give it a finite value in the MJCF")

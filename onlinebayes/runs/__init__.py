@@ -1,7 +1,7 @@
 """What every long piece of work needs: errors, atomic files, checkpoints, progress, interruption, seeds, TOML."""
 
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
-from onlinebayes.runs.errors import BadInput
+from onlinebayes.runs.errors import BadInput, UnknownName
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
 from onlinebayes.runs.lock import Lock
@@ -34,6 +34,7 @@ __all__ = [
     "RunFolder",
     "Stateful",
     "Stopped",
+    "UnknownName",
     "Watch",
     "atomic_path",
     "commit",

@@ -15,3 +15,12 @@ class BadInput(ValueError):
     def __init__(self, problem: str, cure: str = "", *, where: str = "") -> None:
         parts = [f"{where}: " if where else "", problem, f"; {cure}" if cure else ""]
         super().__init__(one_line("".join(parts)))
+
+
+class UnknownName(BadInput, KeyError):
+    """A name that a mapping does not hold.
+
+    ``Mapping.get`` and ``in`` answer a ``KeyError`` with their default, a user reads the line of :class:`BadInput`.
+    """
+
+    __str__ = BadInput.__str__  # KeyError's would quote the line

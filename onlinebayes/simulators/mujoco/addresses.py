@@ -2,7 +2,8 @@
 
 An address resolves to the cells of ``mjModel`` arrays that a value is written to, each with a sign:
 ``actuator.goal.kp`` is ``gainprm[0] = kp`` and ``biasprm[1] = -kp`` together. A name with ``*`` or ``?`` is one value
-for all elements that it matches. The fields' names are those of :mod:`.fields`.
+for all elements that it matches in the user's model; elements that are added to the model later are not among them. The
+fields' names are those of :mod:`.fields`.
 """
 
 from __future__ import annotations
@@ -99,14 +100,19 @@ def element_id(model: mujoco.MjModel, kind: str, name: str) -> int:
     return i
 
 
-def resolve(model: mujoco.MjModel, name: str) -> Address:
+def resolve(model: mujoco.MjModel, name: str, members: Sequence[str] | None = None) -> Address:
     """The cells that an address stands for.
+
+    Args:
+        model: whose cells they are.
+        name: the address, or a glob.
+        members: the addresses that a glob stands for; those of ``model`` when None.
 
     Raises:
         BadInput: the address is malformed, or names an element or a field that is not there; names the nearest.
     """
     if is_glob(name):
-        return _tied(name, [resolve(model, one) for one in expand(model, name)])
+        return _tied(name, [resolve(model, one) for one in members or expand(model, name)])
     kind, element, field, index = _parse(model, name)
     if kind == "actuator" and field in ("kp", "kv"):
         return Address(name, _servo(model, element, field, name), "")

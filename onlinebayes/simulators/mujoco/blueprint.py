@@ -43,6 +43,7 @@ class Blueprint:
     sensors: tuple[str, ...]
     soft_friction: bool
     scaled_moments: bool
+    members: Mapping[str, tuple[str, ...]]
 
 
 class Remakable(Identifiable):
@@ -76,9 +77,13 @@ class Remakable(Identifiable):
     @property
     def own_numbers(self) -> dict[str, Parameter]:
         """See :mod:`.own_numbers`; without those that are parameters already."""
-        free = {one for name in self._blueprint.parameters for one in written_out(self.model, name)}
-        plain = {name.removesuffix("[0]") for name in free}
-        return {name: p for name, p in own_numbers(self.model).items() if name.removesuffix("[0]") not in plain}
+        base, members = (
+            self._system.base,
+            self._system.members,
+        )  # the numbers of what effects add are these effects' own
+        named = [one for name in self._blueprint.parameters for one in members.get(name, (name,))]
+        free = {one.removesuffix("[0]") for name in named for one in written_out(base, name)}
+        return {name: p for name, p in own_numbers(base).items() if name.removesuffix("[0]") not in free}
 
     def with_free(self, name: str, parameter: Parameter) -> Self:
         """A new simulator with one parameter more, after the model's others; see :meth:`Identifiable.with_free`."""

@@ -49,6 +49,7 @@ class MujocoSimulator(Remakable):
         sensors: sensors that are signals too, ``sensor.<name>`` or ``qfrc.<joint>`` (see :mod:`.sensors`).
         soft_friction: leave the dry friction of effects as soft as the model's own is, in place of one that sticks.
         scaled_moments: moments of inertia follow the free masses of their bodies (see :mod:`.scaled_moments`).
+        members: globs among the parameters -> the addresses that they stand for; others are looked up in ``model``.
 
     Attributes:
         spec: the model's spec, effects' structure included; its values are the nominal ones.
@@ -70,9 +71,10 @@ class MujocoSimulator(Remakable):
         sensors: Sequence[str] = (),
         soft_friction: bool = False,
         scaled_moments: bool = False,
+        members: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
         source, parameters = load_spec(model), parameters or ParameterSpace()
-        self._system = MujocoSystem(source, parameters, effects, sensors, soft_friction, scaled_moments)
+        self._system = MujocoSystem(source, parameters, effects, sensors, soft_friction, scaled_moments, members)
         self.spec, self.model = self._system.spec, self._system.model
         self.parameters, self.effects = self._system.parameters, self._system.effects
         self.commands = tuple(c.name for c in self._system.commands)
@@ -87,7 +89,16 @@ class MujocoSimulator(Remakable):
             raise BadInput(f"worlds = {worlds}", "a simulator has at least one world")
         own, read = self._system.effects, self._system.sensors
         self._blueprint = Blueprint(
-            source, parameters, worlds, self.dt, threads, own, read, soft_friction, scaled_moments
+            source,
+            parameters,
+            worlds,
+            self.dt,
+            threads,
+            own,
+            read,
+            soft_friction,
+            scaled_moments,
+            self._system.members,
         )
         self._worlds = Worlds(self._system, worlds, threads)
         self._closure = Closure(self.model) if tied(self.model) else None

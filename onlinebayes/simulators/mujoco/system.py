@@ -22,6 +22,8 @@ from onlinebayes.simulators.mujoco import pseudo_inertia
 from onlinebayes.simulators.mujoco.actuation import JointActuator
 from onlinebayes.simulators.mujoco.addresses import (
     Address,
+    expand,
+    is_glob,
     model_array,
     names,
     resolve,
@@ -46,6 +48,7 @@ class MujocoSystem:
         sensors: signals that sensors give, ``sensor.<name>`` or ``qfrc.<joint>``.
         soft_friction: leave the dry friction of effects as soft as the model's own is; see :mod:`.sticking`.
         scaled_moments: moments of inertia follow the free masses of their bodies; see :mod:`.scaled_moments`.
+        members: globs among the parameters -> the addresses that they stand for; others are looked up in ``source``.
 
     Raises:
         BadInput: the model does not compile, an address or a target does not exist.
@@ -59,10 +62,14 @@ class MujocoSystem:
         sensors: Sequence[str] = (),
         soft_friction: bool = False,
         scaled_moments: bool = False,
+        members: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
         self.source, self.base_parameters, self.effects = source, parameters, tuple(effects)
         self.soft_friction, self.scaled_moments = soft_friction, scaled_moments
-        base = compile_spec(source)
+        #: The model without effects.
+        self.base = base = compile_spec(source)
+        known = members or {}
+        self.members = {name: known.get(name) or expand(base, name) for name in parameters if is_glob(name)}
         self.spec = source.copy()
         self.parameters = parameters
         for effect in self.effects:
@@ -74,7 +81,9 @@ class MujocoSystem:
         add_torque_sensors(self.spec, base, sensors)
         self.model = compile_spec(self.spec) if self.effects or sensors else base
         self.sensors, self.sensor_places = tuple(sensors), sensor_places(self.model, sensors)
-        self.addresses: tuple[Address, ...] = tuple(resolve(self.model, name) for name in parameters)
+        self.addresses: tuple[Address, ...] = tuple(
+            resolve(self.model, name, self.members.get(name)) for name in parameters
+        )
         cells = [(address.name, cell.array, cell.index) for address in self.addresses for cell in address.cells]
         inertials = pseudo_inertia.bodies(self.model, cells)
         self.model = with_movable_centres(self.spec, self.model, self._moved_centres(), inertials)
