@@ -6,11 +6,13 @@
 A fault has no parameter of its own, so that it goes before every law that does no better. It has to take away half of
 the squared error above the noise: it is gross, or it is none. Errors are counted in units of a floor that carries the
 fault's factor along: dividing a column by 57 makes no error smaller. Nor does a fault explain what it stills: a column
-in thousandths moves by less than its sensor's noise, and would not be scored.
+in thousandths moves by less than its sensor's noise, and would not be scored. Windows that a fault leaves without a
+measured value are left out of both scores.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -55,7 +57,7 @@ OUTAGE_WINDOWS = (0.25, 1.0)
 best; in the second, parameters that suit the rest fail long enough to be seen. What explains more is judged."""
 
 MOVING = 0.5
-"""Of what is scored in the table as it stands: a mended one in which less moves is a stilled one."""
+"""Of what is scored in the table as it stands: a mended one in which no more moves is a stilled one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,23 +142,36 @@ def _gains(found: Mended) -> list[float]:
 
 
 def _explains(found: Mended, base: Evaluation) -> bool:
-    return halves(*(one.left[0].rms.tolist() for one in (base, found.evaluation)))
+    return halves(base.left[0], found.evaluation.left[0])
 
 
 def _judged(fault: Fault, evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
-    """The model fitted to the table put right; None where that stills what moved, or cannot be followed."""
+    """The model fitted to the table put right; None where that stills what moved, or cannot be followed.
+
+    It is judged over the windows that both tables have: what a fault takes away speaks neither for it nor against it.
+    """
     try:
         given = fault.model(evaluator.given)
-        windows = _put_right(fault, given, evaluator.windows, measurement)
+        windows, stood = _in_both(_put_right(fault, given, evaluator.windows, measurement), evaluator.windows)
     except Stopped:
         raise
     except BadInput:
         return None
-    if windows.observed.sum() < MOVING * evaluator.windows.observed.sum():
-        return None
-    anew = replace(evaluator, given=given, windows=windows, known={})
+    if min(windows.observed.sum(), stood.observed.sum()) <= MOVING * evaluator.windows.observed.sum():
+        return None  # of two faults that pass, each has more than half: they share a window
+    anew = evaluator.of_table(given, windows)
     found = anew.evaluate(Hypothesis(), [base.values, {}])
     return None if found is None else Mended(fault, (), anew, found, found.gains(base))
+
+
+def _in_both(windows: Windows, stood: Windows) -> tuple[Windows, Windows]:
+    """The windows of two tables that lie where the other has one, too."""
+    shared = set(windows.spans) & set(stood.spans)
+    mine, theirs = (
+        one.select(one.run.new_tensor([w for w, span in enumerate(one.spans) if span in shared]))
+        for one in (windows, stood)
+    )
+    return mine, theirs
 
 
 def _put_right(fault: Fault, given: Identifiable, windows: Windows, measurement: Measurement) -> Windows:
@@ -172,9 +187,11 @@ def _put_right(fault: Fault, given: Identifiable, windows: Windows, measurement:
 def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> list[Fault]:
     """The faults whose replay gains most, in the order in which they are named."""
     thetas = _thetas(evaluator.given, base)
-    own = _replayed(AsItStands(), evaluator, thetas, measurement)
-    faults = possible_faults(evaluator.given, measurement)
-    promise = {fault: own - _replayed(fault, evaluator, thetas, measurement) for fault in faults}
+    stood = _replayed(AsItStands(), evaluator, thetas, measurement)
+    promise: dict[Fault, float] = {}
+    for fault in possible_faults(evaluator.given, measurement):
+        right = _replayed(fault, evaluator, thetas, measurement)
+        promise[fault] = -math.inf if right is None or stood is None else right.gain(stood)
     best = sorted(promise.values(), reverse=True)[:REFITS]
     return [fault for fault, gain in promise.items() if gain >= max(LEAST_PROMISE, best[-1])][:REFITS]
 
@@ -209,8 +226,29 @@ def _thetas(simulator: Identifiable, base: Evaluation) -> Float[Tensor, "M P"]:
     return torch.cat([fitted[None], nominal[None], space.from_unit(draws)])
 
 
-def _replayed(fault: Fault, evaluator: Evaluator, thetas: Float[Tensor, "M P"], measurement: Measurement) -> float:
-    """Score of the replay from the smoothed starts with the fault put right, best of some thetas."""
+@dataclass(frozen=True, eq=False)
+class _Replays:
+    """What is left of the signals of some windows by several thetas, in units of noise; those that did not diverge."""
+
+    windows: Windows
+    residuals: tuple[Float[Tensor, "W n S"], ...]
+
+    def gain(self, other: _Replays) -> float:
+        """By how much the best score is better than that of the other, over the windows that both have."""
+        mine, theirs = _in_both(self.windows, other.windows)
+        return other.over(theirs) - self.over(mine) if mine.count else -math.inf
+
+    def over(self, some: Windows) -> float:
+        """The best score over some of the windows."""
+        place = {span: w for w, span in enumerate(self.windows.spans)}
+        rows = [place[span] for span in some.spans]
+        return min((score_of(some, one[rows]) for one in self.residuals), default=math.inf)
+
+
+def _replayed(
+    fault: Fault, evaluator: Evaluator, thetas: Float[Tensor, "M P"], measurement: Measurement
+) -> _Replays | None:
+    """The replays from the smoothed starts with the fault put right; None where there are none."""
     try:
         given = fault.model(evaluator.given)
         simulator = evaluator.discretisation.derivatives.of(given)
@@ -218,12 +256,12 @@ def _replayed(fault: Fault, evaluator: Evaluator, thetas: Float[Tensor, "M P"], 
     except Stopped:
         raise
     except BadInput:
-        return float("inf")
+        return None
     starts = windows.start.expand(len(thetas), *windows.start.shape)
     shown, valid = replay_binned(simulator, windows, thetas, starts)
     measured, scale = windows.bin(windows.value), per_noise(windows)
-    finite: Sequence[Tensor] = [one for one, good in zip(shown, valid, strict=True) if bool(good.all())]
-    return min((score_of(windows, (measured - one) * scale) for one in finite), default=float("inf"))
+    left = [(measured - one) * scale for one, good in zip(shown, valid, strict=True) if bool(good.all())]
+    return _Replays(windows, tuple(left)) if left else None
 
 
 def _few(windows: Windows) -> Windows:

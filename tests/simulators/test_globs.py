@@ -13,7 +13,8 @@ from onlinebayes.simulators.mujoco import MujocoSimulator
 
 TWO_SERVOS = """
 <mujoco><option timestep="0.002"/><worldbody>
-  <body name="upper"><joint name="shoulder" axis="0 1 0" damping=".1"/><geom type="capsule" size=".03" fromto="0 0 0 .5 0 0"/>
+  <body name="upper"><joint name="shoulder" axis="0 1 0" damping=".1"/>
+    <geom type="capsule" size=".03" fromto="0 0 0 .5 0 0"/>
     <body name="lower" pos=".5 0 0"><joint name="elbow" axis="0 1 0" damping=".1"/>
       <geom type="capsule" size=".02" fromto="0 0 0 .4 0 0"/><site name="tip" pos=".4 0 0"/></body></body>
 </worldbody><actuator>

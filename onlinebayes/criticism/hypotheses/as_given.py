@@ -47,7 +47,7 @@ def _above_noise(here: Evaluation) -> float:
 def _far_better(other: Evaluation, here: Evaluation) -> bool:
     gained = other.gains(here)[0]
     certain = gained.gain >= max(LEAST_GAIN, STANDARD_ERRORS * gained.se)
-    return certain and halves(*(one.left[0].rms.tolist() for one in (here, other)))
+    return certain and halves(here.left[0], other.left[0])
 
 
 def _ways(given: Identifiable, judged: Rung) -> Iterator[Rung]:

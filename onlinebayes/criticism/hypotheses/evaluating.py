@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, fine_enough
 from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS, SETTLED, Fitted, best_theta, fit
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
-from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, LinearModel, gain, left_out, partitions
+from onlinebayes.criticism.hypotheses.scoring import Folds, Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
@@ -54,7 +54,9 @@ class Evaluator:
         runs: names of the fit runs.
         discretisation: how models are integrated.
         watch: told what is being done.
+        known: evaluations so far.
         as_given: whether the log follows the model's own step, which then is not to be refined: see :mod:`.as_given`.
+        parted: the windows that are parted into folds, where ``windows`` are those of them that another table has.
     """
 
     given: Identifiable
@@ -64,9 +66,20 @@ class Evaluator:
     watch: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Evaluation | None] = field(default_factory=dict)
     as_given: bool = False
+    parted: Windows | None = None
 
     def __post_init__(self) -> None:
-        self.partitions: tuple[Int[Tensor, " W"], ...] = partitions(self.windows)
+        own = partitions(self.windows if self.parted is None else self.parted)
+        self.partitions: tuple[Folds, ...] = tuple(folds.over(self.windows) for folds in own)
+
+    def of_table(self, given: Identifiable, windows: Windows) -> Evaluator:
+        """One for another table of the same runs; what it says can be compared, for it leaves the same data out.
+
+        Args:
+            given: the model of that table.
+            windows: of that table, among this one's.
+        """
+        return replace(self, given=given, windows=windows, known={}, parted=self.parted or self.windows)
 
     def evaluate(
         self,

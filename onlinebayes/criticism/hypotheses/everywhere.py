@@ -54,7 +54,7 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
 def _leaves_noise(evaluator: Evaluator, found: Evaluation, alone: Round) -> bool:
     """Whether no more than noise is left in the steps that it asks for; no such step is tried in vain."""
     best = min((trial.evaluation for trial in alone.tried), key=lambda one: one.fitted.score)
-    if quiet(found) or not halves(*(one.left[0].rms.tolist() for one in (best, found))):
+    if quiet(found) or not halves(best.left[0], found.left[0]):
         return quiet(found)
     finer = evaluator.refined(found)
     again = found if finer is evaluator else finer.anew(found)

@@ -153,7 +153,7 @@ def _refused(found: Round, trial: Trial) -> Candidate:
 
 def _screened(first: Round, known: set[str]) -> Iterator[Candidate]:
     """What was never refitted, by what it promised beside the base model."""
-    folds = first.begun.left[0].squares.shape[0]
+    folds = len(first.begun.left[0].folds)
     for prediction in first.screened:
         key = prediction.addition.key
         confounded = prediction.imitated_by if prediction.gain < LEAST_GAIN else ()

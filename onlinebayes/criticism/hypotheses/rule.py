@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from onlinebayes.criticism.hypotheses.scoring import Gain
+from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, in_common
 
 LEAST_GAIN = 0.05
 """Nats, the log of a factor: 0.05 is a twentieth of one signal's error."""
@@ -35,12 +35,13 @@ EXPLAINED = 0.5
 """Share of the squared error above the noise that may be left where it is said that something explains the misfit."""
 
 
-def halves(before: Iterable[float], after: Iterable[float]) -> bool:
-    """Whether half of the squared error above the noise is gone.
+def halves(before: LeftOut, after: LeftOut) -> bool:
+    """Whether half of the squared error above the noise is gone, over what both predict."""
+    return half_gone(*(one.rms.tolist() for one in in_common(before, after)))
 
-    Args:
-        before, after: RMS of every signal [floors].
-    """
+
+def half_gone(before: Iterable[float], after: Iterable[float]) -> bool:
+    """The same of the RMS of every signal over the same windows [floors]."""
     excess, left = (sum(max(0.0, value**2 - 1) for value in errors) for errors in (before, after))
     return left <= EXPLAINED * excess
 

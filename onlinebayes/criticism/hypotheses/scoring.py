@@ -12,6 +12,9 @@ What is left out is predicted by theta without it, one step of least squares wit
 and its own values are estimated inside it.
 
     se^2 = (F - 1) / F sum_f (gain_-f - mean)^2        the jackknife over the folds (Efron and Stein 1981)
+
+Two hypotheses are compared over the windows that both predict. A fault of the log may leave windows without a measured
+value: it gains nothing by that.
 """
 
 from __future__ import annotations
@@ -26,7 +29,7 @@ from torch import Tensor
 from onlinebayes.criticism.hypotheses.fitting import Fitted
 from onlinebayes.criticism.hypotheses.hypothesis import room
 from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares
-from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.data.windows import Span, Windows
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 
 FEWEST_RUNS = 4
@@ -39,31 +42,64 @@ REGIONS = 4
 """Windows are sorted by each signal into so many folds: the outer two ask for extrapolation."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
+class Folds:
+    """One way of leaving data out of W windows.
+
+    Args:
+        of: number of each window's fold.
+        spans: which windows these are, see :attr:`.Windows.spans`.
+    """
+
+    of: Int[Tensor, " W"]
+    spans: tuple[Span, ...]
+
+    def __len__(self) -> int:
+        return int(self.of.max()) + 1
+
+    def over(self, windows: Windows) -> Folds:
+        """The same for windows that are among these."""
+        place = {span: w for w, span in enumerate(self.spans)}
+        return Folds(self.of[[place[span] for span in windows.spans]], windows.spans)
+
+
+@dataclass(frozen=True, eq=False)
 class LeftOut:
     """Left-out squares of one hypothesis.
 
     Args:
-        squares, counts: sum of squares [noise^2] and number of bins, of every fold, band and signal.
+        squares, counts: sum of squares [noise^2] and number of bins, of every window, band and signal.
+        folds: how they were left out.
     """
 
-    squares: Float[Tensor, "F B S"]
-    counts: Float[Tensor, "F B S"]
+    squares: Float[Tensor, "W B S"]
+    counts: Float[Tensor, "W B S"]
+    folds: Folds
 
     @property
     def by_signal(self) -> Float[Tensor, " S"]:
         """Each signal's part of the score S."""
-        return _by_signal(self.squares.sum(0), self.counts.sum(0))
+        return score_parts(self.squares.sum(0), self.counts.sum(0))
+
+    @property
+    def of_folds(self) -> tuple[Float[Tensor, "F B S"], Float[Tensor, "F B S"]]:
+        """Sums of squares and numbers of bins of every fold."""
+        squares, counts = (
+            one.new_zeros(len(self.folds), *one.shape[1:]).index_add(0, self.folds.of, one)
+            for one in (self.squares, self.counts)
+        )
+        return squares, counts
 
     @property
     def fold_scores(self) -> Float[Tensor, " F"]:
         """S of every fold alone."""
-        return _by_signal(self.squares, self.counts).sum(-1)
+        return score_parts(*self.of_folds).sum(-1)
 
     @property
     def without_fold(self) -> Float[Tensor, " F"]:
         """S without each of the folds."""
-        return _by_signal(self.squares.sum(0) - self.squares, self.counts.sum(0) - self.counts).sum(-1)
+        squares, counts = self.of_folds
+        return score_parts(squares.sum(0) - squares, counts.sum(0) - counts).sum(-1)
 
     @property
     def rms(self) -> Float[Tensor, " S"]:
@@ -92,8 +128,28 @@ class Gain:
         return sum(self.by_signal)
 
 
+def in_common(one: LeftOut, other: LeftOut) -> tuple[LeftOut, LeftOut]:
+    """Both over what both predict: the windows, bands and signals that both have measured values of.
+
+    Raises:
+        ValueError: they share no window, or leave different data out.
+    """
+    mine, theirs = ({span: w for w, span in enumerate(each.folds.spans)} for each in (one, other))
+    shared = [span for span in mine if span in theirs]
+    if not shared:
+        raise ValueError("no window in common: evaluate both over windows of the same runs and the same length")
+    here, there = [mine[span] for span in shared], [theirs[span] for span in shared]
+    if not torch.equal(one.folds.of[here], other.folds.of[there]):
+        raise ValueError("different folds: give both evaluators the same partition")
+    folds = Folds(one.folds.of[here].unique(return_inverse=True)[1], tuple(shared))
+    both = (one.counts[here] > 0) & (other.counts[there] > 0)
+    a = LeftOut(one.squares[here] * both, one.counts[here] * both, folds)
+    return a, LeftOut(other.squares[there] * both, other.counts[there] * both, folds)
+
+
 def gain(better: LeftOut, other: LeftOut) -> Gain:
-    """What ``better`` gains over ``other``."""
+    """What ``better`` gains over ``other``, over what both predict."""
+    better, other = in_common(better, other)
     differences = other.without_fold - better.without_fold
     F = len(differences)
     spread = float(differences.var(correction=0)) * (F - 1)
@@ -112,13 +168,14 @@ def folds_of(windows: Windows) -> Int[Tensor, " W"]:
     return (before * STRETCHES // max(int(moving.sum()), 1)).clamp_max(STRETCHES - 1)
 
 
-def partitions(windows: Windows) -> tuple[Int[Tensor, " W"], ...]:
-    """Every way in which data are left out: number of each window's fold, by runs first, then by each signal."""
+def partitions(windows: Windows) -> tuple[Folds, ...]:
+    """Every way in which data are left out: by runs first, then by each signal."""
     seen = windows.observed
     count = seen.sum(1).clamp_min(1)
     mean = torch.where(seen, windows.value, torch.zeros_like(windows.value)).sum(1) / count
     ranks = mean.argsort(0).argsort(0)
-    return folds_of(windows), *(rank * REGIONS // len(rank) for rank in ranks.unbind(1))
+    ways = (folds_of(windows), *(rank * REGIONS // len(rank) for rank in ranks.unbind(1)))
+    return tuple(Folds(way, windows.spans) for way in ways)
 
 
 @dataclass(frozen=True)
@@ -173,29 +230,21 @@ class LinearModel:
         return step
 
 
-def left_out(model: LinearModel, windows: Windows, folds: Int[Tensor, " W"]) -> LeftOut:
+def left_out(model: LinearModel, windows: Windows, folds: Folds) -> LeftOut:
     """Every fold predicted by the parameters that the others ask for."""
     rows = model.rows
     normal = model.columns.mT @ model.columns
     right = (model.columns.mT @ rows.residual[..., None])[..., 0]
     predicted = rows.residual.clone()
-    for f in range(int(folds.max()) + 1):
-        here = folds == f
+    for f in range(len(folds)):
+        here = folds.of == f
         step = model.without(here, normal, right)
         predicted[here] -= torch.einsum("wmp,p->wm", model.columns[here], step)
-    return squares_of(windows, rows.in_noise(predicted), folds)
+    return LeftOut(band_squares(windows, rows.in_noise(predicted)), band_counts(windows), folds)
 
 
-def squares_of(windows: Windows, rows: Float[Tensor, "W n S"], folds: Int[Tensor, " W"]) -> LeftOut:
-    """Left-out squares from left-out rows in units of noise."""
-    number = int(folds.max()) + 1
-    squares = band_squares(windows, rows)
-    counts = band_counts(windows)
-    pooled = [x.new_zeros(number, *x.shape[1:]).index_add(0, folds, x) for x in (squares, counts)]
-    return LeftOut(*pooled)
-
-
-def _by_signal(squares: Float[Tensor, "*batch B S"], counts: Float[Tensor, "*batch B S"]) -> Float[Tensor, "*batch S"]:
+def score_parts(squares: Float[Tensor, "*batch B S"], counts: Float[Tensor, "*batch B S"]) -> Float[Tensor, "*batch S"]:
+    """Each signal's part of the score S, from sums of squares and numbers of bins."""
     seen = counts > 0
     each = torch.where(seen, 0.5 * torch.log1p(squares / counts.clamp_min(1)), torch.zeros_like(squares))
     return each.sum(-2) / seen.sum(-2).clamp_min(1)

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import torch
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.additions import Addition, Start
@@ -25,7 +25,7 @@ from onlinebayes.criticism.hypotheses.fitting import Fitted, score_of
 from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.hypotheses.rows import rms, taken_out
 from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
-from onlinebayes.criticism.hypotheses.scoring import LinearModel, left_out
+from onlinebayes.criticism.hypotheses.scoring import Folds, LinearModel, left_out
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
@@ -93,7 +93,7 @@ class _Bench:
     fitted: Fitted
     windows: Windows
     base: Float[Tensor, "W n S"]
-    folds: Int[Tensor, " W"] | None
+    folds: Folds | None
 
     def of_part(self) -> _Bench:
         """The quarter of the windows that err most, nothing left out."""
@@ -129,7 +129,7 @@ class _Bench:
 def screen(
     fitted: Fitted,
     windows: Windows,
-    folds: Int[Tensor, " W"],
+    folds: Folds,
     candidates: Sequence[Addition],
 ) -> list[Prediction]:
     """Every candidate's predicted gain, the largest first; candidates that the simulator refuses are left out."""

@@ -15,7 +15,7 @@ from onlinebayes.criticism.hypotheses.additions import AddedEffect, OwnValues, W
 from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
-from onlinebayes.criticism.hypotheses.rule import halves
+from onlinebayes.criticism.hypotheses.rule import half_gone
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.results import Numerics
@@ -53,7 +53,7 @@ def decide(
         return "adequate" if quiet else "unexplained"
     if not kept:
         return "adequate" if worst <= tolerance else "unexplained"
-    if doubted or not (halves(before.values(), after.values()) or worst <= AT_FLOOR):
+    if doubted or not (half_gone(before.values(), after.values()) or worst <= AT_FLOOR):
         return "unexplained"
     named = [one for one in kept if not isinstance(one, OwnValues)]
     if not named:

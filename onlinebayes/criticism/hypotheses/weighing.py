@@ -26,7 +26,7 @@ from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import rivals
 from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.criticism.hypotheses.rule import SHARE_OF_GAINED, equally_good
-from onlinebayes.criticism.hypotheses.scoring import LeftOut
+from onlinebayes.criticism.hypotheses.scoring import LeftOut, score_parts
 
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""
@@ -82,7 +82,7 @@ def weights_of(left: Sequence[LeftOut], base: LeftOut) -> Float[Tensor, " K"]:
     if len(left) == 1:
         return torch.ones(1, dtype=torch.float64)
     draw = torch.Generator().manual_seed(0)
-    folds = len(base.squares)
+    folds = len(base.folds)
     u = torch.distributions.Exponential(1.0).icdf(torch.rand(DRAWS, folds, generator=draw, dtype=torch.float64))
     score = torch.stack([_scores(one, u) for one in (base, *left)])
     gains = score[0] - score[1:]
@@ -93,8 +93,8 @@ def weights_of(left: Sequence[LeftOut], base: LeftOut) -> Float[Tensor, " K"]:
 
 def _scores(left: LeftOut, u: Float[Tensor, "D F"]) -> Float[Tensor, " D"]:
     """S with the folds weighed so."""
-    squares, counts = (torch.einsum("df,fbs->dbs", u, one.to(u)) for one in (left.squares, left.counts))
-    return LeftOut(squares, counts).fold_scores
+    squares, counts = (torch.einsum("df,fbs->dbs", u, one.to(u)) for one in left.of_folds)
+    return score_parts(squares, counts).sum(-1)
 
 
 def _in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Evaluation | None:

@@ -28,6 +28,10 @@ START_LOOSENESS = 20.0
 MEMORY = 20.0  # horizons before a window whose commands are kept for hidden states
 
 
+Span = tuple[str, float, float]
+"""Where a window lies: its run, and the instants between which it is [s]."""
+
+
 @dataclass(frozen=True)
 class Windows:
     """W windows of K rows; U commands, S signals, J joints, n = K / bin_rows bins.
@@ -96,6 +100,13 @@ class Windows:
     def horizon(self) -> float:
         """Length of a window H [s]."""
         return self.step * self.rows
+
+    @property
+    def spans(self) -> tuple[Span, ...]:
+        """Where each window lies: windows of other tables, steps or signals that lie there say the same."""
+        places = zip(self.run.tolist(), self.first.tolist(), strict=True)
+        begins = [(self.runs[r], self.begin[r] + self.step * g) for r, g in places]
+        return tuple((run, round(begin, 6), round(begin + self.horizon, 6)) for run, begin in begins)
 
     @property
     def seen(self) -> Bool[Tensor, "W n S"]:

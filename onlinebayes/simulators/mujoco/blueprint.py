@@ -77,10 +77,7 @@ class Remakable(Identifiable):
     @property
     def own_numbers(self) -> dict[str, Parameter]:
         """See :mod:`.own_numbers`; without those that are parameters already."""
-        base, members = (
-            self._system.base,
-            self._system.members,
-        )  # the numbers of what effects add are these effects' own
+        base, members = self._system.base, self._system.members  # what effects add has numbers in their parameters
         named = [one for name in self._blueprint.parameters for one in members.get(name, (name,))]
         free = {one.removesuffix("[0]") for name in named for one in written_out(base, name)}
         return {name: p for name, p in own_numbers(base).items() if name.removesuffix("[0]") not in free}

@@ -89,7 +89,7 @@ def test_an_encoder_that_finds_another_zero_in_each_run_is_told_from_one_zero() 
 
 def test_runs_are_folds_and_the_windows_begin_where_noise_says() -> None:
     found = explain(model(), measure(runs=10), holdout=HELD, candidates=["dry_friction"])
-    assert len(found.base.left[0].squares) == 8
+    assert len(found.base.left[0].folds) == 8
     assert found.windows.runs == tuple(f"run{k}" for k in range(8))
     assert torch.isfinite(found.windows.start).all()
 

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import pytest
 import torch
 
 from onlinebayes.criticism.hypotheses.fitting import fit
 from onlinebayes.criticism.hypotheses.lengths import windows_of
 from onlinebayes.criticism.hypotheses.rows import band_counts, band_squares
-from onlinebayes.criticism.hypotheses.scoring import LinearModel, folds_of, gain, left_out, partitions
+from onlinebayes.criticism.hypotheses.scoring import LinearModel, folds_of, gain, in_common, left_out, partitions
 from onlinebayes.identification.replaying.ladder import Rung
 from tests.criticism.rigs import NOISE, measure, model
 
 SIMULATOR, MEASUREMENT = model(), measure(runs=6, seconds=1.5)
 WINDOWS = windows_of(SIMULATOR, MEASUREMENT, 0.5, torch.tensor([NOISE], dtype=torch.float64), Rung(0.01))
+BY_RUN, BY_POSITION = partitions(WINDOWS)
 
 
 def test_a_fold_is_predicted_as_by_a_fit_without_it() -> None:
@@ -30,8 +34,8 @@ def test_a_fold_is_predicted_as_by_a_fit_without_it() -> None:
 
 
 def test_left_out_squares_of_a_right_model_are_those_of_noise_and_a_little_more() -> None:
-    fitted, folds = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal), folds_of(WINDOWS)
-    left = left_out(LinearModel.of(fitted), WINDOWS, folds)
+    fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
+    left = left_out(LinearModel.of(fitted), WINDOWS, BY_RUN)
     inside = band_squares(WINDOWS, fitted.rows.in_noise(fitted.rows.residual)).sum()
     assert inside < left.squares.sum() < 1.1 * inside
     assert 0.8 < float(left.rms) < 1.1
@@ -40,13 +44,46 @@ def test_left_out_squares_of_a_right_model_are_those_of_noise_and_a_little_more(
 
 def test_a_hypothesis_gains_nothing_over_itself() -> None:
     fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
-    left = left_out(LinearModel.of(fitted), WINDOWS, folds_of(WINDOWS))
+    left = left_out(LinearModel.of(fitted), WINDOWS, BY_RUN)
     own = gain(left, left)
     assert (own.gain, own.se, own.worse, own.folds) == (0.0, 0.0, 0, 6)
 
 
 def test_runs_are_folds_and_regions_hold_the_windows_that_lie_together() -> None:
-    by_run, by_position = partitions(WINDOWS)
-    assert torch.equal(by_run, WINDOWS.run)
+    assert torch.equal(BY_RUN.of, WINDOWS.run)
     mean = WINDOWS.value.mean((1, 2))
-    assert mean[by_position == 3].min() >= mean[by_position == 0].max()
+    assert mean[BY_POSITION.of == 3].min() >= mean[BY_POSITION.of == 0].max()
+
+
+def test_nothing_is_gained_by_windows_that_are_taken_away() -> None:
+    fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
+    whole = left_out(LinearModel.of(fitted), WINDOWS, BY_RUN)
+    kept = torch.nonzero(WINDOWS.run != 2)[:, 0]
+    some = WINDOWS.select(kept)
+    part = replace(whole, squares=whole.squares[kept], counts=whole.counts[kept], folds=BY_RUN.over(some))
+    assert part.rms != whole.rms
+    for one, other in ((part, whole), (whole, part)):
+        own = gain(one, other)
+        assert (own.gain, own.se, own.worse, own.folds) == (0.0, 0.0, 0, 5)
+    unseen = replace(whole, counts=whole.counts.clone(), squares=whole.squares.clone())
+    unseen.counts[:3], unseen.squares[:3] = 0.0, 0.0
+    assert gain(unseen, whole).gain == 0.0
+    better = replace(part, squares=0.25 * part.squares)
+    assert gain(better, whole).gain == pytest.approx(gain(better, part).gain)
+
+
+def test_other_folds_or_windows_cannot_be_compared() -> None:
+    left = left_out(LinearModel.of(fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)), WINDOWS, BY_RUN)
+    with pytest.raises(ValueError, match="different folds"):
+        gain(replace(left, folds=BY_POSITION), left)
+    noise = torch.tensor([NOISE], dtype=torch.float64)
+    longer = windows_of(SIMULATOR, MEASUREMENT, 1.0, noise, Rung(0.01))
+    other = left_out(LinearModel.of(fit(SIMULATOR, longer, SIMULATOR.nominal)), longer, partitions(longer)[0])
+    with pytest.raises(ValueError, match="no window in common"):
+        in_common(other, left)
+
+
+def test_windows_of_another_step_lie_where_they_lay() -> None:
+    finer = windows_of(SIMULATOR.with_timestep(0.005), MEASUREMENT, 0.5, WINDOWS.noise, Rung(0.005))
+    assert finer.spans == WINDOWS.spans
+    assert WINDOWS.spans[:2] == (("run0", 0.0, 0.5), ("run0", 0.5, 1.0))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from onlinebayes.criticism.hypotheses.scoring import LeftOut
+from onlinebayes.criticism.hypotheses.scoring import Folds, LeftOut
 from onlinebayes.criticism.hypotheses.weighing import weights_of
 
 FOLDS, BANDS = 8, 3
@@ -13,7 +13,8 @@ FOLDS, BANDS = 8, 3
 def predicting(rms: torch.Tensor) -> LeftOut:
     """Left-out squares of a hypothesis with this RMS in each fold [floors]."""
     counts = torch.full((FOLDS, BANDS, 1), 50.0, dtype=torch.float64)
-    return LeftOut(counts * rms.double().square()[:, None, None], counts)
+    folds = Folds(torch.arange(FOLDS), tuple((f"run{r}", 0.0, 1.0) for r in range(FOLDS)))
+    return LeftOut(counts * rms.double().square()[:, None, None], counts, folds)
 
 
 BASE = predicting(torch.full((FOLDS,), 10.0))
