@@ -27,6 +27,7 @@ Every name is a part on its own; none knows of a trainer.
 from onlinebayes.inference import calibration, proposals, saving, trust
 from onlinebayes.inference.alarm import Alarm, Novelty, Surprise
 from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
+from onlinebayes.inference.changing import Change, ChangingBelief, History
 from onlinebayes.inference.correction import Uncorrectable, corrected
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
 from onlinebayes.inference.epsilon_free import EpsilonFree, EpsilonFreeRun, ProposalRound
@@ -47,6 +48,7 @@ from onlinebayes.inference.population import Population, PopulationABC
 from onlinebayes.inference.posterior import Posterior
 from onlinebayes.inference.rejection import RejectionABC
 from onlinebayes.inference.residual import residual_estimator
+from onlinebayes.inference.run_length import Hazard, RunLengths
 from onlinebayes.inference.trajectories import TrajectoryKeys
 
 __all__ = [
@@ -54,6 +56,8 @@ __all__ = [
     "Belief",
     "Box",
     "BoxUniform",
+    "Change",
+    "ChangingBelief",
     "Decision",
     "Density",
     "EpsilonFree",
@@ -62,6 +66,8 @@ __all__ = [
     "FlowEstimator",
     "FourierFeatures",
     "Gate",
+    "Hazard",
+    "History",
     "Identifiability",
     "LengthScaleChoice",
     "LikelihoodEstimator",
@@ -76,6 +82,7 @@ __all__ = [
     "PosteriorEstimator",
     "ProposalRound",
     "RejectionABC",
+    "RunLengths",
     "Surprise",
     "TrajectoryKeys",
     "TruncatedMixture",

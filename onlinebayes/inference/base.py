@@ -105,6 +105,15 @@ class PosteriorEstimator(Protocol):
 
 
 @runtime_checkable
+class Tailed(Protocol):
+    """An estimator that reads the ends of a series of trajectories faster than one by one."""
+
+    def tails(self, trajectories: TensorDictBase, begins: Sequence[int]) -> list[Belief]:
+        """For each number b what the trajectories (n, T) from b on, counted from 0, say together."""
+        ...
+
+
+@runtime_checkable
 class Widenable(Protocol):
     """A network whose densities can be made wider by one factor, which a fit finds on held-out rows."""
 

@@ -14,7 +14,7 @@ all n.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import torch
@@ -83,6 +83,17 @@ class NeuralEstimator:
         if math.isinf(self.combination):
             return posterior.condition(trajectories)
         return posterior.condition(trajectories, combine="product", widening=self.combination)
+
+    def tails(self, trajectories: TensorDictBase, begins: Sequence[int]) -> list[Belief]:
+        """What the trajectories (n, T) from each of these numbers on say; sets in one batch, shorter ones masked."""
+        if not isinstance(self.loss.embedding, SetEmbedding):
+            return [self.condition(trajectories[begin:]) for begin in begins]
+        keys, n = self.loss.keys, trajectories.shape[0]
+        mask = keys.mask_of(trajectories)
+        sets = trajectories.expand(len(begins), *trajectories.shape).clone()
+        after = torch.arange(n, device=mask.device) >= torch.tensor(list(begins), device=mask.device)[:, None]
+        told = Posterior(self.loss).of_sets(sets.set(keys.mask, mask & after[..., None]))
+        return [self.loss.estimator.united([told[i]]) for i in range(len(begins))]
 
     @torch.no_grad()
     def each(self, groups: TensorDictBase) -> DensityBatch:

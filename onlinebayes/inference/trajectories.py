@@ -91,6 +91,10 @@ class TrajectoryKeys:
             )
         return found
 
+    def mask_of(self, trajectories: TensorDictBase) -> Bool[Tensor, "B T"]:
+        """Which steps of trajectories (B, T) are recorded, wherever the mask stands."""
+        return self._mask(trajectories, self._values(trajectories)[0].shape[:2])
+
     def usable(self, simulations: TensorDictBase) -> TensorDictBase:
         """The simulations with a recorded step; see :meth:`recorded`."""
         found = self.recorded(simulations)

@@ -4,19 +4,30 @@
     product    q(z) prop. to prod_i q_i(z)                  the posterior given n independent trajectories
                                                             under a uniform prior (of which n - 1 are divided out)
 
-Both stay mixtures of Gaussians truncated to a box. N(m1, S1) N(m2, S2) = N(m1; m2, S1 + S2) N(m, S) with
+    overlap    log of the integral of q_1(z) q_2(z)         how much likelier both are with one theta than with two
+    stepped    z + N(0, s^2), z ~ q                         theta after a small change of unknown direction
+
+All but the overlap stay mixtures of Gaussians truncated to a box. N(m1, S1) N(m2, S2) = N(m1; m2, S1 + S2) N(m, S) with
 S^-1 = S1^-1 + S2^-1 and m = S (S1^-1 m1 + S2^-1 m2); the product of n mixtures has K^n components, of which only the
-heaviest are kept.
+heaviest are kept. Of data A and B, under a prior that is uniform on the box,
+
+    p(A, B | one theta) / (p(A) p(B)) = integral of q(theta | A) q(theta | B) / p(theta)
+
+is the overlap of their posteriors: what the product has to be divided by.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import torch
+from jaxtyping import Float
+from torch import Tensor
 
 from onlinebayes.inference.distributions.box import Box
 from onlinebayes.inference.distributions.mixture import TruncatedMixture
+from onlinebayes.inference.distributions.normaliser import log_mass_in_cube
 
 
 def in_box(mixture: TruncatedMixture, box: Box) -> TruncatedMixture:
@@ -36,9 +47,14 @@ def widened(mixture: TruncatedMixture, factor: float) -> TruncatedMixture:
 
 def union(mixtures: Sequence[TruncatedMixture]) -> TruncatedMixture:
     """1/n sum of n mixtures over one box."""
+    return weighed(mixtures, [0.0] * len(mixtures))
+
+
+def weighed(mixtures: Sequence[TruncatedMixture], log_weights: Sequence[float]) -> TruncatedMixture:
+    """sum_i w_i q_i, the weights up to a common factor."""
     box = _shared_box(mixtures)
     # Each is normalised over the box first: otherwise one that leans over the edge would count less.
-    logits = [m.log_weights - m.log_normaliser.unsqueeze(-1) for m in mixtures]
+    logits = [w + m.log_weights - m.log_normaliser.unsqueeze(-1) for w, m in zip(log_weights, mixtures, strict=True)]
     return TruncatedMixture(
         torch.cat(logits, -1),
         torch.cat([m.mean for m in mixtures], -2),
@@ -56,7 +72,41 @@ def product(mixtures: Sequence[TruncatedMixture], *, keep: int = 64) -> Truncate
     return result
 
 
+def log_overlap(first: TruncatedMixture, second: TruncatedMixture) -> Float[Tensor, "*batch"]:
+    """Log of the integral of two densities' product over their box, in the box's coordinates; see the module."""
+    _shared_box([first, second])
+    logits, mean, lower = _pairs(doubled(first), doubled(second))
+    log_mass = logits + log_mass_in_cube(mean, lower) - 0.5 * math.log(2 * math.pi) * mean.shape[-1]
+    return torch.logsumexp(log_mass, -1) - first.log_normaliser - second.log_normaliser
+
+
+def stepped(mixture: TruncatedMixture, sd: float) -> TruncatedMixture:
+    """Theta after a step N(0, sd^2) from where the mixture has it [widths of the box], given that it stays inside."""
+    mixture = doubled(mixture)
+    covariance = mixture.scale_tril @ mixture.scale_tril.mT
+    wider = covariance + sd**2 * torch.eye(covariance.shape[-1]).to(covariance)
+    return TruncatedMixture(mixture.log_weights, mixture.mean, torch.linalg.cholesky(wider), mixture.box)
+
+
+def heaviest(mixture: TruncatedMixture, keep: int) -> TruncatedMixture:
+    """The mixture without its lightest components, where it has more than ``keep``."""
+    if mixture.log_weights.shape[-1] <= keep:
+        return mixture
+    logits, index = mixture.log_weights.topk(keep, dim=-1)
+    mean, lower = mixture.mean, mixture.scale_tril
+    mean = mean.gather(-2, index.unsqueeze(-1).expand(*index.shape, mean.shape[-1]))
+    lower = lower.gather(-3, index.unsqueeze(-1).unsqueeze(-1).expand(*index.shape, *lower.shape[-2:]))
+    return TruncatedMixture(logits, mean, lower, mixture.box)
+
+
 def _pairwise(first: TruncatedMixture, second: TruncatedMixture, keep: int) -> TruncatedMixture:
+    return heaviest(TruncatedMixture(*_pairs(first, second), first.box), keep)
+
+
+def _pairs(
+    first: TruncatedMixture, second: TruncatedMixture
+) -> tuple[Float[Tensor, "*batch K"], Float[Tensor, "*batch K P"], Float[Tensor, "*batch K P P"]]:
+    """Log weights (without the factors of 2 pi), means and scales of the products of all pairs of components."""
     lower1, lower2 = first.scale_tril.unsqueeze(-3), second.scale_tril.unsqueeze(-4)
     mean1, mean2 = first.mean.unsqueeze(-2), second.mean.unsqueeze(-3)
     precision1, precision2 = torch.cholesky_inverse(lower1), torch.cholesky_inverse(lower2)
@@ -68,14 +118,7 @@ def _pairwise(first: TruncatedMixture, second: TruncatedMixture, keep: int) -> T
     standard = torch.linalg.solve_triangular(spread, gap, upper=False).squeeze(-1)
     log_overlap = -0.5 * standard.square().sum(-1) - torch.log(torch.diagonal(spread, dim1=-2, dim2=-1)).sum(-1)
     logits = first.log_weights.unsqueeze(-1) + second.log_weights.unsqueeze(-2) + log_overlap
-    logits, mean, covariance = logits.flatten(-2), mean.flatten(-3, -2), covariance.flatten(-4, -3)
-    if logits.shape[-1] > keep:
-        logits, index = logits.topk(keep, dim=-1)
-        mean = mean.gather(-2, index.unsqueeze(-1).expand(*index.shape, mean.shape[-1]))
-        covariance = covariance.gather(
-            -3, index.unsqueeze(-1).unsqueeze(-1).expand(*index.shape, *covariance.shape[-2:])
-        )
-    return TruncatedMixture(logits, mean, torch.linalg.cholesky(covariance), first.box)
+    return logits.flatten(-2), mean.flatten(-3, -2), torch.linalg.cholesky(covariance).flatten(-4, -3)
 
 
 def _shared_box(mixtures: Sequence[TruncatedMixture]) -> Box:
