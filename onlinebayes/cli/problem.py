@@ -20,8 +20,9 @@ from onlinebayes.cli.mapping import command_columns, signal_columns, time_column
 from onlinebayes.cli.model import beside_bounds, build_simulator, known_addresses, signal_units
 from onlinebayes.cli.parameters import Declared, declared
 from onlinebayes.cli.section import Section
+from onlinebayes.cli.starts import known_starts
 from onlinebayes.criticism import Scope, Selection
-from onlinebayes.identification import completed, split
+from onlinebayes.identification import completed, split, start_coordinates
 from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.matching import matches
@@ -38,7 +39,7 @@ FEWEST_STEPS = 4
 """Of the model in a run: one of fewer has a clock in another unit."""
 
 TOP = (
-    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "parameters"),
+    *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "starts", "parameters"),
     *("time", "signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
 )
 
@@ -99,6 +100,7 @@ def load_problem(
         who = " and ".join(integrating)
         note(f"{who}: integrates its command; each run is taken to begin with it at the model's first keyframe, or 0")
     measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
+    measurement = measurement.with_starts(known_starts(top.section("starts"), start_coordinates(simulator.signals)))
     measurement, tied = completed(simulator, measurement)
     for line in tied:
         note(line)

@@ -12,6 +12,7 @@ Users outside import from here; criticism uses the inner rooms until its search 
 from onlinebayes.identification.data.grid import RunGrid, row_step, run_grids
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.noise import measured_floors, noise_floors
+from onlinebayes.identification.data.start_priors import start_coordinates
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
@@ -82,6 +83,7 @@ __all__ = [
     "settle",
     "signal_rms",
     "split",
+    "start_coordinates",
     "start_floor",
     "start_spread",
     "steady",

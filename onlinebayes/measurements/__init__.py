@@ -1,7 +1,17 @@
 """Measured trajectories: what was commanded and what the sensors read, from tables or arrays."""
 
+from onlinebayes.measurements.known_starts import KnownStart
 from onlinebayes.measurements.mapping import CommandColumn, SignalColumn, TimeColumn
 from onlinebayes.measurements.measurement import Measurement, Signal, concatenate
 from onlinebayes.measurements.tables import TableReader
 
-__all__ = ["CommandColumn", "Measurement", "Signal", "SignalColumn", "TableReader", "TimeColumn", "concatenate"]
+__all__ = [
+    "CommandColumn",
+    "KnownStart",
+    "Measurement",
+    "Signal",
+    "SignalColumn",
+    "TableReader",
+    "TimeColumn",
+    "concatenate",
+]

@@ -15,7 +15,7 @@ Runs may have different lengths and clocks, and signals different rates.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import torch
@@ -25,6 +25,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.measurements.checks import check_columns
+from onlinebayes.measurements.known_starts import KnownStart
 from onlinebayes.runs import BadInput
 
 Columns = Mapping[str, ArrayLike]
@@ -50,10 +51,10 @@ class Signal:
     resolution: float | None = None
 
     def __post_init__(self) -> None:
-        for field, value in (("sd", self.sd), ("resolution", self.resolution)):
+        for name, value in (("sd", self.sd), ("resolution", self.resolution)):
             if value is not None and not (np.isfinite(value) and value > 0):
                 raise BadInput(
-                    f"{field} = {value} is not a positive number", "leave it out when it is not known", where=self.name
+                    f"{name} = {value} is not a positive number", "leave it out when it is not known", where=self.name
                 )
 
 
@@ -69,6 +70,7 @@ class Measurement:
         held_over_gaps: whether commands are held through rows that seem to be missing, too, and not lost there with
             what was commanded in them.
         idle_before: whether no command was given before a run's first row, and not the one that it holds.
+        starts: what is known of the state in which a run begins, ``qpos.<joint>`` or ``qvel.<joint>`` -> that.
     """
 
     data: TensorDict
@@ -77,6 +79,7 @@ class Measurement:
     runs: tuple[str, ...]
     held_over_gaps: bool = False
     idle_before: bool = False
+    starts: Mapping[str, KnownStart] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.data.batch_size) != 2 or self.data.batch_size[0] != len(self.runs):
@@ -165,12 +168,16 @@ class Measurement:
         return replace(self, data=self.data[index, :rows], runs=names)
 
     def rows(self, run: str, start: int, stop: int, name: str | None = None) -> Measurement:
-        """Rows ``start`` to ``stop`` (exclusive) of one run, as a measurement of one run called ``name``."""
+        """Rows ``start`` to ``stop`` (exclusive) of one run, as a measurement of one run called ``name``.
+
+        Rows from within the run do not begin where the run does: what is known of its start does not hold there.
+        """
         alone = self.select([run])
-        return replace(alone, data=alone.data[:, start:stop], runs=(name or run,))
+        kept = {key: one for key, one in self.starts.items() if start == 0 or one.value is None}
+        return replace(alone, data=alone.data[:, start:stop], runs=(name or run,), starts=kept)
 
     def after(self, seconds: float) -> Measurement:
-        """Every run without its first ``seconds`` [s].
+        """Every run without its first ``seconds`` [s]; it begins then, and what is known of its start holds there.
 
         Raises:
             BadInput: a run that does not last so long.
@@ -181,7 +188,7 @@ class Measurement:
             if rows - first < 2:
                 raise BadInput(f"run '{run}' has nothing after its first {seconds:g} s", "leave less out")
             parts.append(self.rows(run, first, rows))
-        return concatenate(parts)
+        return replace(concatenate(parts), starts=self.starts)
 
     def seen(self) -> Measurement:
         """The measurement without signals of which no run has a value; unchanged where none has any."""
@@ -196,6 +203,10 @@ class Measurement:
         """The same values with other signal descriptions (sd, resolution, unit) for the signals of these names."""
         given = {signal.name: signal for signal in signals}
         return replace(self, signals=tuple(given.get(signal.name, signal) for signal in self.signals))
+
+    def with_starts(self, starts: Mapping[str, KnownStart]) -> Measurement:
+        """The same runs with what is known of how they begin."""
+        return replace(self, starts=dict(starts))
 
     def to(self, device: torch.device | str) -> Measurement:
         """The same measurement with its tensors on another device."""
@@ -217,7 +228,7 @@ def concatenate(measurements: Sequence[Measurement]) -> Measurement:
         raise ValueError("the measurements differ in their signals or commands")
     rows = max(m.data.batch_size[1] for m in measurements)
     data = torch.cat([_pad(m.data, rows) for m in measurements])
-    return Measurement(data, first.signals, first.commands, tuple(names))
+    return replace(first, data=data, runs=tuple(names))
 
 
 def _pad(data: TensorDict, rows: int) -> TensorDict:

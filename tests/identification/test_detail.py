@@ -124,6 +124,7 @@ def _windows() -> Windows:
     return Windows(
         step=0.01, bin_rows=1, run=torch.zeros(W, dtype=torch.int64), first=torch.arange(W) * K, command=rows,
         enable=rows, history=rows[:, :0], history_enable=rows[:, :0], value=rows, observed=seen, measured=seen,
-        inside=seen[..., 0], start=zero, start_sd=zero, free=torch.ones(W, 1, dtype=torch.bool),
+        inside=seen[..., 0], start=zero, start_sd=zero, start_prior=zero,
+        start_given=zero > 0, free=torch.ones(W, 1, dtype=torch.bool),
         noise=torch.tensor([0.01], dtype=torch.float64), columns=(0,), runs=("one",), begin=(0.0,),
     )  # fmt: skip

@@ -182,6 +182,8 @@ def _joined(present: Windows, new: Windows) -> Windows:
         inside=both("inside"),
         start=both("start"),
         start_sd=both("start_sd"),
+        start_prior=both("start_prior"),
+        start_given=both("start_given"),
         free=both("free"),
         runs=(*present.runs, *(f"predicted {name}" for name in new.runs)),
         begin=(*present.begin, *new.begin),

@@ -68,7 +68,7 @@ class Fitted:
         """In some of the windows."""
         lin, rows = self.lin, self.rows
         parts = {name: getattr(lin, name)[some] for name in ("starts", "residual", "by_start", "by_theta")}
-        cut = {name: getattr(rows, name)[some] for name in ("residual", "columns", "basis", "triangle")}
+        cut = {name: getattr(rows, name)[some] for name in ("residual", "columns", "basis", "triangle", "prior_weight")}
         return replace(self, lin=replace(lin, **parts), rows=replace(rows, **cut))
 
 

@@ -2,7 +2,7 @@
 
 Per window, in units of sensor noise, each row times the weight of its signal and band of time,
 
-    A = [ w d sim/d s / sd_bin ; w0 / (20 sd_s) ],   r = [ w residual / sd_bin ; w0 (s_prior - s) / (20 sd_s) ],
+    A = [ w d sim/d s / sd_bin ; w0 / sd_0 ],   r = [ w residual / sd_bin ; w0 (s_prior - s) / sd_0 ],
     A = Q R,     r~ = r - Q Q' r,     C~ = C - Q Q' C
 
 so that least squares on the rows is least squares over theta and all starts (Golub and Pereyra 1973).
@@ -11,6 +11,8 @@ The weights make that least squares a step towards the smallest score (see :mod:
 share of its error that is explained, above the noise, and so does each band of time since the window's start.
 
     w^2 = 1 / (count (mean square + 1))      of its signal and band
+    w0^2 = the mean of w^2                   of a prior from the smoother
+    w0^2 = the mean of 1 / (2 count)         of one that was given: it is not loosened where the model errs
 """
 
 from __future__ import annotations
@@ -40,7 +42,7 @@ class Rows:
         columns: C~, one a parameter.
         basis, triangle: Q and R of every window.
         weight: w of each bin and signal.
-        prior_weight: w0.
+        prior_weight: w0 of each window's start.
     """
 
     residual: Float[Tensor, "W m"]
@@ -48,7 +50,7 @@ class Rows:
     basis: Float[Tensor, "W m J2"]
     triangle: Float[Tensor, "W J2 J2"]
     weight: Float[Tensor, "n S"]
-    prior_weight: float
+    prior_weight: Float[Tensor, "W J2"]
 
     @property
     def objective(self) -> float:
@@ -94,7 +96,7 @@ def score_weights(windows: Windows, rows: Float[Tensor, "W n S"]) -> Float[Tenso
 
 def project(windows: Windows, lin: Linearisation, weight: Float[Tensor, "n S"]) -> Rows:
     """Every window's start taken out of its residual and its sensitivities."""
-    prior = float((weight.square() * windows.seen).sum() / windows.seen.sum().clamp_min(1)) ** 0.5
+    prior = _prior_weight(windows, weight)
     scale = per_noise(windows) * weight
     by_start = lin.by_start * windows.free_starts.to(scale)[:, None, None, :] * scale[..., None]
     priors = torch.diag_embed(prior / start_looseness(windows))
@@ -105,6 +107,15 @@ def project(windows: Windows, lin: Linearisation, weight: Float[Tensor, "n S"]) 
     blank = residual.new_zeros(*residual.shape, 0)
     rows = Rows(residual, blank, basis, triangle, weight, prior)
     return Rows(residual, taken_out(windows, rows, lin.by_theta), basis, triangle, weight, prior)
+
+
+def _prior_weight(windows: Windows, weight: Float[Tensor, "n S"]) -> Float[Tensor, "W J2"]:
+    """w0 of every window's start."""
+    of_noise = score_weights(windows, torch.ones_like(windows.bin_noise))
+    loose, given = (
+        ((one.square() * windows.seen).sum() / windows.seen.sum().clamp_min(1)).sqrt() for one in (weight, of_noise)
+    )
+    return torch.where(windows.start_given, given, loose)
 
 
 def taken_out(windows: Windows, rows: Rows, moved: Float[Tensor, "W n S C"]) -> Float[Tensor, "W m C"]:

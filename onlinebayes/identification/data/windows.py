@@ -2,8 +2,8 @@
 
     window w: rows g_w+1 .. g_w+K of a run, driven by the commands of intervals g_w .. g_w+K-1, from (q0, v0) at row g_w
 
-Rows are averaged into n bins of at most H / 100. Starts are nuisances, not measurements: they carry the prior
-N(smoothed start, (20 sd)^2), sd propagated from the smoother. A joint that moves less than 8 sensor sd in a window
+Rows are averaged into n bins of at most H / 100. Starts are nuisances, not measurements: they carry the priors of
+:mod:`.start_priors`. A joint that moves less than 8 sensor sd in a window
 starts at the window's median, at rest, is not freed, and its signals are not scored there.
 """
 
@@ -19,12 +19,12 @@ from onlinebayes.identification.data.coordinates import rotations, velocity
 from onlinebayes.identification.data.grid import RunGrid, replay_step, run_grids
 from onlinebayes.identification.data.motion import check_seen
 from onlinebayes.identification.data.run_history import RunHistory
+from onlinebayes.identification.data.start_priors import StartPriors, coordinates_of, start_priors
 from onlinebayes.identification.data.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, nearest
 from onlinebayes.simulators.identifiable import Identifiable
 
-START_LOOSENESS = 20.0
 MEMORY = 20.0  # horizons before a window whose commands are kept for hidden states
 
 
@@ -46,6 +46,8 @@ class Windows:
         value, observed: the signals at the rows after the start [SI]; the rows of still joints count as not observed.
         measured, inside: what was measured, still or not, and which rows lie within the run and before its next gap.
         start, start_sd: (q0 of the J joints, v0 of the J joints) and their sd [SI].
+        start_prior: sd within which the starts may move about them [SI]; 0 where they are known exactly.
+        start_given: where that is what the user knows, not what the smoother says.
         free: which joints move in the window.
         noise: floor of each signal [SI].
         columns: the S signals' places among the simulator's signals.
@@ -68,6 +70,8 @@ class Windows:
     inside: Bool[Tensor, "W K"]
     start: Float[Tensor, "W J2"]
     start_sd: Float[Tensor, "W J2"]
+    start_prior: Float[Tensor, "W J2"]
+    start_given: Bool[Tensor, "W J2"]
     free: Bool[Tensor, "W J"]
     noise: Float[Tensor, " S"]
     columns: tuple[int, ...]
@@ -120,8 +124,8 @@ class Windows:
 
     @property
     def free_starts(self) -> Bool[Tensor, "W J2"]:
-        """Which entries of the starts move: both of a joint that does."""
-        return torch.cat([self.free, self.free], -1)
+        """Which entries of the starts move: both of a joint that does, but for what is known exactly."""
+        return torch.cat([self.free, self.free], -1) & (self.start_prior > 0)
 
     @property
     def bin_noise(self) -> Float[Tensor, "W n S"]:
@@ -139,7 +143,8 @@ class Windows:
         """Some of the windows."""
         names = (
             *("run", "first", "command", "enable", "history", "history_enable"),
-            *("value", "observed", "measured", "inside", "start", "start_sd", "free"),
+            *("value", "observed", "measured", "inside"),
+            *("start", "start_sd", "start_prior", "start_given", "free"),
             *(() if self.late is None else ("late",)),
         )
         return replace(self, **{name: getattr(self, name)[index] for name in names})
@@ -185,33 +190,40 @@ def make_windows(
             measured: read off a run's end, a velocity is four times as uncertain.
 
     Raises:
-        BadInput: a joint that no signal shows, an unknown signal, a command that is missing.
+        BadInput: a joint that no signal shows, an unknown signal, a command that is missing, a known start of a
+            coordinate that is not there.
     """
     measurement = _in_order(simulator, measurement)
     step = replay_step(measurement, simulator.timestep)
     if like is not None:
         step = _whole_part(like.step, step, simulator.timestep)
     grids = run_grids(measurement, step)
-    tiling = (
-        tile(measurement, grids, joint_names(simulator), horizon, noise, inset, simulator.memory_span)
-        if like is None
-        else Tiling(
-            tuple(
-                (r, g * round(like.step / step)) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True)
-            ),
-            like.rows * round(like.step / step),
-            like.bin_rows * round(like.step / step),
-            like.start,
-            like.start_sd,
-            like.free,
-            like.noise,
-        )
-    )
-    return _gather(simulator, measurement, grids, tiling, max(0, round(memory / step)))
+    if like is None:
+        joints, memory_span = joint_names(simulator), simulator.memory_span
+        tiling = tile(measurement, grids, joints, horizon, noise, inset, memory_span)
+        first = torch.tensor([row == 0 for _, row in tiling.places], device=tiling.start.device)
+        coordinates = coordinates_of(joints, simulator.signals)
+        starts = start_priors(tiling.start, tiling.start_sd, first, coordinates, measurement.starts)
+    else:
+        tiling = _tiled_like(like, step)
+        starts = StartPriors(like.start, like.start_prior, like.start_sd, like.start_given)
+    return _gather(simulator, measurement, grids, tiling, starts, max(0, round(memory / step)))
+
+
+def _tiled_like(like: Windows, step: float) -> Tiling:
+    """The same windows on rows of another spacing [s]."""
+    finer = round(like.step / step)
+    places = tuple((r, g * finer) for r, g in zip(like.run.tolist(), like.first.tolist(), strict=True))
+    return Tiling(places, like.rows * finer, like.bin_rows * finer, like.start, like.start_sd, like.free, like.noise)
 
 
 def _gather(
-    simulator: Identifiable, measurement: Measurement, grids: tuple[RunGrid, ...], tiling: Tiling, history: int
+    simulator: Identifiable,
+    measurement: Measurement,
+    grids: tuple[RunGrid, ...],
+    tiling: Tiling,
+    starts: StartPriors,
+    history: int,
 ) -> Windows:
     """Everything that the windows of a tiling hold, ``history`` rows of commands before each included."""
     names = tuple(signal.name for signal in measurement.signals)
@@ -238,8 +250,10 @@ def _gather(
         observed=observed,
         measured=measured,
         inside=inside,
-        start=tiling.start,
-        start_sd=tiling.start_sd,
+        start=starts.mean,
+        start_sd=starts.uncertainty,
+        start_prior=starts.sd,
+        start_given=starts.given,
         free=tiling.free,
         noise=tiling.noise,
         columns=tuple(simulator.signals.index(name) for name in names),

@@ -2,11 +2,12 @@
 
 Per window, in units of sensor noise, with the start's prior as further rows,
 
-    A = [ d sim/d s / sd_bin ; 1 / (20 sd_s) ],   r = [ residual / sd_bin ; (s_prior - s) / (20 sd_s) ],
+    A = [ d sim/d s / sd_bin ; 1 / sd_0 ],   r = [ residual / sd_bin ; (s_prior - s) / sd_0 ],
     A = Q R,   x~ = x - Q Q' x   for x = r and for every column d sim/d theta / sd_bin
 
-so that least squares on x~ is the joint least squares over theta and all starts (variable projection, Golub and Pereyra
-1973). Then each signal is weighed by 1 / RMS of the current residual, at least its noise.
+with sd_0 the prior's sd (see ``data.start_priors``), so that least squares on x~ is the joint least squares over theta
+and all starts (variable projection, Golub and Pereyra 1973). Then each signal is weighed by 1 / RMS of the current
+residual, at least its noise.
 
 A short horizon needs no simulation of its own: the start columns of the long window, restricted to some of its bins,
 span what a start of those bins would do. ``pieces`` cuts each window into that many short ones.
@@ -20,7 +21,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.identification.data.windows import START_LOOSENESS, Windows
+from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.sensitivities import Linearisation
 
 
@@ -113,15 +114,18 @@ def per_noise(windows: Windows) -> Float[Tensor, "W n S"]:
 
 
 def row_weights(windows: Windows, weight: Float[Tensor, " S"], pieces: int = 1) -> Float[Tensor, "V m"]:
-    """What each row in noise units counts: its signal's weight where it was observed, the mean one for the priors."""
+    """What each row in noise units counts: its signal's weight where it was observed, the mean one for the priors.
+
+    A prior that was given counts for what it says.
+    """
     seen = _cut(windows.seen * weight, pieces)
-    return torch.cat([seen, weight.mean().expand(len(seen), windows.start.shape[1])], dim=1)
+    priors = torch.where(windows.start_given, torch.ones_like(windows.start), weight.mean())
+    return torch.cat([seen, priors.repeat_interleave(pieces, 0)], dim=1)
 
 
 def start_looseness(windows: Windows) -> Float[Tensor, "W J2"]:
-    """Prior sd of the starts [SI]; 1 for those of still joints, which are not freed."""
-    prior_sd = START_LOOSENESS * windows.start_sd
-    return torch.where(windows.free_starts, prior_sd, torch.ones_like(prior_sd))
+    """Prior sd of the starts [SI]; 1 for those that are not freed."""
+    return torch.where(windows.free_starts, windows.start_prior, torch.ones_like(windows.start_prior))
 
 
 def start_misfit(windows: Windows, starts: Float[Tensor, "*batch W J2"]) -> Float[Tensor, "*batch W J2"]:

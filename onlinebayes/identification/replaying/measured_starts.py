@@ -58,7 +58,7 @@ def windows_to_replay(
     for signal, delay in late.items():
         j = joints.index(signal.removeprefix("qpos."))
         v = state[:, len(joints) + j]
-        known = windows.free[:, j] & moving[:, j]
+        known = windows.free[:, j] & moving[:, j] & ~windows.start_given[:, j]  # what is known is no reading
         start[known, j], start[known, len(joints) + j] = (state[:, j] - delay * v)[known], v[known]
     return replace(windows, start=start)
 

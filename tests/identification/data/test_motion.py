@@ -10,7 +10,8 @@ from onlinebayes.criticism import compare, diagnose, refine
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.criticism.report import write_report
 from onlinebayes.criticism.task import prepare
-from onlinebayes.identification.data.windows import START_LOOSENESS, make_windows
+from onlinebayes.identification.data.start_priors import START_LOOSENESS
+from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
