@@ -1,5 +1,5 @@
-"""A skid-steered vehicle on the ground; ``build`` is the factory that its problem file names."""
+"""Two skid-steered vehicles on the ground; ``build`` and ``build_warthog`` are what their problem files name."""
 
-from envs.measured.skid_steer.vehicle import SkidSteer, build
+from envs.measured.skid_steer.vehicle import SkidSteer, Warthog, build, build_warthog
 
-__all__ = ["SkidSteer", "build"]
+__all__ = ["SkidSteer", "Warthog", "build", "build_warthog"]

@@ -11,25 +11,26 @@ written down for another radius and track arrive so; it has limits (see ``driver
 [m], x_icr how far the centre of rotation lies in front of the body's origin [m]. The wheels' grip draws the body to its
 kinematic velocity within T_g. After Mandow et al. (see ``laws``); the vehicle is the Clearpath Husky of D. Baril, S.-P.
 Deschenes, L. Coupal, C. Goffin, J. Lepine, P. Giguere and F. Pomerleau, "DRIVE: Data-driven Robot Input Vector
-Exploration", ICRA 2024.
+Exploration", ICRA 2024, or their Warthog: the same model with another nominal geometry.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import final
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
 from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
-from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
+from envs.measured.skid_steer.laws import SideAsymmetry, TravelSlip, TurningSlip
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 
 
 class SkidSteer(TorchSimulator):
-    """Planar motion (x, y, yaw) from the commanded speeds of the wheels of each side."""
+    """Planar motion (x, y, yaw) from the commanded speeds of the wheels of each side; its size is the Husky's."""
 
     physical = ParameterSpace(
         {
@@ -60,8 +61,14 @@ class SkidSteer(TorchSimulator):
     )
     actuators = (Actuator("left", "left"), Actuator("right", "right"))
     bodies = {"vehicle": (50.0, 1.0)}  # noqa: RUF012
-    laws = (TurningSlip, SideAsymmetry, TurnLimit, WheelSaturation, TravelAcceleration, TurnAcceleration)
+    laws = (TurningSlip, TravelSlip, SideAsymmetry, TurnLimit, WheelSaturation, TravelAcceleration, TurnAcceleration)
     timestep = 0.01
+
+    def rolling(self, theta: Float[Tensor, "N P"], wheels: Float[Tensor, "N 2"]) -> Float[Tensor, "N 5"]:
+        """Velocities of the five joints at yaw 0 where wheels and ground grip, from the wheels' speeds [rad/s]."""
+        left, right = self._rows(wheels)
+        body = _rolling(self._name(self._rows(theta)), torch.zeros_like(left), left, right)
+        return torch.cat((wheels, body.T), dim=1)
 
     def acceleration(
         self,
@@ -71,16 +78,30 @@ class SkidSteer(TorchSimulator):
         tau: Float[Tensor, "J N"],
     ) -> Float[Tensor, "J N"]:
         """Of wheels [rad/s^2] and body [m/s^2, rad/s^2]; ``tau`` of the wheels is their command [rad/s]."""
-        uneven = parameters["side_asymmetry@vehicle.asymmetry"]
-        left, right = v[0] * (1 - uneven), v[1] * (1 + uneven)
-        forward = 0.5 * parameters["radius"] * (right + left)
-        rate = parameters["radius"] * (right - left) / parameters["track"]
-        rate = rate / (1 + parameters["turning_slip@vehicle.slip"] * rate.abs())
-        aside = -parameters["x_icr"] * rate
-        cos, sin = torch.cos(q[4]), torch.sin(q[4])
         wheels = _wheels(parameters, v[0], v[1], tau[0], tau[1])
-        kinematic = torch.stack((cos * forward - sin * aside, sin * forward + cos * aside, rate))
-        return torch.cat((wheels, (kinematic - v[2:]) / parameters["grip_lag"] + tau[2:]))
+        return torch.cat((wheels, (_rolling(parameters, q[4], v[0], v[1]) - v[2:]) / parameters["grip_lag"] + tau[2:]))
+
+
+@final
+class Warthog(SkidSteer):
+    """The same of the size by which the Warthog's commands were turned into wheel speeds."""
+
+    defaults = {**SkidSteer.defaults, "radius": 0.3, "track": 1.1652}  # noqa: RUF012
+
+
+def _rolling(
+    parameters: Mapping[str, Tensor], yaw: Float[Tensor, " N"], left: Float[Tensor, " N"], right: Float[Tensor, " N"]
+) -> Float[Tensor, "3 N"]:
+    """Velocity of a body whose wheels grip at these speeds [m/s, m/s, rad/s]."""
+    uneven = parameters["side_asymmetry@vehicle.asymmetry"]
+    left, right = left * (1 - uneven), right * (1 + uneven)
+    forward = 0.5 * parameters["radius"] * (right + left)
+    rate = parameters["radius"] * (right - left) / parameters["track"]
+    forward = forward / (1 + parameters["travel_slip@vehicle.slip"] * rate.abs())
+    rate = rate / (1 + parameters["turning_slip@vehicle.slip"] * rate.abs())
+    aside = -parameters["x_icr"] * rate
+    cos, sin = torch.cos(yaw), torch.sin(yaw)
+    return torch.stack((cos * forward - sin * aside, sin * forward + cos * aside, rate))
 
 
 def _wheels(
@@ -106,5 +127,10 @@ def _cut(value: Float[Tensor, " N"], limit: Float[Tensor, " N"]) -> Float[Tensor
 
 
 def build(parameters: ParameterSpace) -> SkidSteer:
-    """The vehicle with these free parameters, for ``model = "envs.measured.skid_steer:build"``."""
+    """The Husky with these free parameters, for ``model = "envs.measured.skid_steer:build"``."""
     return SkidSteer(parameters)
+
+
+def build_warthog(parameters: ParameterSpace) -> Warthog:
+    """The Warthog with these free parameters, for ``model = "envs.measured.skid_steer:build_warthog"``."""
+    return Warthog(parameters)
