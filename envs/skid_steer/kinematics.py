@@ -157,13 +157,16 @@ class SkidSteerKinematics(Simulator):
         times: Float[Tensor, " T"],
     ) -> TensorDict:
         """Trajectories of M worlds, as sums over the steps; see :meth:`Simulator.rollout`. A timestep is ``dt``."""
-        marks = (times.double() / self.dt).round().long().to(self.device)
-        held = torch.diff(marks, prepend=marks.new_zeros(1))
-        every = bool((held == 1).all())
+        marks = [round(time / self.dt) for time in times.tolist()]
         speeds = self._speeds(theta.to(self.device, self.dtype)[:, None], self._wheels(inputs))
         start = self._pose_of(state, len(theta))
-        path = _path(start, speeds if every else [part.repeat_interleave(held, dim=1) for part in speeds], self.dt)
-        rows = _state(path if every else [part[:, marks - 1] for part in path], speeds)
+        if marks == list(range(1, len(marks) + 1)):
+            rows = _state(_path(start, speeds, self.dt), speeds)
+        else:
+            at = torch.tensor(marks, device=self.device)
+            held = torch.diff(at, prepend=at.new_zeros(1))
+            path = _path(start, [part.repeat_interleave(held, dim=1) for part in speeds], self.dt)
+            rows = _state([part[:, at - 1] for part in path], speeds)
         valid = torch.ones(rows.batch_size, dtype=torch.bool, device=self.device)
         if not bool(rows["qpos"].sum().isfinite()):
             valid = rows["qpos"].isfinite().all(-1)
@@ -202,8 +205,8 @@ class SkidSteerKinematics(Simulator):
 
     def _values(self, theta: Float[Tensor, "*batch P"]) -> tuple[Tensor, Tensor, Tensor]:
         """Radius, axial distance and displacement of the ICR (*batch), those that are not free at their defaults."""
-        fixed = {name: theta.new_tensor(value) for name, value in DEFAULTS.items()}
-        values = {**fixed, **self.parameters.view(theta)}
+        values = self.parameters.view(theta)
+        values |= {name: theta.new_tensor(value) for name, value in DEFAULTS.items() if name not in values}
         return values["radius"], values["axial_distance"], values["x_icr"]
 
     def _wheels(self, inputs: TensorDictBase) -> Float[Tensor, "*batch 2"]:

@@ -50,6 +50,7 @@ from onlinebayes.inference.rejection import RejectionABC
 from onlinebayes.inference.residual import residual_estimator
 from onlinebayes.inference.run_length import Hazard, RunLengths
 from onlinebayes.inference.trajectories import TrajectoryKeys
+from onlinebayes.inference.windowed import Windowed
 
 __all__ = [
     "Alarm",
@@ -88,6 +89,7 @@ __all__ = [
     "TruncatedMixture",
     "Uncorrectable",
     "WeightedDraws",
+    "Windowed",
     "calibration",
     "corrected",
     "cross_validate",

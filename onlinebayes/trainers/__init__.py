@@ -1,5 +1,6 @@
 """Trainers: the order of the steps, over parts that know no trainer."""
 
+from onlinebayes.trainers.adaptive import AdaptivePlanner
 from onlinebayes.trainers.checkpoint import Saver
 from onlinebayes.trainers.collecting import collector_of
 from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
@@ -20,6 +21,7 @@ from onlinebayes.trainers.state import OnlineState, Record
 from onlinebayes.trainers.trajectories import Policy, TrajectoryFormat, returns, trajectories
 
 __all__ = [
+    "AdaptivePlanner",
     "Background",
     "Critic",
     "EnvPlayer",

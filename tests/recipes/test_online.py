@@ -23,6 +23,7 @@ from recipes import (
     own_simulator,
     pendulum,
     reach,
+    skid_steer,
     tie,
 )
 from recipes.common import Options, Settings, run, written
@@ -35,6 +36,7 @@ BUILDS = {
     "mountain_car": mountain_car.build,
     "pendulum": pendulum.build,
     "reach": reach.build,
+    "skid_steer": skid_steer.build,
 }
 Capture = pytest.CaptureFixture[str]
 checked_elsewhere = pytest.mark.usefixtures("without_shape_checks")
