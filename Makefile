@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis known-posteriors figures hidden-effect hopper engines devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis known-posteriors figures hidden-effect hopper egocentric engines devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -107,6 +107,8 @@ fetch-wall-clock: setup  ## Push without demonstrations, ours and stable-baselin
 	$(BIN)/python -m recipes.studies.fetch_wall_clock --out $(OUT)/fetch_wall_clock
 hopper: setup    ## a hopper learnt in MuJoCo and judged in Drake, and its friction (a day; goes on where it was stopped) -> docs/results/hopper.json
 	$(BIN)/python -m recipes.studies.hopper --out $(OUT)/hopper
+egocentric: setup  ## chapter 3 of the thesis: which sensor to use on an energy budget (a few minutes; needs ONLINEBAYES_DATA) -> docs/results/egocentric.json
+	$(BIN)/python -m recipes.studies.egocentric --out $(OUT)/egocentric
 engines: setup   ## what parts a hopper in Drake from its model in MuJoCo, named by refine (half an hour; goes on where it was stopped) -> docs/results/engines.json
 	$(BIN)/python -m recipes.studies.engines --out $(OUT)/engines
 gymnasium: setup ## policies trained by our code on Gymnasium's own environments (an hour; goes on where it was stopped) -> docs/results/gymnasium.json
