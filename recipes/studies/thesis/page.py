@@ -11,16 +11,16 @@ from __future__ import annotations
 import json
 import re
 import statistics
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from recipes.studies.thesis.columns import CEILING, COLUMNS, FILTER, TEN_AS_ONE
-from recipes.studies.thesis.printed import LOOP, TABLE_4_1, TABLE_5_1
+from recipes.studies.thesis.printed import FOURIER, LOOP, NETWORK, REJECTION, TABLE_4_1, TABLE_5_1
 
 FIGURE = re.compile(r'\[([^\]]+)\]\(results/([\w.-]+)\.md "([^"]+)"\)')
-BLOCK = re.compile(r"(<!-- table ([\w.]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+BLOCK = re.compile(r"(<!-- table ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 NUMBER = re.compile(r"-?\d*\.?\d+")
 MISSING = "-"
 
@@ -75,8 +75,10 @@ def filled(text: str, results: Path) -> str:
 def densities(number: str, results: Path) -> Iterator[str]:
     """Table 4.1 or 5.1: two lines a system, without noise and with."""
     heads, rows = HEADS[number], rows_of(results, f"thesis-{number}")
-    yield _line(["system", "prior", "noise", *heads])
-    yield _line(["---"] * (3 + len(heads)))
+    if not rows:
+        yield "**Missing**: `make thesis` was not run to its end yet."
+        return
+    yield from _head(["system", "prior", "noise", *heads])
     for told, thesis in THESIS[number].items():
         for noise in ("0", "1"):
             head = f"{told}, noise {noise} %"
@@ -85,27 +87,59 @@ def densities(number: str, results: Path) -> Iterator[str]:
                 yield _line([told, _text(rows[f"{told}: the prior"]["value"]), f"{noise} %", *cells])
 
 
-def features_against_network(results: Path) -> Iterator[str]:
-    """Random features beside a network, five seeds each: medians, standard deviations, and in how many rows."""
+OLDER = {
+    "rejection": (REJECTION, REJECTION),
+    "mixture": ("network", NETWORK),
+    "Fourier features": (FOURIER, FOURIER),
+    "filter": (FILTER, FILTER),
+}
+"""Column of ``make tables`` -> its head, the thesis's column."""
+
+
+def five_seeds(results: Path) -> Iterator[str]:
+    """The columns of ``make tables``: medians, standard deviations, and where random features beat the network."""
     rows, below, wider = rows_of(results, "tables"), 0, 0
-    names = [name.removesuffix(", mixture") for name in rows if name.endswith(", mixture")]
-    yield _line(["parameter", "network", "its sd", "Fourier features", "their sd"])
-    yield _line(["---"] * 5)
-    for name in names:
-        network, features = rows[f"{name}, mixture"], rows[f"{name}, Fourier features"]
-        spreads = [statistics.stdev(map(float, str(row["spread"]).split())) for row in (network, features)]
-        below += features["value"] < network["value"]
-        wider += spreads[1] > spreads[0]
-        yield _line([name, _text(network["value"]), _text(spreads[0]), _text(features["value"]), _text(spreads[1])])
+    yield from _head(["parameter", "prior", *(word for head, _ in OLDER.values() for word in (head, "sd"))])
+    for told, thesis in TABLE_4_1.items():
+        if f"{told}, mixture" not in rows:
+            continue
+        found, spread, cells = {}, {}, []
+        for name, (_, column) in OLDER.items():
+            row = rows.get(f"{told}, {name}")
+            cells += [_cell(row, thesis.get(column), "0"), MISSING]
+            if row is not None:
+                found[name], spread[name] = row["value"], statistics.stdev(map(float, row["spread"].split()))
+                cells[-1] = _text(spread[name])
+        below += found["Fourier features"] < found["mixture"]
+        wider += spread["Fourier features"] > spread["mixture"]
+        yield _line([told, _text(rows[f"{told}: the prior"]["value"]), *cells])
+    number = sum(name.endswith(", mixture") for name in rows)
     yield ""
-    yield f"Features are below the network in {below} of {len(names)} rows, and spread wider in {wider}."
+    yield f"Fourier features are below the network in {below} of {number} rows, and spread wider in {wider}."
+
+
+def online(results: Path) -> Iterator[str]:
+    """The rows of ``make table-online``."""
+    rows = rows_of(results, "table-online")
+    columns = {"noise 0 %: ours": "ours, no noise", "noise 1 %: ours": "ours, 1 % noise"}
+    columns["noise 1 %: exact posterior"] = "exact posterior, 1 % noise"
+    yield from _head(["system", "prior", "Online BayesSim", *columns.values()])
+    for told, thesis in TABLE_5_1.items():
+        if f"{told}: the prior" in rows:
+            cells = [_cell(rows.get(f"{told}, {column}"), None, "0") for column in columns]
+            yield _line([told, _text(rows[f"{told}: the prior"]["value"]), _text(thesis[LOOP]), *cells])
 
 
 TABLES: dict[str, Callable[[Path], Iterable[str]]] = {
     "4.1": partial(densities, "4.1"),
     "5.1": partial(densities, "5.1"),
-    "features": features_against_network,
+    "five-seeds": five_seeds,
+    "online": online,
 }
+
+
+def _head(cells: Sequence[str]) -> list[str]:
+    return [_line(cells), _line(["---"] * len(cells))]
 
 
 def _cell(row: Mapping[str, Any] | None, thesis: float | None, noise: str) -> str:
