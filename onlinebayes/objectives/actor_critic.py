@@ -37,6 +37,7 @@ from onlinebayes.objectives.networks import action_head, mlp
 from onlinebayes.runs import BadInput, load_exactly
 
 INIT = "is_init"
+ENDS = [("next", name) for name in ("reward", "done", "terminated")]
 
 
 @final
@@ -160,10 +161,12 @@ class ActorCritic:
         """One gradient step on a collector's batch (N, T); returns the losses.
 
         Raises:
-            BadInput: the batch lacks a key, or one has another width than the network was built for.
+            BadInput: the batch lacks a key, one has another width than the network was built for, or a value is NaN or
+                infinite; nothing was learnt from the batch.
         """
+        data = self._learnt_from(data)
         self.inputs.observe(data)
-        losses = self.losses(data)
+        losses = self._losses(data)
         self.optimiser.zero_grad()
         total = losses["loss_policy"] + self.value * losses["loss_value"] + self.entropy * losses["loss_entropy"]
         total.backward()
@@ -172,12 +175,21 @@ class ActorCritic:
         return {**{name: float(loss.detach()) for name, loss in losses.items()}, "grad_norm": float(norm)}
 
     def losses(self, data: TensorDictBase) -> dict[str, Tensor]:
-        """The three losses of a batch (N, T), as scalars with gradients."""
-        ends = [("next", name) for name in ("reward", "done", "terminated")]
-        keys = [*self.inputs.keys, *map(after, self.inputs.keys), self.network.memory_key, INIT, self.action_key, *ends]
+        """The three losses of a batch (N, T), as scalars with gradients.
+
+        Raises:
+            BadInput: as :meth:`update`.
+        """
+        return self._losses(self._learnt_from(data))
+
+    def _learnt_from(self, data: TensorDictBase) -> TensorDictBase:
+        """The part of a batch that is read, checked."""
+        keys = [*self.inputs.keys, *map(after, self.inputs.keys), self.network.memory_key, INIT, self.action_key, *ENDS]
         if data.ndim != 2:
             raise BadInput(f"a batch of shape {tuple(data.batch_size)}", "give whole rows (N, T) in the order of time")
-        data = selected(data, keys)
+        return selected(data, keys)
+
+    def _losses(self, data: TensorDictBase) -> dict[str, Tensor]:
         out, then = self.network.unroll(
             self.inputs.read(data),
             self.inputs.read(data, ("next",)),
@@ -186,7 +198,7 @@ class ActorCritic:
         )
         told = self.network.policy(out)
         told = told if isinstance(told, tuple) else (told,)
-        value, (reward, done, terminated) = self.network.value(out), (data[key] for key in ends)
+        value, (reward, done, terminated) = self.network.value(out), (data[key] for key in ENDS)
         with torch.no_grad():
             advantage, target = generalized_advantage_estimate(
                 self.gamma,

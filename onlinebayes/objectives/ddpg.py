@@ -27,7 +27,7 @@ from torchrl.envs.utils import ExplorationType, exploration_type
 from onlinebayes.objectives.checks import check_bounds, check_numbers
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
-from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, refuse_nonfinite
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import Network, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
 from onlinebayes.runs import BadInput, load_exactly
@@ -159,13 +159,8 @@ class DDPG:
         needed = [*self.loss.in_keys, self.buffer.done_key]
         if hindsight is not None:
             needed += [after(hindsight.achieved_key), hindsight.desired_key]
-        missing = [key for key in needed if data.get(key, None) is None]
-        if missing:
-            raise BadInput(f"the batch has no {missing[0]!r}", "name the keys when you build the objective")
-        refuse_nonfinite(data.select(*needed))
+        rows, mask = selected(data, needed), data.get(mask_key, None)
         extend(data.select(*needed, mask_key, strict=False))
-        mask = data.get(mask_key, None)
-        rows = data.select(*needed)
         rows = rows.reshape(-1) if mask is None else rows[mask.reshape(data.batch_size)]
         self.inputs.observe(rows)
         if hindsight is not None:

@@ -115,10 +115,10 @@ def inputs_of(observation_spec: TensorSpec, in_keys: Sequence[NestedKey] = KEYS,
 
 
 def selected(data: TensorDictBase, keys: Sequence[NestedKey]) -> TensorDictBase:
-    """The entries of a collector's batch that an objective learns from.
+    """The entries of a collector's batch that an objective learns from, all of them finite numbers.
 
     Raises:
-        BadInput: one is missing.
+        BadInput: one is missing, or holds a value that is NaN or infinite in single precision.
     """
     there = set(data.keys(True, True))
     missing = [key for key in keys if key not in there]
@@ -127,7 +127,9 @@ def selected(data: TensorDictBase, keys: Sequence[NestedKey]) -> TensorDictBase:
             f"the batch has no {missing[0]!r}, which the objective learns from",
             "collect it with the objective's own policy in an environment that has this key",
         )
-    return data.select(*dict.fromkeys(keys))
+    chosen = data.select(*dict.fromkeys(keys))
+    refuse_nonfinite(chosen)
+    return chosen
 
 
 def after(key: NestedKey) -> tuple[str, ...]:
@@ -136,15 +138,20 @@ def after(key: NestedKey) -> tuple[str, ...]:
 
 
 def refuse_nonfinite(data: TensorDictBase) -> None:
-    """Refuse a batch with values that are no finite numbers.
+    """Refuse a batch with values that are no finite numbers in single precision, in which networks learn.
+
+    A sum is finite only if all its terms are: one reduction of each key, and one answer that is waited for.
 
     Raises:
         BadInput: there are some.
     """
-    for key in data.keys(True, True):
-        value = data[key]
-        if value.is_floating_point() and not value.isfinite().all():
-            worlds = (~value.isfinite()).reshape(len(value), -1).any(-1).nonzero().flatten().tolist()
+    values = {key: value for key, value in data.items(True, True) if value.is_floating_point()}
+    if not values or torch.stack([value.sum(dtype=torch.float32) for value in values.values()]).isfinite().all():
+        return
+    for key, value in values.items():
+        bad = ~value.to(torch.float32).isfinite()
+        if bad.any():
+            worlds = bad.reshape(len(value), -1).any(-1).nonzero().flatten().tolist()
             raise BadInput(
                 f"{key!r} is NaN or infinite in {len(worlds)} of the batch's {len(value)} rows, first in {worlds[0]}",
                 "find the world that diverged: bound its parameters or actions, or take a finer step",

@@ -74,8 +74,8 @@ class PPO:
         """One PPO pass over a collector's batch (N, T); returns the losses' means.
 
         Raises:
-            BadInput: the batch lacks a key, one has another width than the networks were built for, or the batch is
-                smaller than a minibatch or larger than the buffer.
+            BadInput: the batch lacks a key, one has another width than the networks were built for, a value is NaN or
+                infinite, or the batch is smaller than a minibatch or larger than the buffer; nothing is learnt then.
         """
         data = selected(data, [*self.inputs.keys, *self.loss.in_keys, *map(after, self.inputs.keys)])
         least, most = self.buffer.batch_size, self.buffer.storage.max_size

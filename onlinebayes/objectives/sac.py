@@ -27,7 +27,7 @@ from torchrl.modules import ProbabilisticActor
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.checks import check_bounds, check_numbers
 from onlinebayes.objectives.ensemble import EnsembleMLP
-from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, refuse_nonfinite, selected
+from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import stochastic_policy, unsupported
 from onlinebayes.objectives.soft_loss import SoftLoss
 from onlinebayes.objectives.targets import Follower
@@ -67,9 +67,7 @@ class SAC:
             BadInput: the batch lacks a key, one has another width than the networks were built for, or a value is NaN
                 or infinite; nothing was learnt from the batch.
         """
-        fresh = selected(data, self.loss.in_keys)
-        refuse_nonfinite(fresh)
-        fresh = fresh.reshape(-1)
+        fresh = selected(data, self.loss.in_keys).reshape(-1)
         self.inputs.observe(fresh)
         fresh["next", "reward"] = self.reward_scale * fresh["next", "reward"]
         self.buffer.extend(fresh)

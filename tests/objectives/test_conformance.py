@@ -1,0 +1,80 @@
+"""Every objective of the library does what the exported check asks of one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+import torch
+from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
+
+from envs.cartpole import CartPole, CartPoleTask
+from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.objectives import Hindsight, Objective, actor_critic, ddpg, inputs, ppo, sac
+from onlinebayes.objectives.testing import check_objective
+from onlinebayes.runs import BadInput
+from onlinebayes.simulators import SimulatorEnv
+from tests.objectives.test_examples_ddpg import KEYS, Points, reward
+
+WORLDS = 4
+
+
+def pendulums() -> EnvBase:
+    return SimulatorEnv(Pendulum(["mass"], WORLDS), PendulumTask(20))
+
+
+def cartpoles() -> EnvBase:
+    return SimulatorEnv(CartPole(["mass"], WORLDS), CartPoleTask(20))
+
+
+def points() -> EnvBase:
+    return TransformedEnv(Points(WORLDS), StepCounter(max_steps=10))
+
+
+def with_memory() -> EnvBase:
+    return TransformedEnv(cartpoles(), Compose(*actor_critic(*specs(cartpoles), width=8).transforms()))
+
+
+def specs(make_env: Callable[[], EnvBase]) -> tuple:
+    env = make_env()
+    return env.observation_spec_unbatched, env.action_spec_unbatched
+
+
+small = {"minibatch": 32, "widths": (8, 8)}
+hindsight = {"in_keys": KEYS, "hindsight": Hindsight(reward), "frames_per_update": 64}
+BUILT: dict[str, tuple[Callable[[], EnvBase], Callable[[], Objective]]] = {
+    "ppo": (cartpoles, lambda: ppo(*specs(cartpoles), epochs=1, **small)),
+    "ppo, normalised": (pendulums, lambda: ppo(*specs(pendulums), epochs=1, normalise=True, **small)),
+    "sac": (pendulums, lambda: sac(*specs(pendulums), memory=256, frames_per_update=64, **small)),
+    "sac, normalised": (
+        pendulums,
+        lambda: sac(*specs(pendulums), memory=256, normalise=True, frames_per_update=64, **small),
+    ),
+    "ddpg": (pendulums, lambda: ddpg(*specs(pendulums), memory=256, frames_per_update=64, **small)),
+    "ddpg, hindsight": (points, lambda: ddpg(*specs(points), memory=256, **hindsight, **small)),
+    "recurrent": (with_memory, lambda: actor_critic(*specs(cartpoles), width=8)),
+    "recurrent, normalised": (with_memory, lambda: actor_critic(*specs(cartpoles), width=8, normalise=True)),
+}
+
+
+@pytest.mark.usefixtures("without_shape_checks")
+@pytest.mark.parametrize("kind", BUILT)
+def test_it_conforms(kind: str) -> None:
+    make_env, make = BUILT[kind]
+    check_objective(make, make_env)
+
+
+def test_the_check_finds_one_that_learns_from_nan(monkeypatch: pytest.MonkeyPatch) -> None:
+    make_env, make = BUILT["sac"]
+    monkeypatch.setattr(inputs, "refuse_nonfinite", lambda data: None)
+    with pytest.raises(AssertionError, match="learns from nan in"):
+        check_objective(make, make_env)
+
+
+def test_a_number_beyond_single_precision_is_refused_and_a_large_sum_is_not() -> None:
+    data = cartpoles().rollout(8)
+    data["next", "reward"] = torch.full_like(data["next", "reward"], 1e38)
+    assert inputs.selected(data, [("next", "reward")])["next", "reward"].isfinite().all()
+    data["next", "reward"] = data["next", "reward"].double() * 1e10
+    with pytest.raises(BadInput, match=r"'reward'.*4 of the batch's 4 rows"):
+        inputs.selected(data, [("next", "reward")])
