@@ -159,7 +159,8 @@ def outcomes(problem: Problem, policy: Policy, worlds: Distribution, episodes: i
     """Episodes of a policy's deterministic action."""
     task = problem.task
     assert isinstance(task, FetchTask)
-    env = problem.worlds(episodes, ParameterRandomization(worlds, seed=seed), seed)
+    env = problem.worlds(episodes, ParameterRandomization(worlds), seed)
+    env.set_seed(seed)
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         data = env.rollout(task.horizon, policy, break_when_any_done=False)
     achieved, goal = data["next", "achieved_goal"], data["next", "desired_goal"]

@@ -14,7 +14,7 @@ from onlinebayes.runs.random_state import OwnRandom, random_state, set_random_st
 from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
-from onlinebayes.runs.seeds import generator, seed_everything, seed_of
+from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_everything, seed_of
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
 from onlinebayes.runs.threads import one_torch_thread
 from onlinebayes.runs.toml import to_toml
@@ -42,6 +42,7 @@ __all__ = [
     "generator",
     "give_back_freed_memory",
     "heed",
+    "leave_inherited_numbers",
     "load_exactly",
     "nearest",
     "one_line",

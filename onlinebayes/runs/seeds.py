@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
+import os
 import random
 
 import numpy as np
 import torch
+
+_LEFT = set[int]()
+"""Processes that have left their parent's random numbers."""
 
 
 def seed_everything(seed: int) -> None:
@@ -14,6 +19,19 @@ def seed_everything(seed: int) -> None:
     random.seed(seed)
     np.random.seed(seed % 2**32)
     torch.manual_seed(seed)
+
+
+def leave_inherited_numbers() -> None:
+    """Give a worker process global random numbers of its own, once; elsewhere do nothing.
+
+    A forked process goes on with its parent's generators, so that all workers draw the same. The new seed is made of
+    the next number of those and of the process's name, which :mod:`multiprocessing` counts: it repeats with them.
+    """
+    if multiprocessing.parent_process() is None or os.getpid() in _LEFT:
+        return
+    inherited = int(torch.randint(2**62, ()))
+    seed_everything(seed_of(inherited, multiprocessing.current_process().name))
+    _LEFT.add(os.getpid())
 
 
 def generator(seed: int, purpose: str = "", device: torch.device | str = "cpu") -> torch.Generator:

@@ -100,6 +100,10 @@ class SimulatorEnv(EnvBase):
         self.observation_spec[theta_key] = Unbounded(
             (n, len(simulator.parameters)), dtype=simulator.dtype, device=self.device
         )
+        # A reset reads theta: transforms and environments of environments pass on what stands in the state spec.
+        self.state_spec = Composite(
+            {theta_key: self.observation_spec[theta_key].clone()}, shape=(n,), device=self.device
+        )
         self.action_spec = task.action_spec.to(self.device).expand(n, *task.action_spec.shape)
         self.reward_spec = Unbounded((n, 1), dtype=torch.float32, device=self.device)
         done = Binary(1, shape=(n, 1), dtype=torch.bool, device=self.device)
@@ -265,7 +269,14 @@ class SimulatorEnv(EnvBase):
         for key, value in self._example().items(True, True):
             spec[key] = Unbounded(value.shape, dtype=value.dtype, device=self.device)
         self.observation_spec[self.state_key] = spec
-        self.state_spec = Composite({self.state_key: spec.clone()}, shape=n, device=self.device)
+        self.state_spec = Composite(
+            {self.theta_key: self.observation_spec[self.theta_key].clone(), self.state_key: spec.clone()},
+            shape=n,
+            device=self.device,
+        )
+
+    def _input_td_has_state(self, tensordict: TensorDictBase | None) -> bool:
+        return self.with_state and tensordict is not None and tensordict.get(self.state_key, None) is not None
 
     # --- pictures ---------------------------------------------------------------------------------------------------
 

@@ -30,7 +30,8 @@ def told_start(tensordict: TensorDictBase | None, key: Any, complete: TensorDict
     if given is None:
         raise BadInput(
             f"reset(set_state=True) without a state under {key!r}",
-            "give one as get_state() does; below transforms build the environment with with_state=True",
+            "give one as get_state() does; below transforms build the environment with with_state=True; "
+            "for theta alone say set_state=False",
         )
     known = {_path(name): value for name, value in complete.items(True, True)}
     leaves = {}

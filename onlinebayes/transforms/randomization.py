@@ -1,6 +1,6 @@
 """Every episode in a world of its own: theta is drawn where worlds reset and stays until they reset again.
 
-    theta_i ~ p   for exactly the worlds i that reset,    theta_i constant within an episode
+    theta_i ~ p   for exactly the worlds i that reset and are given none,    theta_i constant within an episode
 
 TorchRL hides everything but the reset mask from an environment that resets itself (issue #1465 of pytorch/rl), so the
 draw happens before the environment's own reset and reaches it on the leaf ``"theta"``.
@@ -13,11 +13,12 @@ from contextlib import contextmanager
 from typing import Any, Protocol, runtime_checkable
 
 import torch
+from jaxtyping import Int
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.envs import EnvBase, Transform, TransformedEnv
 
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import BadInput, leave_inherited_numbers
 from onlinebayes.simulators import SimulatorEnv
 
 
@@ -36,25 +37,30 @@ class ParameterRandomization(Transform):
     The environment below must read theta in its reset and carry it in every step, as ``SimulatorEnv`` and
     ``Parameterized`` do. As a module (:meth:`forward`) it writes a fresh draw for every element of a tensordict.
 
-    Draws come from torch's global random numbers, until there is a seed: ``seed``, or the one that ``set_seed`` of a
-    ``SimulatorEnv`` is given. From then on they are decided by that seed alone.
+    A theta that a reset is given stays, and nothing is drawn for its world: ``env.reset(TensorDict(theta=theta))``. In
+    a partial reset the theta that a world has already counts as carried along, not as given, and is drawn anew.
+
+    Draws come from torch's global random numbers, until ``set_seed`` of a ``SimulatorEnv`` is given a seed; from then
+    on they are decided by it alone. A worker process that was forked first leaves the random numbers that it has in
+    common with its siblings.
 
     Args:
         distribution: where theta comes from; replaceable with :meth:`set_distribution`, which takes effect world by
             world as they reset.
         theta_key: of the parameters.
-        seed: of the draws.
 
     Raises:
         BadInput: the environment below does not read theta, at the first reset.
     """
 
-    def __init__(self, distribution: Distribution, *, theta_key: NestedKey = "theta", seed: int | None = None) -> None:
+    def __init__(self, distribution: Distribution, *, theta_key: NestedKey = "theta") -> None:
         super().__init__()
+        leave_inherited_numbers()
         self._distribution, self.theta_key = distribution, theta_key
         self._seeding: tuple[int, int] | None = None
-        self._random = None if seed is None else _random_state(seed)
+        self._random: Tensor | None = None
         self._on_gpu: Tensor | None = None
+        self._present: Tensor | None = None
         self._checked = False
 
     @property
@@ -71,18 +77,20 @@ class ParameterRandomization(Transform):
         return tensordict.set(self.theta_key, self._draw(tensordict.numel()).reshape(*tensordict.batch_size, -1))
 
     def get_extra_state(self) -> dict[str, Any]:
-        """State of the random numbers that a seed decides, None without one, and the environment's seed they follow."""
-        return {"random": self._random, "gpu": self._on_gpu, "seeding": self._seeding}
+        """State of the random numbers that a seed decides, or None, the seed that they follow, theta of the worlds."""
+        return {"random": self._random, "gpu": self._on_gpu, "seeding": self._seeding, "theta": self._present}
 
     def set_extra_state(self, state: Mapping[str, Any]) -> None:
         """Draw on from there."""
         random, gpu, seeding = state["random"], state.get("gpu"), state["seeding"]
         self._random, self._on_gpu = (None if each is None else each.cpu() for each in (random, gpu))
+        self._present = state.get("theta")
         self._seeding = None if seeding is None else tuple(seeding)
 
     def _draw(self, number: int) -> Tensor:
         with torch.no_grad():
             if self._random is None:
+                leave_inherited_numbers()
                 return self._distribution.sample((number,))
             with self._seeded(self._random):
                 return self._distribution.sample((number,))
@@ -112,19 +120,37 @@ class ParameterRandomization(Transform):
         self._look_at(parent)
         if tensordict is None:
             tensordict = TensorDict(batch_size=parent.batch_size, device=parent.device)
-        batch = tensordict.batch_size
-        reset = tensordict.get("_reset", None)
+        batch, given = tensordict.batch_size, tensordict.get(self.theta_key, None)
+        rows = self._without_theta(tensordict, given)
+        if given is not None and not len(rows):
+            return tensordict
+        drawn = self._draw(len(rows)).to(rows.device)
+        if len(rows) < batch.numel():
+            base = drawn.new_zeros(batch.numel(), drawn.shape[-1])
+            base = base if given is None else given.reshape(base.shape[0], -1).to(drawn)
+            drawn = base.index_copy(0, rows, drawn)
+        return tensordict.set(self.theta_key, drawn.reshape(*batch, -1))
+
+    def _without_theta(self, tensordict: TensorDictBase, given: Tensor | None) -> Int[Tensor, " n"]:
+        """The worlds that reset and are given no theta, but at most the one that they have."""
+        worlds, reset = tensordict.batch_size.numel(), tensordict.get("_reset", None)
         if reset is None:
-            return tensordict.set(self.theta_key, self._draw(batch.numel()).reshape(*batch, -1))
-        rows = reset.reshape(-1).nonzero().squeeze(-1)
-        drawn = self._draw(len(rows)).to(reset.device)
-        theta = drawn.new_zeros(batch.numel(), drawn.shape[-1]).index_copy_(0, rows, drawn)
-        return tensordict.set(self.theta_key, theta.reshape(*batch, -1))
+            return torch.arange(worlds if given is None else 0, device=tensordict.device)
+        reset = reset.reshape(worlds, -1).any(-1)
+        if given is not None:
+            present = self._present if self._present is not None else torch.full_like(given, torch.nan)
+            reset = reset & (given.reshape(worlds, -1) == present.reshape(worlds, -1).to(given)).all(-1)
+        return reset.nonzero().squeeze(-1)
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
         if not self._checked:
             self._check_read(tensordict, tensordict_reset)
             self._checked = True
+        reset, now = tensordict.get("_reset", None), tensordict_reset.get(self.theta_key)
+        now = now.reshape(-1, now.shape[-1])
+        if reset is not None and self._present is not None:
+            now = torch.where(reset.reshape(len(now), -1).any(-1, keepdim=True), now, self._present.to(now))
+        self._present = now.clone()
         return tensordict_reset
 
     def _look_at(self, parent: EnvBase) -> None:

@@ -36,8 +36,8 @@ MADE = {
     "noise": lambda: SensorNoise(SD),
     "noise made there": lambda: SensorNoise(SD.to(DEVICE)),
     "embedding": lambda: TrajectoryEmbedding(LSTMEmbedding(TransitionFeatures(4, 2), hidden=8).to(DEVICE)),
-    "prior": lambda: ParameterRandomization(BoxUniform(SPACE), seed=1),
-    "belief": lambda: ParameterRandomization(narrow(), seed=1),
+    "prior": lambda: ParameterRandomization(BoxUniform(SPACE)),
+    "belief": lambda: ParameterRandomization(narrow()),
 }
 
 

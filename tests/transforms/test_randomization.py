@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import multiprocessing
+from collections.abc import Callable
+
 import pytest
 import torch
 from tensordict import TensorDict
+from torch import Tensor
 from torchrl.collectors import Collector
-from torchrl.envs import SerialEnv, TransformedEnv
+from torchrl.envs import EnvBase, ParallelEnv, SerialEnv, TransformedEnv
 
-from onlinebayes.transforms import ParameterRandomization
+from onlinebayes.runs import BadInput, leave_inherited_numbers
+from onlinebayes.transforms import ParameterRandomization, SensorNoise
 from onlinebayes.transforms.testing import check_parallel, check_transform
 from tests.transforms.systems import Uniform, make_env
 
@@ -91,3 +96,117 @@ def test_as_a_module_it_draws_for_every_element() -> None:
 
 def _transform() -> ParameterRandomization:
     return ParameterRandomization(Uniform())
+
+
+# --- a theta that is given ------------------------------------------------------------------------------------------
+
+WANTED = torch.tensor([[0.2, 0.9], [0.5, 0.5], [0.9, 0.2]], dtype=torch.float64)
+
+
+def randomised() -> TransformedEnv:
+    return TransformedEnv(make_env(), _transform())
+
+
+def several() -> SerialEnv:
+    return SerialEnv(2, randomised)
+
+
+def behind_noise() -> TransformedEnv:
+    env = randomised()
+    env.append_transform(SensorNoise(torch.full((4,), 0.01)))
+    return env
+
+
+@pytest.mark.parametrize("make", [randomised, behind_noise, several])
+def test_a_theta_that_is_given_stays_until_the_world_resets(make: Callable[[], EnvBase]) -> None:
+    env = make()
+    wanted = WANTED.expand(*env.batch_size, 2).clone()
+    for _ in range(2):  # the second time the worlds have it already
+        state = env.reset(TensorDict({"theta": wanted}, env.batch_size), set_state=False)
+        assert torch.equal(state["theta"], wanted)
+    data = env.rollout(80, break_when_any_done=False, auto_reset=False, tensordict=state)
+    ended = data["next", "done"][..., :-1, 0]
+    assert ended.any()
+    assert torch.equal((data["theta"].diff(dim=-2) != 0).any(-1), ended)
+
+
+def test_in_a_partial_reset_a_theta_is_given_where_it_is_another() -> None:
+    env = TransformedEnv(make_env(worlds=3), ParameterRandomization(Uniform()))
+    state = env.reset()
+    before = state["theta"].clone()
+    state["theta"] = torch.stack([before[0], WANTED[1], WANTED[2]])
+    state["_reset"] = torch.tensor([[True], [True], [False]])
+    env.reset(state)
+    after = env.simulator.theta
+    assert not torch.equal(after[0], before[0])
+    assert torch.equal(after[1], WANTED[1])
+    assert torch.equal(after[2], before[2]), "a world that goes on keeps its own"
+
+
+def test_a_theta_that_is_given_uses_up_no_random_numbers() -> None:
+    distribution = Uniform()
+    env = TransformedEnv(make_env(), ParameterRandomization(distribution))
+    env.reset(TensorDict({"theta": WANTED}, (3,)))
+    assert not distribution.asked
+
+
+def test_a_given_theta_outside_the_bounds_is_refused() -> None:
+    env = randomised()
+    with pytest.raises(BadInput):
+        env.reset(TensorDict({"theta": torch.full((3, 2), torch.nan)}, (3,)))
+
+
+# --- worlds in worker processes -------------------------------------------------------------------------------------
+
+
+def draws(env: EnvBase, resets: int = 3) -> Tensor:
+    """Theta of every world at some resets, (resets * worlds, 2)."""
+    try:
+        return torch.cat([env.reset()["theta"].reshape(-1, 2) for _ in range(resets)])
+    finally:
+        env.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("start", "seed"), [("fork", None), ("fork", 5), ("spawn", None)])
+def test_workers_draw_each_their_own(start: str, seed: int | None) -> None:
+    env = ParallelEnv(3, randomised, mp_start_method=start)
+    if seed is not None:
+        env.set_seed(seed)
+    assert len(draws(env).unique(dim=0)) == 27
+
+
+@pytest.mark.slow
+def test_workers_that_are_forked_repeat_what_a_seed_says() -> None:
+    def after(seed: int) -> Tensor:
+        env = ParallelEnv(2, randomised, mp_start_method="fork")
+        env.set_seed(seed)
+        return draws(env)
+
+    assert torch.equal(after(5), after(5))
+    assert not torch.equal(after(5), after(6))
+
+
+def test_several_in_one_process_draw_each_their_own() -> None:
+    for seed in (None, 5):
+        env = SerialEnv(3, randomised)
+        if seed is not None:
+            env.set_seed(seed)
+        assert len(draws(env).unique(dim=0)) == 27
+
+
+def test_a_forked_process_leaves_its_parents_numbers_once() -> None:
+    torch.manual_seed(0)
+    with multiprocessing.get_context("fork").Pool(2) as pool:
+        found = [pool.apply_async(numbers).get() for _ in range(2)]
+    again = numbers()
+    assert len({tuple(each) for each in [*found, again]}) == 3
+    torch.manual_seed(0)
+    assert numbers() == again, "in the parent nothing happens"
+
+
+def numbers() -> list[float]:
+    leave_inherited_numbers()
+    first = torch.rand(2).tolist()
+    leave_inherited_numbers()
+    return first + torch.rand(2).tolist()
