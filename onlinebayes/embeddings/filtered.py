@@ -28,8 +28,12 @@ from onlinebayes.embeddings.standard import Standard
 STARTS = 7
 """To climb from; the first is the centre of the box, and most climbs need no other."""
 
-FLAT = 0.5
-"""Standard deviation of z before anything was seen, H_0 = 1 / FLAT^2."""
+FLAT = 5.0
+"""Standard deviation of z before anything was seen, H_0 = 1 / FLAT^2: a box is flat, but for .005 nats at its sides.
+What trajectories say nothing of has to stay so."""
+
+BEYOND = 0.5
+"""Of the box: how far over its edge the likelihood's peak is looked for."""
 
 FIRST_NOISE = 0.03
 """Of an observation's standard deviation: where the search for r begins."""
@@ -106,7 +110,7 @@ class FilteredEmbedding(SetEmbedding):
         L = torch.linalg.solve_triangular(upper.mT, torch.eye(P).to(H).expand_as(H), upper=False)
         # At an edge the score is not zero: the likelihood goes on beyond it.
         beyond = (L @ (L.mT @ found.evidence.score[..., None]))[..., 0]
-        z = found.z + beyond.clamp(-FLAT, FLAT)
+        z = found.z + beyond.clamp(-BEYOND, BEYOND)
         diagonal = torch.diagonal(L, dim1=-2, dim2=-1)
         row, column = torch.tril_indices(P, P, offset=-1, device=L.device)
         shear = L[:, row, column] / diagonal[:, row]

@@ -5,8 +5,9 @@ are those of the epoch with the lowest validation loss. A network fitted to a th
 of itself; last, all components are widened by the one factor that suits the held-out trajectories best (after
 temperature scaling, Guo et al. 2017).
 
-A mixture's normaliser over its box is most of a step's work, and hardly moves it: the density is a little sharper or
-blunter beside the box's sides. It stands in the loss in the last tenth of the training, and in every validation.
+A mixture's mass in its box is most of a step's work. It is taken axis by axis in the loss, and integrated in the last
+tenth of the training and in every validation. Without it a flat posterior is out of reach: the likeliest Gaussian of
+draws from the whole box leaves .7 nats less at its sides than in its middle.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from onlinebayes.inference.base import FitReport, Widenable
 from onlinebayes.inference.loss import NeuralPosteriorLoss
 from onlinebayes.runs import BadInput, heed
 
-TRUNCATED = 0.1
-"""Share of the training, at its end, with the normaliser of the truncation in the loss."""
+EXACT = 0.1
+"""Share of the training, at its end, with a mixture's mass in its box integrated."""
 
 BATCH, STEPS = 100, 9
 """Trajectories a step, and least steps an epoch where there are few trajectories.
@@ -81,8 +82,8 @@ def fit(
         done = max(epoch / epochs, spent / seconds if seconds else 0.0)
         for group in optimiser.param_groups:
             group["lr"] = learning_rate * (0.02 + 0.49 * (1 + math.cos(math.pi * min(done, 1.0))))
-        truncated = done >= 1 - TRUNCATED
-        report.train.append(_epoch(loss, rows, optimiser, batch_size, clip, generator, truncated))
+        exact = done >= 1 - EXACT
+        report.train.append(_epoch(loss, rows, optimiser, batch_size, clip, generator, exact))
         with torch.no_grad():
             report.validation.append(float(loss.each(held_out).mean()))
         if report.validation[-1] < best:
@@ -119,14 +120,14 @@ def _epoch(
     batch_size: int,
     clip: float,
     generator: torch.Generator,
-    truncated: bool,
+    exact: bool,
 ) -> float:
     """One pass; steps with a gradient that is not finite are left out."""
     order = torch.randperm(rows.shape[0], generator=generator, device=generator.device).to(rows["z"].device)
     total, told, weights = 0.0, dict(rows.items()), list(loss.parameters())
     for index in order.split(batch_size):
         heed()
-        value = loss.each({key: column[index] for key, column in told.items()}, truncated=truncated).mean()
+        value = loss.each({key: column[index] for key, column in told.items()}, exact=exact).mean()
         optimiser.zero_grad(set_to_none=True)
         value.backward()
         norm = torch.nn.utils.clip_grad_norm_(weights, clip)

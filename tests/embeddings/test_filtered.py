@@ -47,12 +47,12 @@ def test_on_a_linear_system_it_is_exact() -> None:
     truths = [exact(seen[b], action[b]) for b in range(8)]
     for b, (z, variance) in enumerate(truths):
         assert float(alone[b, 0]) == pytest.approx(z, abs=1e-4)
-        # The flat belief, half a box wide, counts as one row more.
-        assert float(alone[b, 1]) ** -2 == pytest.approx(1 / variance + 4, rel=1e-4)
+        # The flat belief, five boxes wide, counts as one row more.
+        assert float(alone[b, 1]) ** -2 == pytest.approx(1 / variance + 0.04, rel=1e-4)
     # Two trajectories of a set say together what their weighted mean says.
     for g, ((z, variance), (other, its)) in enumerate(zip(truths[::2], truths[1::2], strict=True)):
         assert float(pairs[g, 0]) == pytest.approx((z / variance + other / its) / (1 / variance + 1 / its), abs=1e-4)
-        assert float(pairs[g, 1]) ** -2 == pytest.approx(1 / variance + 1 / its + 4, rel=1e-4)
+        assert float(pairs[g, 1]) ** -2 == pytest.approx(1 / variance + 1 / its + 0.04, rel=1e-4)
 
 
 def test_the_likelihood_is_that_of_the_whole_trajectory() -> None:
