@@ -60,7 +60,7 @@ class Settings(Options):
     """One run of a recipe."""
 
     seed: int = 0
-    """which truth and which random numbers: 0 for the recipe's own values, s for point s of a Sobol sequence"""
+    """which truth and which random numbers: 0 for the recipe's own values, s for point s + 1 of a Sobol sequence"""
     noise: float = 0.01
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     kind: Kind = "online"
@@ -143,10 +143,13 @@ class Run(Generic[P]):
 
 
 def hidden_truth(space: ParameterSpace, seed: int, default: dict[str, float]) -> Float[Tensor, " P"]:
-    """Seed 0: the default values. Seed s: point s of the unscrambled Sobol sequence over the bounds."""
+    """Seed 0: the default values. Seed s: point s + 1 of the unscrambled Sobol sequence over the bounds.
+
+    Points 0 and 1 are left out: a corner of the bounds, and their centre, which whoever guesses the prior's mean knows.
+    """
     if seed == 0:
         return space.vector(default)
-    point = qmc.Sobol(d=len(space), scramble=False).fast_forward(seed).random(1)[0]
+    point = qmc.Sobol(d=len(space), scramble=False).fast_forward(seed + 1).random(1)[0]
     return space.from_unit(torch.from_numpy(point))
 
 

@@ -117,7 +117,7 @@ def build(settings: Settings) -> Parts:
     """The whole composition."""
     system, space = SYSTEMS[settings.system], SYSTEMS[settings.system].recipe.SPACE
     bounds = ParameterSpace({name: Parameter(*system.truths[name]) for name in space})
-    truth = hidden_truth(bounds, settings.seed + 1, {})  # point 0 of a Sobol sequence is a corner
+    truth = hidden_truth(bounds, settings.seed + 1, {})  # seed 0 is a recipe's own values: here are none
     sd, prior = settings.noise * system.recipe.RANGE, BoxUniform(space)
     hidden, effect = hides(system, settings.effect)
     machine = Problem(Machine(system.equations, space, hidden, system.model.dt), system.task, prior, sd)

@@ -4,7 +4,7 @@
 
 Frames are all that were simulated, for the policy and for the belief. Plain CartPole gives 500 to every kind of run, so
 nothing is asked of it. Every run is a recipe's own run in a folder of its own, so that the study goes on where it was
-stopped. The truths are points 1 ... 5 of a Sobol sequence over the prior; every policy is judged on the hidden system.
+stopped. The truths are points 2 ... 6 of a Sobol sequence over the prior; every policy is judged on the hidden system.
 """
 
 from __future__ import annotations
