@@ -40,7 +40,8 @@ from recipes.sensor_budget import (
     log_estimator,
     log_problem,
 )
-from recipes.sensor_choice import Training, accuracy_at, attachment, folds, learn, mixed, stretches
+from recipes.sensor_choice import Training, accuracy_at, attachment, folds, leaning, learn, mixed, stretches
+from recipes.sensor_recording import record
 
 USES = (0.2, 0.4, 0.6, 0.8)
 TRUTH = torch.tensor([300.0, 600.0], dtype=torch.float64)  # a hot phone draws twice what it should [mA]
@@ -105,6 +106,7 @@ def main(settings: Settings) -> int:
         print(f"currents {name}: " + ", ".join(f"{key} {value:.3f}" for key, value in mean.items()))
     better = float((days["believed"].accuracy - days["as built"].accuracy).mean())
     print(f"knowing the battery is worth {100 * better:.1f} points of accuracy")
+    print(f"one episode: {record(place, sequences, test, leaning(objective, test, 0.2, 0.0), TRUTH)}")
     return 0 if bool((reached > mix).all()) and gain > 0 and better > 0 else 1
 
 

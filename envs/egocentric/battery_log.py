@@ -17,7 +17,8 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Generator, Tensor
 from torchrl.data import Bounded
 
-from envs.egocentric.sequences import _rows
+from envs.egocentric.phone import CAPACITY
+from envs.egocentric.sequences import rows_of
 from onlinebayes.runs import BadInput, write_atomic
 from onlinebayes.simulators import Task
 
@@ -35,7 +36,7 @@ class BatteryLog(Task):
 
     observation_size = 1
 
-    def __init__(self, horizon: int = 20, charge: tuple[float, float] = (1500.0, 3000.0)) -> None:
+    def __init__(self, horizon: int = 20, charge: tuple[float, float] = (CAPACITY / 2, CAPACITY)) -> None:
         self.horizon, self.charge = horizon, charge
         self.action_spec = Bounded(0.0, 1.0, shape=(1,), dtype=torch.float32)
 
@@ -79,7 +80,7 @@ def read_battery_log(path: str | Path, dt: float) -> TensorDict:
         BadInput: the file or a column is missing, a value cannot be, rows are closer than ``dt``, the charge rises
             over a stretch, or there are no two rows without a gap between them.
     """
-    rows = [_numbers(row, line, path) for line, row in enumerate(_rows(Path(path), COLUMNS), 2)]
+    rows = [_numbers(row, line, path) for line, row in enumerate(rows_of(Path(path), COLUMNS), 2)]
     stretches: list[list[tuple[float, float, float]]] = [[]]
     for row in rows:
         last = stretches[-1][-1] if stretches[-1] else None

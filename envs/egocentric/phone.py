@@ -37,6 +37,9 @@ CURRENTS = ParameterSpace(
 )
 """Half to four times the thesis's."""
 
+CAPACITY = 3000.0
+"""Of a full battery [mAh]."""
+
 NOMINAL = {"motion": 150.0, "camera": 300.0}
 
 
@@ -55,7 +58,7 @@ class Phone(Simulator):
         self,
         worlds: int = 1,
         dt: float = 1.0,
-        capacity: float = 3000.0,
+        capacity: float = CAPACITY,
         device: torch.device | str = "cpu",
         dtype: torch.dtype = torch.float64,
     ) -> None:

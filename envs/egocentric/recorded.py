@@ -16,7 +16,7 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from envs.egocentric.sequences import CLASSES, _rows
+from envs.egocentric.sequences import CLASSES, rows_of
 from onlinebayes.runs import BadInput
 
 FRAMES = 10
@@ -108,7 +108,7 @@ def made_up_predictions(number: int = 400, generator: torch.Generator | None = N
 
 def _whole(path: str | Path, columns: tuple[str, ...], below: int) -> Int[Tensor, "N C"]:
     """Columns of whole numbers in [0, below)."""
-    rows = _rows(Path(path), columns)
+    rows = rows_of(Path(path), columns)
     for line, row in enumerate(rows, 2):
         for name, value in zip(columns, row, strict=True):
             if not value.isdecimal() or int(value) >= below:

@@ -60,7 +60,7 @@ def read_sequences(path: str | Path) -> Sequences:
         BadInput: the file or a column is missing, a value is no number, or a name is not ``actXXseqYY``.
     """
     runs: dict[str, list[list[float]]] = {}
-    for line, row in enumerate(_rows(Path(path), ("run", *(f"sensor.{name}" for name in SIGNALS))), 2):
+    for line, row in enumerate(rows_of(Path(path), ("run", *(f"sensor.{name}" for name in SIGNALS))), 2):
         try:
             values = [float(value) for value in row[1:]]
         except ValueError:
@@ -99,8 +99,12 @@ def made_up(number: int = 100, generator: torch.Generator | None = None, *, seco
     return Sequences(signals * (torch.arange(seconds) < length[:, None])[..., None, None], label, length)
 
 
-def _rows(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
-    """Some columns of a table with a head."""
+def rows_of(path: Path, columns: tuple[str, ...]) -> list[list[str]]:
+    """Some columns of a table with a head, as texts.
+
+    Raises:
+        BadInput: the file or a column is missing, or a row has another number of columns.
+    """
     if not path.exists():
         raise BadInput("is missing", "ONLINEBAYES_DATA names the folder that holds egocentric/", where=str(path))
     with path.open(newline="", encoding="utf-8") as file:

@@ -16,7 +16,7 @@ The price is drawn in units of what a second of the phone's camera costs, ``cost
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from jaxtyping import Bool, Float, Int
@@ -24,7 +24,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 from torchrl.data import Categorical
 
-from envs.egocentric.phone import HOUR
+from envs.egocentric.phone import CAPACITY, HOUR
 from envs.egocentric.recorded import VISION
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Task
@@ -58,7 +58,11 @@ class Stretches:
     @property
     def there(self) -> Bool[Tensor, "E T"]:
         """Which seconds are not padding."""
-        return torch.arange(self.features.shape[1]) < self.length[:, None]
+        return torch.arange(self.features.shape[1], device=self.length.device) < self.length[:, None]
+
+    def to(self, device: torch.device | str) -> Stretches:
+        """The same on another device."""
+        return Stretches(**{field.name: getattr(self, field.name).to(device) for field in fields(self)})
 
 
 def gain(outcomes: Float[Tensor, "*batch 4"], trade_off: Tensor | float) -> Float[Tensor, "*batch"]:
@@ -71,7 +75,7 @@ class SensorChoice(Task):
     """The observation is the second's features, lambda and the price; action 0 asks the motion sensors, 1 the camera.
 
     Args:
-        stretches: from which each episode draws one.
+        stretches: from which each episode draws one; on the device of the phones.
         trade_off: lambda of an episode is uniform between these.
         cost: what a second of camera costs, uniform between these [reward].
     """
@@ -98,7 +102,7 @@ class SensorChoice(Task):
         drawn = low + (high - low) * torch.rand(n, 2, dtype=theta.dtype, generator=generator, device=theta.device)
         price = drawn[:, 1:] * HOUR / theta[:, 1:]
         told = {"stretch": stretch, "vision_right": right, "trade_off": drawn[:, :1], "price": price}
-        full = torch.full((n, 1), 3000.0, dtype=theta.dtype, device=theta.device)
+        full = torch.full((n, 1), CAPACITY, dtype=theta.dtype, device=theta.device)
         return TensorDict({"qpos": full, "qvel": torch.zeros_like(full), "task": told}, (n,), device=theta.device)
 
     def observe(self, state: TensorDictBase) -> dict[str, Tensor]:

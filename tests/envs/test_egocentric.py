@@ -76,6 +76,13 @@ def test_the_environment_keeps_every_promise() -> None:
     check_env_specs(env)
 
 
+@pytest.mark.gpu
+def test_the_environment_lives_on_a_gpu() -> None:
+    env = SimulatorEnv(Phone(4, device="cuda"), SensorChoice(some().to("cuda")))
+    data = TransformedEnv(env, CameraCost()).rollout(6, break_when_any_done=False)
+    assert data["next", "reward"].device.type == data["cost"].device.type == "cuda"
+
+
 def told(task: SensorChoice, right: bool, trade_off: float, price: float, stretch: int) -> TensorDict:
     """A state in the first second of a stretch."""
     leaves = {

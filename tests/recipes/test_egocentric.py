@@ -77,7 +77,7 @@ def test_the_recipe_does_what_it_promises(tmp_path, capsys) -> None:
     """Seeds are fixed: no false failures on one machine."""
     assert egocentric.main(egocentric.Settings(short=True, out=str(tmp_path))) == 0
     assert "points of accuracy" in capsys.readouterr().out
-    assert (tmp_path / "egocentric-0-short" / "battery.csv").exists()
+    assert {path.name for path in (tmp_path / "egocentric-0-short").iterdir()} == {"battery.csv", "episode.rrd"}
 
 
 @pytest.mark.slow

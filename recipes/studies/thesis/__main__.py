@@ -36,7 +36,7 @@ class Study:
     noises: tuple[float, ...] = (0.0, 0.01)
     """of the sensors, as a share of each range"""
     seeds: tuple[int, ...] = (2, 3)
-    """of truths, simulations and networks; with seed 1 a recipe's hidden truth is the centre of its prior"""
+    """of truths, simulations and networks"""
     out: str = "out/thesis"
     """finished jobs go here"""
     results: Path = Path("docs/results")
