@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis known-posteriors figures hidden-effect hopper egocentric engines devices fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -105,6 +105,8 @@ fetch-speed: setup  ## steps a second of the Fetch worlds beside Gymnasium-Robot
 fetch-wall-clock: setup  ## Push without demonstrations, ours and stable-baselines3's (half an hour) -> docs/results/fetch-wall-clock.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.fetch_wall_clock --out $(OUT)/fetch_wall_clock
+skid-steer: setup  ## Table 5.2 and Figures 5.4 to 5.6 of the thesis: a planner over the belief, a belief in the loop, a load taken up midway (ten minutes; goes on where it was stopped) -> docs/results/skid-steer.json
+	$(BIN)/python -m recipes.studies.skid_steer --out $(OUT)/skid_steer_study
 hopper: setup    ## a hopper learnt in MuJoCo and judged in Drake, and its friction (a day; goes on where it was stopped) -> docs/results/hopper.json
 	$(BIN)/python -m recipes.studies.hopper --out $(OUT)/hopper
 egocentric: setup  ## chapter 3 of the thesis: which sensor to use on an energy budget (a few minutes; needs ONLINEBAYES_DATA) -> docs/results/egocentric.json

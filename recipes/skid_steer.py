@@ -11,6 +11,7 @@ tracked point swings out before it turns, and a planner that looks ahead by less
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from functools import partial
 
 import torch
@@ -66,28 +67,36 @@ def estimator(task: CircleTask, epochs: int, proposal: Belief) -> Windowed:
     return Windowed(filtered_estimator(SkidSteerKinematics(SPACE), task, state=state, train=train)(proposal), steps=10)
 
 
-def build(settings: Settings) -> Run:
-    """The whole composition: system, prior, sensors, planner, estimator, real system, trainer."""
-    steps, simulations, epochs = (2, 60, 8) if settings.short else (3, 200, 25)
-    task = CircleTask(horizon=60 if settings.short else 200)
+def composed(settings: Settings, truth: Tensor, steps: int) -> Run:
+    """System, prior, sensors, planner, estimator, real system, trainer."""
+    simulations, epochs, horizon = (60, 8, 60) if settings.short else (200, 25, 200)
+    task = CircleTask(horizon=horizon)
     plans = planner(task, settings.seed)
     problem = Problem(SkidSteerKinematics(SPACE), task, BoxUniform(SPACE), SENSORS, plans.transforms)
-    truth = hidden_truth(SPACE, settings.seed, {"radius": 0.0625, "axial_distance": 0.475, "x_icr": 0.2})
     trainer = online_trainer(
         problem,
         Planned(plans),
         estimator=partial(estimator, task, epochs),
         real=problem.hidden(truth, settings.seed + 2000),
-        schedule=settings.schedule(steps, 0, real_steps=task.horizon),
-        sizes=Sizes(worlds=1, batch_steps=1, simulations=simulations, groups=64),
+        schedule=settings.schedule(steps, 0, real_steps=horizon),
+        sizes=Sizes(simulations=simulations, groups=64),
         worlds=settings.worlds(problem, truth),
         repeats=True,
         seed=settings.seed,
     )
-    score = partial(problem.score, episodes=4)
-    plans.set_belief(problem.prior)
-    before = None if settings.kind == "prior" else score(plans, truth)
-    return Run(problem, trainer, truth, score=score, to_beat=before)
+    return Run(problem, trainer, truth, score=partial(problem.score, episodes=4))
+
+
+def build(settings: Settings) -> Run:
+    """The run, which has to beat the plans for the prior."""
+    truth = hidden_truth(SPACE, settings.seed, {"radius": 0.0625, "axial_distance": 0.475, "x_icr": 0.2})
+    made = composed(settings, truth, steps=2 if settings.short else 3)
+    if settings.kind == "prior":
+        return made
+    objective = made.trainer.objective
+    assert isinstance(objective, Planned)
+    objective.set_belief(made.problem.prior)
+    return replace(made, to_beat=made.problem.score(objective.policy, truth, episodes=4))
 
 
 if __name__ == "__main__":
