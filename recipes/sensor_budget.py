@@ -48,7 +48,9 @@ def logs(problem: Problem, number: int, theta: Distribution, seed: int) -> Tenso
     blocks = torch.rand(number, -(-LOG_STEPS // 5), generator=generator).round().repeat_interleave(5, 1)
     minutes = iter(blocks.unbind(1))
     used = TensorDictModule(lambda charge: next(minutes)[:, None], ["observation"], ["action"])
-    return trajectories(problem.worlds(number, ParameterRandomization(theta, seed=seed), seed), used, LOG_STEPS)
+    env = problem.worlds(number, ParameterRandomization(theta), seed)
+    env.set_seed(seed)
+    return trajectories(env, used, LOG_STEPS)
 
 
 def log_estimator(problem: Problem, simulations: int, epochs: int, seed: int) -> PosteriorEstimator:

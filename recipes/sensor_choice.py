@@ -98,8 +98,9 @@ def learn(
     torch.manual_seed(seed)
     env = TransformedEnv(
         SimulatorEnv(Phone(training.worlds), SensorChoice(played), seed=seed),
-        Compose(ParameterRandomization(BoxUniform(CURRENTS), seed=seed), CameraCost()),
+        Compose(ParameterRandomization(BoxUniform(CURRENTS)), CameraCost()),
     )
+    env.set_seed(seed)
     specs = env.observation_spec_unbatched, env.action_spec_unbatched
     # What is done now changes no later reward: a short horizon only takes noise from the advantage.
     objective = actor_critic(*specs, in_keys=["observation", "cost"], gamma=0.5, learning_rate=training.learning_rate)
