@@ -22,7 +22,7 @@ from torch import Tensor
 from onlinebayes.embeddings.base import SetEmbedding, check_padding
 from onlinebayes.embeddings.features import RawTransitions
 from onlinebayes.embeddings.kalman import Rows, SimulatorFilter
-from onlinebayes.embeddings.likeliest import likeliest
+from onlinebayes.embeddings.likeliest import DISTURBED, Levels, likeliest
 from onlinebayes.embeddings.standard import Standard
 
 STARTS = 7
@@ -54,6 +54,7 @@ class FilteredEmbedding(SetEmbedding):
     Args:
         model: the filter.
         action: number of action values A.
+        levels: how peaks are climbed; :data:`~onlinebayes.embeddings.likeliest.STRAIGHT` is quicker where it is enough.
 
     Attributes:
         model: as given; :meth:`fit` reads its noise and starts off simulations.
@@ -62,10 +63,10 @@ class FilteredEmbedding(SetEmbedding):
     located = True
     starts: Tensor
 
-    def __init__(self, model: SimulatorFilter, action: int) -> None:
+    def __init__(self, model: SimulatorFilter, action: int, levels: Levels = DISTURBED) -> None:
         observation, P = model.observation, len(model.simulator.parameters)
         super().__init__(RawTransitions(observation, action))
-        self.model = model
+        self.model, self._levels = model, levels
         self._told = P + P * (P + 1) // 2 + observation
         self.size = self._told + P + P * (P + 1) // 2
         starts = qmc.Sobol(P, scramble=False).random_base2(3)[1 : 1 + STARTS]
@@ -82,7 +83,7 @@ class FilteredEmbedding(SetEmbedding):
         some = Rows(*(part[:NOISE_SAMPLE] for part in rows))
         for _ in range(NOISE_ROUNDS):
             model.begin_at(rows.first)
-            ratio = likeliest(model, some, 1, self.starts[:1]).evidence.innovation.median(0).values
+            ratio = likeliest(model, some, 1, self.starts[:1], self._levels).evidence.innovation.median(0).values
             model.noise.copy_((model.noise * ratio.sqrt()).clamp_min(LEAST_NOISE * spread))
         model.begin_at(rows.first)
         some_features, some_mask = features[:SCALE_SAMPLE, None], mask[:SCALE_SAMPLE, None]
@@ -103,7 +104,8 @@ class FilteredEmbedding(SetEmbedding):
 
     def _vector(self, features: Tensor, mask: Tensor) -> Float[Tensor, "G E"]:
         """What is told, not yet standardised, then z and L."""
-        found = likeliest(self.model, self.rows(features.flatten(0, 1), mask.flatten(0, 1)), mask.shape[1], self.starts)
+        rows = self.rows(features.flatten(0, 1), mask.flatten(0, 1))
+        found = likeliest(self.model, rows, mask.shape[1], self.starts, self._levels)
         P = found.z.shape[-1]
         H = found.evidence.information + torch.eye(P).to(found.z) / FLAT**2
         upper = torch.linalg.cholesky(H.flip(-1, -2)).flip(-1, -2)  # H = U U^T, U upper triangular

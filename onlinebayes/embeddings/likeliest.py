@@ -18,9 +18,14 @@ from torch import Tensor
 
 from onlinebayes.embeddings.kalman import Evidence, Rows, SimulatorFilter
 
-DISTURBED = ((1.0, 6), (0.1, 6), (0.0, 12))
-"""Process noise in units of the sensors', and the most steps at it. With the last alone 29 % of Pendulum's modes are
-missed from the box's centre, with all three 9 %."""
+Levels = tuple[tuple[float, int], ...]
+"""Process noise in units of the sensors', and the most steps at it, one climb after the other."""
+
+DISTURBED: Levels = ((1.0, 6), (0.1, 6), (0.0, 12))
+"""With the last alone 29 % of Pendulum's modes are missed from the box's centre, with all three 9 %."""
+
+STRAIGHT: Levels = ((0.0, 12),)
+"""At once by the likelihood itself, in half the time: for short trajectories of systems that do not diverge."""
 
 UNEXPLAINED = 1.5
 """Mean square of normalised innovations, one at the right peak: fifty steps of three sensors make a tenth of it."""
@@ -51,7 +56,9 @@ class Peak(NamedTuple):
 
 
 @torch.no_grad()
-def likeliest(model: SimulatorFilter, rows: Rows, members: int, starts: Float[Tensor, "K P"]) -> Peak:
+def likeliest(
+    model: SimulatorFilter, rows: Rows, members: int, starts: Float[Tensor, "K P"], levels: Levels = DISTURBED
+) -> Peak:
     """The peaks of G sets of ``members`` trajectories.
 
     Args:
@@ -59,16 +66,17 @@ def likeliest(model: SimulatorFilter, rows: Rows, members: int, starts: Float[Te
         rows: G * members trajectories, those of one set side by side; a masked one says nothing.
         members: of a set.
         starts: z to climb from: the first for all sets, the others where its peak leaves more than noise.
+        levels: of process noise.
     """
     G, starts = len(rows.mask) // members, starts.to(rows.first)
-    best = climbed(model, rows, members, starts[:1].expand(G, -1))
+    best = climbed(model, rows, members, starts[:1].expand(G, -1), levels)
     left = (best.evidence.innovation.mean(1) > UNEXPLAINED).nonzero()[:, 0]
     others = len(starts) - 1
     if not len(left) or not others:
         return best
     again = left.repeat(others)
     some = Rows(*(part.unflatten(0, (G, members))[again].flatten(0, 1) for part in rows))
-    found = climbed(model, some, members, starts[1:].repeat_interleave(len(left), 0))
+    found = climbed(model, some, members, starts[1:].repeat_interleave(len(left), 0), levels)
     height = found.evidence.log_likelihood.unflatten(0, (others, len(left)))
     top, which = height.max(0)
     higher = top > best.evidence.log_likelihood[left]
@@ -78,10 +86,12 @@ def likeliest(model: SimulatorFilter, rows: Rows, members: int, starts: Float[Te
     return best
 
 
-def climbed(model: SimulatorFilter, rows: Rows, members: int, z: Float[Tensor, "G P"]) -> Peak:
+def climbed(
+    model: SimulatorFilter, rows: Rows, members: int, z: Float[Tensor, "G P"], levels: Levels = DISTURBED
+) -> Peak:
     """The peaks above z, one a set."""
     z = z.clone()
-    for process, steps in DISTURBED:
+    for process, steps in levels:
         evidence = _climb(_Sets(model, rows, members, process), z, steps)
     return Peak(z, evidence)
 

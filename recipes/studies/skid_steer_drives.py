@@ -18,7 +18,10 @@ from torch import Tensor
 
 from envs.skid_steer import MAX_WHEEL_SPEED, CircleTask, SkidSteerKinematics
 from onlinebayes.control import Knots
-from onlinebayes.inference import BoxUniform, Windowed, filtered_estimator, fit
+from onlinebayes.embeddings import FilteredEmbedding
+from onlinebayes.embeddings.likeliest import STRAIGHT
+from onlinebayes.inference import BoxUniform, Windowed, filter_of, fit
+from onlinebayes.inference.neural import mixture_of
 from onlinebayes.trainers import Problem, Repeated
 from recipes.skid_steer import SENSORS, SPACE, planner, state
 
@@ -82,6 +85,7 @@ def estimator_for_loops(seed: int, simulations: int = 300) -> Windowed:
     repeated = Repeated(TensorDict({"action": commands, "mask": mask}, [simulations, STEPS]))
     sets = problem.simulations(simulations, STEPS, seed).draw([repeated], prior)
     train = partial(fit, epochs=25, batch_size=50, learning_rate=2e-3)
-    made = Windowed(filtered_estimator(problem.simulator, task, state=state, train=train)(prior), WINDOW)
+    embedding = FilteredEmbedding(filter_of(problem.simulator, task, prior.box, state=state), 2, STRAIGHT)
+    made = Windowed(mixture_of(embedding, prior, train), WINDOW)
     made.fit(sets, generator=random)
     return made

@@ -64,7 +64,7 @@ def test_goals_of_table_5_2(costs: tuple[float, ...], held: list[bool]) -> None:
 def test_goals_of_the_loop_and_of_the_load() -> None:
     table = ResultTable("skid-steer", "make skid-steer", (2,))
     slow = {"late": 0.01, "truth late": 0.01, "density": 9.0, "rates": [9.0] * 20, "rates by the clock": [3.0] * 20}
-    skid_steer.loop_rows(table, 0.2, slow)
+    skid_steer.loop_rows(table, 0.2, {**slow, "plans alone": [50.0] * 9})
     costs = {"follows": [1, 1, 1.6], "knows": [1, 1, 1.0], "stays": [1, 1, 3], "before": [1, 1, 9]}
     skid_steer.change_rows(table, "load in front", {**costs, "said": "it changed", "rates": [11.0] * 20})
     assert [row.holds for row in table.rows if row.holds is not None] == [False, False, True]
