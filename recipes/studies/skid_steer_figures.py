@@ -45,7 +45,7 @@ def drives(case: Mapping[str, Any], truth: Tensor) -> Figure:
         path.plot(*places.T, color=colour, label=name)
         cost.plot(0.1 * steps, np.cumsum(case[name]["curve"]) / steps, color=colour, label=name)
     path.set(xlabel="x [m]", ylabel="y [m]", title="one drive of 20 s", aspect="equal")
-    cost.set(xlabel="time [s]", ylabel="average cost so far", yscale="log", title="mean of four drives")
+    cost.set(xlabel="time [s]", ylabel="average cost so far", yscale="log", title="mean of three drives")
     cost.legend()
     return figure
 
