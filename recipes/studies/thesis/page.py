@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from recipes.studies.thesis.columns import CEILING, COLUMNS, FILTER, TEN_AS_ONE
-from recipes.studies.thesis.printed import FOURIER, LOOP, NETWORK, REJECTION, TABLE_4_1, TABLE_5_1
+from recipes.studies.thesis.printed import FOURIER, LOOP, NETWORK, REJECTION, TABLE_4_1, TABLE_5_1, TABLE_5_2
 
 FIGURE = re.compile(r'\[([^\]]+)\]\(results/([\w.-]+)\.md "([^"]+)"\)')
 BLOCK = re.compile(r"(<!-- table ([\w.-]+) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -130,11 +130,25 @@ def online(results: Path) -> Iterator[str]:
             yield _line([told, _text(rows[f"{told}: the prior"]["value"]), _text(thesis[LOOP]), *cells])
 
 
+def circle(results: Path) -> Iterator[str]:
+    """Table 5.2, by the rows of ``make skid-steer``: each side on which the robot may turn, and the truth's cost."""
+    rows, plans = rows_of(results, "skid-steer"), ": cost by plans for the "
+    if not rows:
+        yield "**Missing**: `make skid-steer` is not printed yet."
+        return
+    sides = list(dict.fromkeys(name.split(plans)[0] for name in rows if plans in name))
+    yield from _head(["plans for", "thesis", *sides])
+    for name in (*TABLE_5_2, "truth"):
+        cells = [_cell(rows.get(f"{side}{plans}{name}"), None, "0") for side in sides]
+        yield _line([name, TABLE_5_2.get(name, MISSING), *cells])
+
+
 TABLES: dict[str, Callable[[Path], Iterable[str]]] = {
     "4.1": partial(densities, "4.1"),
     "5.1": partial(densities, "5.1"),
     "five-seeds": five_seeds,
     "online": online,
+    "5.2": circle,
 }
 
 
