@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -87,6 +87,8 @@ table-online: setup  ## Table 5.1 of the thesis, classic systems, without noise 
 	$(BIN)/python -m recipes.studies.table_online --out $(OUT)/table-online
 thesis: setup    ## Tables 4.1 and 5.1 of the thesis, all columns, with and without noise (three hours; goes on where it was stopped) -> docs/results/thesis-4.1.json, thesis-5.1.json
 	$(BIN)/python -m recipes.studies.thesis --out $(OUT)/thesis
+thesis-page: setup  ## the tables of docs/thesis.md from the result files that there are
+	$(BIN)/python -m recipes.studies.thesis --only-page
 known-posteriors: setup  ## our posteriors and sbi's beside exact ones (an hour; goes on where it was stopped) -> docs/results/known-posteriors.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.known_posteriors --out $(OUT)/known-posteriors

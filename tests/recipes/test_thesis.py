@@ -27,7 +27,7 @@ def test_the_pages_figures_are_those_of_the_result_files() -> None:
 def test_the_pages_tables_are_up_to_date() -> None:
     text = (DOCS / "thesis.md").read_text(encoding="utf-8")
     assert set(page.TABLES) == {found[1] for found in page.BLOCK.findall(text)}
-    assert page.filled(text, DOCS / "results") == text, "run `make thesis`, which writes them anew"
+    assert page.filled(text, DOCS / "results") == text, "run `make thesis-page`, which writes them anew"
 
 
 def test_a_figure_that_is_not_in_its_file_is_told(tmp_path: Path) -> None:

@@ -43,6 +43,8 @@ class Study:
     """folder of the tables"""
     page: Path = Path("docs/thesis.md")
     """whose tables are written anew"""
+    only_page: bool = False
+    """the page's tables from the result files that there are, and which of its figures are wrong"""
     only_jobs: bool = False
     """no table, for a process beside others"""
     kept_only: bool = False
@@ -60,6 +62,8 @@ DO: dict[Part, tuple[Callable[[str, float, int], dict[str, Any]], tuple[str, ...
 
 def main(study: Study) -> int:
     """Do what is missing, print the tables."""
+    if study.only_page:
+        return written(study)
     jobs: dict[Job, Callable[[], dict[str, Any]]] = {}
     for seed in study.seeds:
         for noise in study.noises:
@@ -77,9 +81,16 @@ def main(study: Study) -> int:
             print(table.to_markdown())
             print(f"written: {table.write(study.results)}")
             held = held and table.holds
-        if study.page.exists():
-            write_atomic(study.page, page.filled(study.page.read_text(encoding="utf-8"), study.results))
+        held = written(study) == 0 and held
     return 0 if held else 1
+
+
+def written(study: Study) -> int:
+    """Write the page's tables anew, and say which of its figures their result files do not hold."""
+    text = page.filled(study.page.read_text(encoding="utf-8"), study.results)
+    write_atomic(study.page, text)
+    print("\n".join([f"written: {study.page}", *(problems := page.wrong(text, study.results))]))
+    return 1 if problems else 0
 
 
 def file_of(job: Job) -> str:
