@@ -8,6 +8,7 @@ The equations of a search are in :mod:`.search`. The planner stands where TorchR
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, cast
@@ -23,6 +24,7 @@ from onlinebayes.control.bounds import Bounds
 from onlinebayes.control.cost import Cost
 from onlinebayes.control.noise import Noise
 from onlinebayes.control.risk import Mean, Risk
+from onlinebayes.control.rollouts import starts
 from onlinebayes.control.search import Search
 from onlinebayes.runs import BadInput, generator
 from onlinebayes.simulators import Simulator
@@ -133,7 +135,7 @@ class MPPI(TensorDictModuleBase):
         """Forget the plans."""
         bounds, horizon = self.search.bounds, self.search.horizon
         self._plan = self._like.new_empty(0, horizon, bounds.number)
-        self._last = self._like.new_empty(0, bounds.number)
+        self._past = self._like.new_empty(0, self._remembered(), bounds.number)
 
     def set_belief(self, belief: Distribution) -> None:
         """Plan for the worlds of this belief from now on.
@@ -182,30 +184,41 @@ class MPPI(TensorDictModuleBase):
         draw, search = self._generator(), self.search
         theta, weights = search.risk.worlds(self._draws.cpu(), self.thetas, draw)
         theta = search.simulator.parameters.clamp(theta).to(self._like)
+        begun = starts(search.simulator, theta, state, search.commands(self._past))
         for _ in range(self.iterations):
-            found = search.improve(self._plan, self._last, state, theta, weights.to(self._like), draw)
+            found = search.improve(self._plan, self._past[:, -1], begun, theta, weights.to(self._like), draw)
             self._plan = found.plan
         self.report = Report(found.effective, found.cost, theta, found.without)
         self._random = draw.get_state()
-        self._last = self._plan[:, 0]
+        action = self._plan[:, 0]
+        self._past = torch.cat((self._past[:, 1:], action[:, None]), dim=1)
         self._plan = torch.cat((self._plan[:, 1:], self._plan[:, -1:]), dim=1)
-        return self._last
+        return action
 
     def _begin(self, number: int, init: Bool[Tensor, " B"] | None) -> None:
         """Plans of zeros, within the bounds, where episodes begin and where the number of environments is another."""
-        bounds, horizon = self.search.bounds, self.search.horizon
-        fresh = self._like.new_zeros(number, horizon, bounds.number)
-        fresh = bounds.admit(fresh, fresh[:, 0], self.search.simulator.dt)
+        plan, past = (
+            self.search.bounds.admit(
+                part.new_zeros(number, *part.shape[1:]), part.new_zeros(number, part.shape[2]), 1.0
+            )
+            for part in (self._plan, self._past)
+        )
         if number != len(self._plan):
-            self._plan, self._last = fresh, fresh[:, 0]
+            self._plan, self._past = plan, past
         elif init is not None and bool(init.any()):
-            self._plan = torch.where(init[:, None, None], fresh, self._plan)
-            self._last = torch.where(init[:, None], fresh[:, 0], self._last)
+            self._plan = torch.where(init[:, None, None], plan, self._plan)
+            self._past = torch.where(init[:, None, None], past, self._past)
 
     def _generator(self) -> Generator:
         draw = torch.Generator()
         draw.set_state(self._random)
         return draw
+
+    def _remembered(self) -> int:
+        """Number of past commands that matter: what input stages of effects remember, and the last for the rates."""
+        simulator = self.search.simulator
+        memory = max((e.memory for e in getattr(simulator, "effects", ()) if e.has_command), default=0.0)
+        return max(1, math.ceil(memory / simulator.dt - 1e-9))
 
     def _refuse_dead_time(self, draws: Float[Tensor, "D P"]) -> None:
         """Refuse a horizon within which a command does not act."""
@@ -222,8 +235,8 @@ class MPPI(TensorDictModuleBase):
     # --- checkpoints --------------------------------------------------------------------------------------------
 
     def get_extra_state(self) -> dict[str, Tensor]:
-        """Plans, last commands, draws of the belief and random numbers; a part of :meth:`state_dict`."""
-        return {"plan": self._plan, "last": self._last, "draws": self._draws, "random": self._random}
+        """Plans, past commands, draws of the belief and random numbers; a part of :meth:`state_dict`."""
+        return {"plan": self._plan, "past": self._past, "draws": self._draws, "random": self._random}
 
     def set_extra_state(self, state: Mapping[str, Tensor]) -> None:
         """Go on from there, bit for bit.
@@ -237,7 +250,7 @@ class MPPI(TensorDictModuleBase):
                     f"a saved planner's {name} has shape {tuple(state[name].shape)}",
                     f"this one's has {tuple(own.shape)}: build it as it was",
                 )
-        self._plan, self._last, self._draws = (state[key].to(self._like) for key in ("plan", "last", "draws"))
+        self._plan, self._past, self._draws = (state[key].to(self._like) for key in ("plan", "past", "draws"))
         self._random = state["random"].cpu()
 
 

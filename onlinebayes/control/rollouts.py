@@ -28,13 +28,40 @@ class Rollouts(NamedTuple):
     valid: Bool[Tensor, "M H"]
 
 
+def starts(
+    simulator: Simulator, theta: Float[Tensor, "K P"], state: TensorDictBase, past: Float[Tensor, "B L U"]
+) -> TensorDict:
+    """The states (B, K) that plans start from: each of B states in each of K worlds.
+
+    An observation does not tell what commands are still on their way (see ``actuator_delay``). So the last L commands
+    are repeated in each world, and what the input stages of effects remember of them is a part of the state.
+
+    Args:
+        simulator, theta: the worlds.
+        state: of B environments.
+        past: their last commands, oldest first.
+    """
+    B, K = len(past), len(theta)
+    starts = cast(TensorDict, state.apply(lambda x: x.repeat_interleave(K, 0), batch_size=(B * K,)))
+    stages = [e for e in getattr(simulator, "effects", ()) if e.has_command and e.remembers]
+    if stages and "effects" not in state:
+        again = rolled_out(simulator, theta.repeat(B, 1), starts, past.repeat_interleave(K, 0)).after[:, -1]
+        for effect in stages:
+            starts["effects", effect.key] = again["effects", effect.key]
+    return starts.reshape(B, K)
+
+
 def crossed(
     theta: Float[Tensor, "K P"], state: TensorDictBase, plans: Float[Tensor, "B S H U"]
 ) -> tuple[Tensor, TensorDictBase, Tensor]:
-    """Parameters (M, P), states (M,) and plans (M, H, U) of every start under each of its plans in each world."""
+    """Parameters (M, P), states (M,) and plans (M, H, U) of every start (B, K) under each of its plans."""
     (B, S), K = plans.shape[:2], len(theta)
     thetas = theta[None, :, None].expand(B, K, S, -1).reshape(B * K * S, -1)
-    states = cast(TensorDictBase, state[:, None].expand(B, K * S).reshape(-1))
+
+    def each(x: Tensor) -> Tensor:
+        return x.flatten(0, 1).repeat_interleave(S, 0)
+
+    states = cast(TensorDict, state.apply(each, batch_size=(B * K * S,)))
     return thetas, states, plans[:, None].expand(B, K, S, *plans.shape[2:]).reshape(B * K * S, *plans.shape[2:])
 
 

@@ -112,7 +112,7 @@ class Search:
         Args:
             plan: the present ones.
             last: the commands before their first step.
-            state: where they start (B,).
+            state: where they start in each world (B, K).
             theta, weights: the worlds and their weights.
             generator: of the noise.
 
@@ -141,15 +141,18 @@ class Search:
     def _factor(self) -> Float[Tensor, "H n"]:
         return self.noise.factor(self.horizon)
 
+    def commands(self, actions: Float[Tensor, "M H A"]) -> Float[Tensor, "M H U"]:
+        """The simulator's commands for actions."""
+        if self.command is None:
+            return actions
+        return self.command(actions.flatten(0, 1)).unflatten(0, actions.shape[:2])
+
     def _costs(
         self, tried: Float[Tensor, "B S H U"], state: TensorDictBase, theta: Float[Tensor, "K P"]
     ) -> Float[Tensor, "B K S"]:
         """Cost of every candidate in every world; no number where it has none or the world diverged."""
         thetas, states, actions = crossed(theta, state, tried)
-        commands = actions
-        if self.command is not None:
-            commands = self.command(actions.flatten(0, 1)).unflatten(0, actions.shape[:2])
-        rollouts = rolled_out(self.simulator, thetas, states, commands)
+        rollouts = rolled_out(self.simulator, thetas, states, self.commands(actions))
         costs = self.cost(rollouts.before, actions, rollouts.after)
         if costs.shape != actions.shape[:2]:
             raise BadInput(

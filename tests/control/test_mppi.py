@@ -138,3 +138,22 @@ def test_a_horizon_shorter_than_a_dead_time_is_refused() -> None:
     with pytest.raises(BadInput, match=r"actuator_delay@motor of up to 0\.59.* with a horizon of 0\.5 s"):
         planner(belief, simulator=late, horizon=10)
     planner(belief, simulator=late, horizon=13)(observations(1))
+
+
+def test_commands_on_their_way_are_known_to_the_next_plan() -> None:
+    """A late pendulum plans as one that is told its complete state, with what its delay remembers."""
+    late = Pendulum(SPACE, worlds=2).with_effect(ActuatorDelay("motor", Parameter(0.0, 0.2, "s")))
+    truth = Point(late.parameters.vector({"length": 1.0, "mass": 1.0, "actuator_delay@motor.delay": 0.12}))
+    env = SimulatorEnv(late, TASK, seed=1, with_state=True)
+    env.reset(TensorDict({"theta": truth.sample((2,))}, batch_size=(2,)))
+    changes = {"simulator": late, "thetas": 1, "noise": Knots(1.0)}
+    remembers = planner(truth, **changes)
+    told = planner(
+        truth, observation_key="state", **{**changes, "state": lambda s: s.select("qpos", "qvel", "effects")}
+    )
+    seen = env.reset(TensorDict({"theta": truth.sample((2,))}, batch_size=(2,)))
+    for _ in range(6):
+        seen["observation"] = seen["observation"].double()
+        seen = remembers(seen)
+        assert torch.allclose(seen["action"], told(seen.clone())["action"], atol=1e-4)
+        seen = env.step(seen)["next"]
