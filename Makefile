@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock clean
+.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -102,6 +102,8 @@ fetch-friction: setup  ## what trajectories of those policies tell of the fricti
 	$(BIN)/python -m recipes.studies.fetch_friction --policies $(OUT)/fetch --out $(OUT)/fetch_friction
 fetch-robustness: setup  ## figures 4.6 and 5.3 of the thesis: policies of the prior and of the posterior along the friction (an hour; goes on where it was stopped) -> docs/results/fetch-robustness.json
 	$(BIN)/python -m recipes.studies.fetch_robustness --out $(OUT)/fetch_robustness
+planner: setup   ## a planner over the belief: swing-ups, noises, risk, speed (ten minutes; goes on where it was stopped) -> docs/results/planner.json
+	$(BIN)/python -m recipes.studies.planner --out $(OUT)/planner
 fetch-speed: setup  ## steps a second of the Fetch worlds beside Gymnasium-Robotics (five minutes) -> docs/results/fetch-speed.json
 	$(BIN)/python -m recipes.studies.fetch_speed
 fetch-wall-clock: setup  ## Push without demonstrations, ours and stable-baselines3's (half an hour) -> docs/results/fetch-wall-clock.json
