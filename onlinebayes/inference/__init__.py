@@ -19,6 +19,7 @@ What comes out, and how to look at it (``from onlinebayes.inference import plots
     saving.save(posterior, "pole.json"), saving.load("pole.json")
     print(identifiability(posterior, BoxUniform(space).box))                  # "Only mass/length is known ..."
     calibration.coverage(posterior.each, thetas, trajectories)                # each trajectory with a theta of its own
+    changing = ChangingBelief(estimator).update(real)         # a machine that may have changed on the way: since when?
     trust.in_words(posterior.each, thetas, trajectories, space)              # coverage, ranks and TARP in two sentences
 
 Every name is a part on its own; none knows of a trainer.
@@ -26,7 +27,7 @@ Every name is a part on its own; none knows of a trainer.
 
 from onlinebayes.inference import calibration, proposals, saving, trust
 from onlinebayes.inference.alarm import Alarm, Novelty, Surprise
-from onlinebayes.inference.base import Belief, Density, FitReport, PosteriorEstimator
+from onlinebayes.inference.base import Alarming, Belief, Density, FitReport, PosteriorEstimator
 from onlinebayes.inference.changing import Change, ChangingBelief, History
 from onlinebayes.inference.correction import Uncorrectable, corrected
 from onlinebayes.inference.distributions import Box, BoxUniform, TruncatedMixture
@@ -54,6 +55,7 @@ from onlinebayes.inference.windowed import Windowed
 
 __all__ = [
     "Alarm",
+    "Alarming",
     "Belief",
     "Box",
     "BoxUniform",

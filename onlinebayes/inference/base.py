@@ -18,6 +18,7 @@ from jaxtyping import Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
+from onlinebayes.inference.alarm import Alarm
 from onlinebayes.inference.distributions import Box
 from onlinebayes.parameters import ParameterSpace
 
@@ -110,6 +111,15 @@ class Tailed(Protocol):
 
     def tails(self, trajectories: TensorDictBase, begins: Sequence[int]) -> list[Belief]:
         """For each number b what the trajectories (n, T) from b on, counted from 0, say together."""
+        ...
+
+
+@runtime_checkable
+class Alarming(Protocol):
+    """An estimator that can say whether a trajectory is like anything that was simulated."""
+
+    def alarm(self, simulations: TensorDictBase) -> Alarm:
+        """An alarm over these simulations (B, T)."""
         ...
 
 

@@ -21,6 +21,7 @@ import torch
 from tensordict import TensorDictBase
 
 from onlinebayes.embeddings import Embedding, SetEmbedding
+from onlinebayes.inference.alarm import Alarm
 from onlinebayes.inference.base import Belief, DensityBatch, FitReport, Multipliable
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.inference.estimator import MixtureEstimator
@@ -83,6 +84,10 @@ class NeuralEstimator:
         if math.isinf(self.combination):
             return posterior.condition(trajectories)
         return posterior.condition(trajectories, combine="product", widening=self.combination)
+
+    def alarm(self, simulations: TensorDictBase) -> Alarm:
+        """An alarm over what its embedding makes of these simulations (B, T)."""
+        return Alarm(self.loss.embedding, simulations, self.loss.keys)
 
     def tails(self, trajectories: TensorDictBase, begins: Sequence[int]) -> list[Belief]:
         """What the trajectories (n, T) from each of these numbers on say; sets in one batch, shorter ones masked."""

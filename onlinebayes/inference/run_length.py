@@ -14,7 +14,8 @@ from the old one, the others are drawn from the prior:
 
 The evidence p(x_t | ...) / p(x_t) = integral of q(theta | before) q(theta | x_t) / p(theta) is an overlap of two
 posteriors (see ``distributions.algebra``): any estimator of mixtures gives it, and no likelihood is asked for. The
-prior is uniform on the estimator's box. Hypotheses that hardly count are left out, so that the work does not grow.
+prior is uniform on the parameters' bounds. An estimator of a smaller box is thought to have been asked about a
+trajectory that nothing outside of it makes. Hypotheses that hardly count are left out, so that the work does not grow.
 """
 
 from __future__ import annotations
@@ -54,7 +55,7 @@ class Hazard:
     Args:
         rate: h, the probability that theta changes between two trajectories.
         small: s, the share of changes that are small.
-        step: standard deviation of a small one in each parameter [widths of the estimator's box].
+        step: standard deviation of a small one in each parameter [widths of its bounds].
         keep: hypotheses that are kept, at most.
         together: trajectories of one machine that the estimator reads at once; what it said of older ones is kept as a
             density, and multiplied. Bounds time and memory of a run without end; 1 for the fastest update.
@@ -148,15 +149,15 @@ class RunLengths:
     def _weighed(self, before: Told, alone: TruncatedMixture) -> list[Run]:
         """All that may be after the trajectory number t, with the logs of their weights."""
         t, h = self.number, self.hazard
-        before = {number: in_box(mixture, alone.box) for number, mixture in before.items()}
-        known = [in_box(run.posterior(before), alone.box) for run in self.runs]
-        start = stepped(heaviest(weighed(known, [run.log_weight for run in self.runs]), COMPONENTS), h.step)
+        known = [run.posterior(before) for run in self.runs]
+        inside = [in_box(one, alone.box) for one in known]
+        start = stepped(heaviest(weighed(inside, [run.log_weight for run in self.runs]), COMPONENTS), h.step)
         return [
             *(
-                replace(run, log_weight=run.log_weight + math.log1p(-h.rate) + _overlap(one, alone))
+                replace(run, log_weight=run.log_weight + math.log1p(-h.rate) + _evidence(one, alone))
                 for run, one in zip(self.runs, known, strict=True)
             ),
-            Run(t, math.log(h.rate * h.small) + _overlap(start, alone), start, t),
+            Run(t, math.log(h.rate * h.small) + _evidence(start, alone), start, t),
             Run(t, math.log(h.rate) + math.log1p(-h.small), None, t),
         ]
 
@@ -167,8 +168,11 @@ class RunLengths:
         return replace(run, start=run.posterior(now), unread=self.number + 1)
 
 
-def _overlap(first: TruncatedMixture, second: TruncatedMixture) -> float:
-    return float(log_overlap(first, second))
+def _evidence(before: TruncatedMixture, alone: TruncatedMixture) -> float:
+    """Log of the integral of q(u | before) q(u | x) over the unit cube; the second is zero outside its box."""
+    inside, box = in_box(before, alone.box), alone.box
+    share = inside.log_normaliser - before.log_normaliser
+    return float(log_overlap(inside, alone) + share) - box.log_volume
 
 
 def _kept(runs: Sequence[Run], keep: int) -> tuple[Run, ...]:

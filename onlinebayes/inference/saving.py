@@ -19,6 +19,7 @@ from typing import Any
 import torch
 
 from onlinebayes.inference.base import Belief
+from onlinebayes.inference.changing import ChangingBelief
 from onlinebayes.inference.distributions import Box, BoxUniform, FlowDensity, TruncatedMixture
 from onlinebayes.inference.distributions.bijection import UnitBijection
 from onlinebayes.inference.posterior import Posterior
@@ -57,7 +58,8 @@ def save(belief: Belief, path: str | Path) -> None:
     """Write a distribution to one file, whole or not at all.
 
     Args:
-        belief: a prior, a posterior (as conditioned; its network is not saved) or a proposal.
+        belief: a prior, a posterior (as conditioned; its network is not saved), a changing belief (as it stands; it
+            cannot be updated any more) or a proposal.
         path: of the file.
 
     Raises:
@@ -159,7 +161,7 @@ def to_state(belief: Belief) -> dict[str, Any]:
     for kind, own in _KINDS.items():
         if type(belief) is own:
             return {**belief.to_state(), "kind": kind}  # type: ignore[attr-defined]
-    if isinstance(belief, Posterior):
+    if isinstance(belief, Posterior | ChangingBelief):
         return to_state(belief.distribution)
     if isinstance(belief, BoxUniform):
         return {"kind": "uniform", **_box(belief.box)}

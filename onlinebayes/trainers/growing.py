@@ -119,7 +119,7 @@ class GrowingTrainer:
             return True
         began = time.monotonic()
         self.grow(finding.effects)
-        state.effects = found
+        state.effects, state.history = found, None  # which speaks of the old parameters
         old, space = state.belief, self.problem.space
         grows = space.names[: len(old.space)] == old.space.names
         state.belief, state.proposal = extended(old, space) if grows else self.problem.prior, self.problem.prior

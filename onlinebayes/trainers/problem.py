@@ -170,10 +170,11 @@ def online_trainer(
         learn_in: the problem in whose worlds the policy learns, as a faster simulator's; ``problem`` without it.
         workers: step the worlds, of the policy and of the simulations; without them this process does.
         repeats: whether simulations repeat the commands of real trajectories, see :class:`OnlineTrainer`.
+        hazard: how the machine may change in mid-run; without it one machine is thought to make all trajectories.
         seed: of worlds, sensors, fits and proposals.
 
     Raises:
-        BadInput: a schedule that infers, without an estimator or a real system.
+        BadInput: a prior that is not uniform beside a hazard, or a schedule that infers, without an estimator or a real system.
     """
     if (estimator is None or real is None) and any(turn.infers for turn in schedule.turns):
         missing = "estimator" if estimator is None else "real system"

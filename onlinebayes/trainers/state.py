@@ -12,9 +12,10 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.inference import Belief, FitReport
+from onlinebayes.inference import Belief, FitReport, History
 from onlinebayes.inference.saving import from_state, to_state
 from onlinebayes.parameters import ParameterSpace
+from onlinebayes.trainers.following import from_plain, to_plain
 from onlinebayes.trainers.trajectories import Policy
 
 
@@ -80,6 +81,7 @@ class OnlineState:
         effects: that criticism has added to the model, as plain values.
         criticised: complete outer steps when criticism was last asked.
         aside: seconds spent on criticism since the last record [s], by the name of the work.
+        history: what was made of the real trajectories, where the machine may change; None before the first.
         interrupted: whether the run was stopped before its last step.
     """
 
@@ -98,6 +100,7 @@ class OnlineState:
     effects: list[dict[str, Any]] = field(default_factory=list)
     criticised: int = 0
     aside: dict[str, float] = field(default_factory=dict)
+    history: History | None = None
     interrupted: bool = False
 
     @classmethod
@@ -148,6 +151,7 @@ class OnlineState:
             "effects": [dict(effect) for effect in self.effects],
             "criticised": self.criticised,
             "aside": dict(self.aside),
+            "history": to_plain(self.history),
         }
 
     def load_state_dict(self, state: Mapping[str, Any], policy: Policy) -> None:
@@ -169,6 +173,7 @@ class OnlineState:
         self.notes = list(state["notes"])
         self.losses = dict(state["losses"])
         self.effects = [dict(effect) for effect in state.get("effects", ())]
+        self.history = from_plain(space, state.get("history"))
         self.criticised, self.aside = state.get("criticised", 0), dict(state.get("aside", {}))
 
 

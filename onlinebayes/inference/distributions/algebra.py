@@ -81,8 +81,11 @@ def log_overlap(first: TruncatedMixture, second: TruncatedMixture) -> Float[Tens
 
 
 def stepped(mixture: TruncatedMixture, sd: float) -> TruncatedMixture:
-    """Theta after a step N(0, sd^2) from where the mixture has it [widths of the box], given that it stays inside."""
-    mixture = doubled(mixture)
+    """Theta after a step N(0, sd^2) [widths of the unit cube] from where the mixture has it, given that it stays there.
+
+    The result lies in the whole cube, wherever the mixture does.
+    """
+    mixture = in_box(mixture, Box.whole(mixture.space))
     covariance = mixture.scale_tril @ mixture.scale_tril.mT
     wider = covariance + sd**2 * torch.eye(covariance.shape[-1]).to(covariance)
     return TruncatedMixture(mixture.log_weights, mixture.mean, torch.linalg.cholesky(wider), mixture.box)

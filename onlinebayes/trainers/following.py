@@ -1,0 +1,128 @@
+"""The belief of a run whose machine may change: which trajectories are still its own, and where to simulate for them.
+
+    new trajectory unlike all simulations of the proposal  ->  simulate from the whole prior, fit again
+    p_t(theta) = sum over r of p(r | x_1:t) q(theta | x_t-r+1:t)                        see ``ChangingBelief``
+
+A proposal that has narrowed about the old machine makes nothing that the new one does: an estimator trained there would
+put the new theta at the edge of its box. The alarm asks, the run lengths decide; an alarm that rings without a reason
+costs one more fit and leaves the belief as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import torch
+from tensordict import TensorDict
+
+from onlinebayes.inference import (
+    Alarm,
+    Alarming,
+    Belief,
+    BoxUniform,
+    Change,
+    ChangingBelief,
+    Hazard,
+    History,
+    PosteriorEstimator,
+    RunLengths,
+    TrajectoryKeys,
+)
+from onlinebayes.inference.run_length import Run
+from onlinebayes.inference.saving import from_state, to_state
+from onlinebayes.parameters import ParameterSpace
+from onlinebayes.runs import BadInput
+
+COMPARED = 200
+"""Simulations of the newest policy that a new trajectory is compared with."""
+
+
+@dataclass(frozen=True)
+class Follower:
+    """Follows the machine of a run.
+
+    Args:
+        prior: of the run; uniform.
+        hazard: how machines change.
+        keys: where trajectories lie.
+
+    Raises:
+        BadInput: another prior.
+    """
+
+    prior: Belief
+    hazard: Hazard = Hazard()
+    keys: TrajectoryKeys = TrajectoryKeys()
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.prior, BoxUniform):
+            raise BadInput(
+                f"a {type(self.prior).__name__} for the prior of a machine that may change",
+                "give a BoxUniform, or leave the hazard out",
+            )
+
+    def alarm(self, estimator: PosteriorEstimator, simulated: TensorDict) -> Alarm | None:
+        """Over the newest simulations, where the estimator has one."""
+        return estimator.alarm(simulated[-COMPARED:]) if isinstance(estimator, Alarming) else None
+
+    def strange(self, alarm: Alarm | None, history: History | None, real: TensorDict) -> str:
+        """A line where a new trajectory is like none of the simulations; empty where it is not."""
+        known = 0 if history is None else history.lengths.number
+        new = real[known:]
+        if alarm is None or not len(new):
+            return ""
+        strange = [known + i + 1 for i, surprise in enumerate(alarm.each(new)) if len(new) * surprise.p < 0.05]
+        told = ", ".join(map(str, strange))
+        return f"trajectory {told} is like none of the proposal: simulated from the whole prior" if strange else ""
+
+    def belief(
+        self, estimator: PosteriorEstimator, alarm: Alarm | None, history: History | None, real: TensorDict
+    ) -> ChangingBelief:
+        """What all real trajectories (n, T) say of the machine as it is now."""
+        known = 0 if history is None else history.lengths.number
+        seen = real[:known] if known else None
+        begun = ChangingBelief(estimator, self.hazard, alarm=alarm, keys=self.keys, history=history, seen=seen)
+        return begun.update(real[known:])
+
+
+def news(before: History | None, after: History) -> list[str]:
+    """What the last trajectories made of the history, in words; nothing where the machine is the same as before."""
+    old = () if before is None else before.changes
+    lines = [str(change) for change in after.changes if change not in old]
+    return [after.in_words()] if after.unexplained else lines
+
+
+def to_plain(history: History | None) -> dict[str, Any] | None:
+    """A history as plain values, for a checkpoint."""
+    if history is None:
+        return None
+    lengths = history.lengths
+    return {
+        "hazard": asdict(lengths.hazard),
+        "number": lengths.number,
+        "runs": [
+            {
+                "since": run.since,
+                "log_weight": run.log_weight,
+                "start": None if run.start is None else to_state(run.start),
+                "unread": run.unread,
+            }
+            for run in lengths.runs
+        ],
+        "changes": [asdict(change) for change in history.changes],
+        "novelty": list(history.novelty),
+    }
+
+
+def from_plain(space: ParameterSpace, plain: Mapping[str, Any] | None) -> History | None:
+    """The history that :func:`to_plain` wrote down."""
+    if plain is None:
+        return None
+    runs = tuple(
+        Run(**{**run, "start": None if run["start"] is None else from_state(space, run["start"])})
+        for run in plain["runs"]
+    )
+    lengths = RunLengths(Hazard(**plain["hazard"]), plain["number"], runs)
+    return History(lengths, tuple(Change(**change) for change in plain["changes"]), tuple(plain["novelty"]))
