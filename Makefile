@@ -13,7 +13,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
+.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -125,6 +125,8 @@ update-speed: setup  ## one gradient step of SAC and DDPG beside torch by hand -
 	$(BIN)/python -m recipes.studies.update_speed
 endurance: setup ## half an hour of online learning: memory and overhead -> docs/results/endurance.json
 	$(BIN)/python -m recipes.studies.endurance
+change: setup    ## does the belief follow a machine that changes, and leave one alone that does not (goes on where it was stopped) -> docs/results/change.json
+	$(BIN)/python -m recipes.studies.change --out $(OUT)/change
 combination: setup  ## one belief from several trajectories: union, product, calibrated product -> docs/results/combination.json
 	$(BIN)/python -m recipes.studies.combination
 robustness: setup  ## policies of make online over the grid of true parameters -> docs/results/robustness.json

@@ -5,6 +5,7 @@ from onlinebayes.trainers.checkpoint import Saver
 from onlinebayes.trainers.collecting import collector_of
 from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
 from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
+from onlinebayes.trainers.following import Follower
 from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.journal import Journal
@@ -28,6 +29,7 @@ __all__ = [
     "EnvProblem",
     "Episode",
     "Finding",
+    "Follower",
     "GrowingFolder",
     "GrowingTrainer",
     "Journal",

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from typing import Any
 
-import torch
 from tensordict import TensorDict
 
 from onlinebayes.inference import (
@@ -24,12 +24,15 @@ from onlinebayes.inference import (
     BoxUniform,
     Change,
     ChangingBelief,
+    FitReport,
     Hazard,
     History,
     PosteriorEstimator,
     RunLengths,
     TrajectoryKeys,
+    TruncatedMixture,
 )
+from onlinebayes.inference.changing import RINGS
 from onlinebayes.inference.run_length import Run
 from onlinebayes.inference.saving import from_state, to_state
 from onlinebayes.parameters import ParameterSpace
@@ -37,6 +40,36 @@ from onlinebayes.runs import BadInput
 
 COMPARED = 200
 """Simulations of the newest policy that a new trajectory is compared with."""
+
+
+@dataclass(frozen=True, eq=False)
+class Learnt:
+    """An estimator and that which it has learnt from.
+
+    Args:
+        estimator: fitted.
+        report: on the fit.
+        proposal: where theta was drawn.
+        simulated: trajectories (B, T), those of the newest policy last.
+        groups: held-out groups (G, n, T).
+    """
+
+    estimator: PosteriorEstimator
+    report: FitReport
+    proposal: Belief
+    simulated: TensorDict
+    groups: TensorDict
+
+    @cached_property
+    def alarm(self) -> Alarm | None:
+        """Over the newest simulations; None where the estimator has none, or too few simulations for one."""
+        estimator = self.estimator
+        if not isinstance(estimator, Alarming):
+            return None
+        try:
+            return estimator.alarm(self.simulated[-COMPARED:])
+        except BadInput:
+            return None
 
 
 @dataclass(frozen=True)
@@ -53,8 +86,8 @@ class Follower:
     """
 
     prior: Belief
-    hazard: Hazard = Hazard()
-    keys: TrajectoryKeys = TrajectoryKeys()
+    hazard: Hazard
+    keys: TrajectoryKeys | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.prior, BoxUniform):
@@ -63,28 +96,32 @@ class Follower:
                 "give a BoxUniform, or leave the hazard out",
             )
 
-    def alarm(self, estimator: PosteriorEstimator, simulated: TensorDict) -> Alarm | None:
-        """Over the newest simulations, where the estimator has one."""
-        return estimator.alarm(simulated[-COMPARED:]) if isinstance(estimator, Alarming) else None
-
-    def strange(self, alarm: Alarm | None, history: History | None, real: TensorDict) -> str:
-        """A line where a new trajectory is like none of the simulations; empty where it is not."""
-        known = 0 if history is None else history.lengths.number
-        new = real[known:]
-        if alarm is None or not len(new):
-            return ""
-        strange = [known + i + 1 for i, surprise in enumerate(alarm.each(new)) if len(new) * surprise.p < 0.05]
-        told = ", ".join(map(str, strange))
-        return f"trajectory {told} is like none of the proposal: simulated from the whole prior" if strange else ""
+    def strange(self, learnt: Learnt, history: History | None, real: TensorDict | None) -> list[str]:
+        """A line where a new trajectory is like nothing of a proposal that has narrowed."""
+        known, narrow = _known(history), learnt.proposal.box.log_volume < self.prior.box.log_volume
+        if real is None or len(real) == known or not narrow or learnt.alarm is None:
+            return []
+        new = learnt.alarm.each(real[known:])
+        strange = [str(known + i + 1) for i, surprise in enumerate(new) if len(new) * surprise.p < RINGS]
+        told = f"trajectory {', '.join(strange)} is like nothing of the proposal: simulated from the whole prior"
+        return [told] if strange else []
 
     def belief(
-        self, estimator: PosteriorEstimator, alarm: Alarm | None, history: History | None, real: TensorDict
-    ) -> ChangingBelief:
-        """What all real trajectories (n, T) say of the machine as it is now."""
-        known = 0 if history is None else history.lengths.number
-        seen = real[:known] if known else None
-        begun = ChangingBelief(estimator, self.hazard, alarm=alarm, keys=self.keys, history=history, seen=seen)
-        return begun.update(real[known:])
+        self, learnt: Learnt, history: History | None, real: TensorDict | None
+    ) -> tuple[TruncatedMixture | BoxUniform, History]:
+        """What all real trajectories (n, T) say of the machine as it is now, and what was made of them."""
+        known = _known(history)
+        seen = None if real is None or not known else real[:known]
+        belief = ChangingBelief(
+            learnt.estimator, self.hazard, alarm=learnt.alarm, keys=self.keys, history=history, seen=seen
+        )
+        if real is not None:
+            belief = belief.update(real[known:])
+        return belief.distribution, belief.history
+
+
+def _known(history: History | None) -> int:
+    return 0 if history is None else history.lengths.number
 
 
 def news(before: History | None, after: History) -> list[str]:

@@ -5,7 +5,8 @@
         measure:     x_real ~ the real system under pi
         simulate:    x_i ~ simulator(theta_i, pi),  theta_i ~ proposal, for pi and some of its predecessors
         infer:       maximise sum_i log q(theta_i | x_i)
-        condition:   p_t(theta) = q(theta | all x_real so far)              the belief, which is reported
+        condition:   p_t(theta) = q(theta | all x_real so far)              the belief, which is reported; see
+                     ``following`` for a machine that may change on the way
         gate:        the next proposal: narrower where the belief holds held-out truths, else wider
 
 Algorithm 1 of R. C. Possas, Reinforcement Learning in the Real World; Possas et al., Online BayesSim for Combined
@@ -27,6 +28,7 @@ from onlinebayes.inference.calibration import LEVELS, credibility_of
 from onlinebayes.objectives import Objective, TakesBelief
 from onlinebayes.runs import Interrupt, Progress, give_back_freed_memory
 from onlinebayes.trainers.clock import Clock
+from onlinebayes.trainers.following import Follower, Learnt, news
 from onlinebayes.trainers.improve import Batches, improve
 from onlinebayes.trainers.real import RealSystem, measured, united
 from onlinebayes.trainers.repeated import Repeated
@@ -61,6 +63,7 @@ class OnlineTrainer:
         worlds: where the policy's worlds come from; the belief without it.
         repeats: whether simulations repeat the commands of real trajectories, in the place of the policies that gave
             them: for a policy that takes its time, as a planner does. See ``repeated``.
+        follower: follows a machine that may change; without it one machine is thought to make all trajectories.
     """
 
     objective: Objective
@@ -75,6 +78,7 @@ class OnlineTrainer:
     generator: torch.Generator
     worlds: Distribution | None = None
     repeats: bool = False
+    follower: Follower | None = None
 
     @property
     def maker(self) -> Policy:
@@ -180,30 +184,47 @@ class OnlineTrainer:
 
     def _infer(self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress) -> Inferred | None:
         """Simulate, fit, condition, decide where to simulate next; the state changes at the end, unless stopped."""
+        learnt, follower, notes = self._learnt(state, state.proposal, clock, interrupt, progress), self.follower, []
+        if learnt is not None and follower is not None:
+            with clock("change"):
+                notes = follower.strange(learnt, state.history, state.real)
+            if notes:
+                learnt = self._learnt(state, follower.prior, clock, interrupt, progress)
+        if learnt is None:
+            return None
+        with clock("gate" if follower is None else "change"):
+            if follower is None:
+                belief, history = learnt.estimator.condition(state.real), None
+            else:
+                belief, history = follower.belief(learnt, state.history, state.real)
+                notes += news(state.history, history)
+        with clock("gate"):
+            theta = learnt.groups.get(self.held_out.form.theta)[:, 0, 0]
+            alpha = credibility_of(learnt.estimator.each(learnt.groups), theta, generator=self.generator)
+            decision = self.gate.decide(belief, learnt.proposal, alpha, generator=self.generator)
+        state.belief, state.proposal, state.history = belief, decision.proposal, history
+        state.simulated += learnt.simulated.numel() + learnt.groups.numel()
+        state.notes += [*_doubts(learnt.report), *notes, decision.reason]
+        calibration = tuple(float((alpha <= level).double().mean()) for level in LEVELS)
+        return Inferred(learnt.report, decision.coverage, calibration)
+
+    def _learnt(
+        self, state: OnlineState, proposal: Belief, clock: Clock, interrupt: Interrupt, progress: Progress
+    ) -> Learnt | None:
+        """Simulate and fit; None where Ctrl-C ended it."""
         with clock("simulate"):
             progress.update(state.step, "simulating")
             makers = [state.policies[i] for i in spread(len(state.policies), self.schedule.behaviours)]
-            simulated = self.simulations.draw(makers, state.proposal)
+            simulated = self.simulations.draw(makers, proposal)
             members = [state.policies[state.made_by[i]] for i in spread(len(state.made_by), self.schedule.group)]
-            groups = self.held_out.groups(members, state.proposal)
+            groups = self.held_out.groups(members, proposal)
         if interrupt.requested:
             return None
         with clock("fit"), interrupt.giving_up():
             progress.update(state.step, "fitting")
-            estimator = self.estimator(state.proposal)
+            estimator = self.estimator(proposal)
             report = estimator.fit(simulated, groups, generator=self.generator)
-        if interrupt.requested:
-            return None
-        with clock("gate"):
-            belief = estimator.condition(state.real)
-            theta = groups.get(self.held_out.form.theta)[:, 0, 0]
-            alpha = credibility_of(estimator.each(groups), theta, generator=self.generator)
-            decision = self.gate.decide(belief, state.proposal, alpha, generator=self.generator)
-        state.belief, state.proposal = belief, decision.proposal
-        state.simulated += simulated.numel() + groups.numel()
-        state.notes += [*_doubts(report), decision.reason]
-        calibration = tuple(float((alpha <= level).double().mean()) for level in LEVELS)
-        return Inferred(report, decision.coverage, calibration)
+        return None if interrupt.requested else Learnt(estimator, report, proposal, simulated, groups)
 
 
 def _doubts(report: FitReport) -> list[str]:

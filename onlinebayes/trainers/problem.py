@@ -21,13 +21,14 @@ from torch import Tensor
 from torchrl.data import Composite, TensorSpec
 from torchrl.envs import Transform, TransformedEnv
 
-from onlinebayes.inference import Belief, Gate, PosteriorEstimator
+from onlinebayes.inference import Belief, Gate, Hazard, PosteriorEstimator
 from onlinebayes.objectives import Objective
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, generator
 from onlinebayes.simulators import Simulator, SimulatorEnv, Task
 from onlinebayes.trainers.collecting import collector_of
 from onlinebayes.trainers.distributed import PartedCollector, PartedSimulations, Workers, in_parts
+from onlinebayes.trainers.following import Follower
 from onlinebayes.trainers.improve import Batches
 from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.real import RealEnvironment, RealSystem
@@ -154,6 +155,7 @@ def online_trainer(
     learn_in: Worlds | None = None,
     workers: Workers | None = None,
     repeats: bool = False,
+    hazard: Hazard | None = None,
     seed: int = 0,
 ) -> OnlineTrainer:
     """The trainer over worlds of one problem.
@@ -174,7 +176,8 @@ def online_trainer(
         seed: of worlds, sensors, fits and proposals.
 
     Raises:
-        BadInput: a prior that is not uniform beside a hazard, or a schedule that infers, without an estimator or a real system.
+        BadInput: a schedule that infers, without an estimator or a real system; a hazard beside a prior that is not
+            uniform.
     """
     if (estimator is None or real is None) and any(turn.infers for turn in schedule.turns):
         missing = "estimator" if estimator is None else "real system"
@@ -195,6 +198,7 @@ def online_trainer(
         generator=generator(seed, "online"),
         worlds=worlds,
         repeats=repeats,
+        follower=None if hazard is None else Follower(problem.prior, hazard),
     )
 
 

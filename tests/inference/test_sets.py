@@ -88,3 +88,11 @@ def test_whole_sets_are_read_whole() -> None:
     for whole, expected in ((False, [1, 2, 3, 4, 5, 1, 2]), (True, [5] * 7)):
         prepared = NeuralPosteriorLoss(embedding, network, whole_sets=whole).prepare(data)
         assert prepared["embedding"][:, -1].exp().round().tolist() == expected
+
+
+def test_tails_are_what_the_last_trajectories_say(estimator: NeuralEstimator) -> None:
+    generator = torch.Generator().manual_seed(4)
+    fresh = sets(BoxUniform(LINEAR).sample((1,), generator), generator)[0]
+    theta = BoxUniform(LINEAR).sample((10,), generator)
+    for begin, tail in zip((0, 3), estimator.tails(fresh, (0, 3)), strict=True):
+        assert torch.allclose(tail.log_prob(theta), estimator.condition(fresh[begin:]).log_prob(theta), atol=1e-4)
