@@ -30,7 +30,7 @@ from onlinebayes.trainers import AdaptivePlanner, OnlineState, Point
 from recipes.command import status
 from recipes.common import Settings
 from recipes.skid_steer import SPACE, composed
-from recipes.studies.resumable import each_kept_or_done, print_rows, printed_by
+from recipes.studies.resumable import check_names, each_kept_or_done, print_rows, printed_by
 from recipes.studies.skid_steer_drives import STEPS, WINDOW, drive, estimator_for_loops, planned_for
 from recipes.studies.skid_steer_figures import draw
 
@@ -46,6 +46,10 @@ class Study:
 
     seeds: tuple[int, ...] = (2, 3)
     """of sensors, planner and inference"""
+    sides: tuple[float, ...] = SIDES
+    """x_icr of the robots without a load [m]"""
+    loads: tuple[str, ...] = tuple(LOADS)
+    """that are taken up"""
     out: Path = Path("out/skid_steer_study")
     """folder of the finished jobs; those that are there are kept"""
     results: Path = Path("docs/results")
@@ -59,25 +63,26 @@ def truth_at(x_icr: float, radius: float = 0.0625) -> Tensor:
 
 def main(study: Study) -> int:
     """Do the jobs that are missing, print the table, draw."""
+    check_names(study.loads, LOADS)
     jobs: dict[str, Callable[[], dict[str, Any]]] = {}
     for seed in study.seeds:
-        for side in SIDES:
+        for side in study.sides:
             jobs[f"circle {side:+g} seed {seed}"] = partial(circle, study.out, side, seed)
-    for side in SIDES:
+    for side in study.sides:
         jobs[f"loop {side:+g}"] = partial(in_the_loop, side, study.seeds[0])
-    for name in LOADS:
+    for name in study.loads:
         jobs[name] = partial(changed, name, study.seeds[0])
     found = each_kept_or_done("skid-steer", study.out, jobs, lambda key: key.replace(" ", "_"))
     table = ResultTable("skid-steer", printed_by("skid-steer", study), study.seeds, commit=found.commit)
-    for side in SIDES:
+    for side in study.sides:
         table_5_2(table, side, [found[f"circle {side:+g} seed {seed}"] for seed in study.seeds])
-    for side in SIDES:
+    for side in study.sides:
         loop_rows(table, side, found[f"loop {side:+g}"])
-    for name in LOADS:
+    for name in study.loads:
         change_rows(table, name, found[name])
     print_rows(table)
     print(f"written: {table.write(study.results)}")
-    draw(found[f"circle {SIDES[0]:+g} seed {study.seeds[0]}"], truth_at(SIDES[0]), study.results)
+    draw(found[f"circle {study.sides[0]:+g} seed {study.seeds[0]}"], truth_at(study.sides[0]), study.results)
     return 0 if table.holds else 1
 
 

@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from onlinebayes.embeddings import FilteredEmbedding, Rows, SimulatorFilter
+from onlinebayes.embeddings.likeliest import DISTURBED, STRAIGHT, Levels
 from onlinebayes.inference import Box
 from onlinebayes.parameters import ParameterSpace
 from tests import slide
@@ -16,11 +17,11 @@ SPACE = ParameterSpace({"gain": Slide.physical["gain"]})
 NOISE = torch.tensor([0.02, 0.05], dtype=torch.float64)
 
 
-def embedding() -> FilteredEmbedding:
+def embedding(levels: Levels = DISTURBED) -> FilteredEmbedding:
     model = SimulatorFilter(
         Slide(SPACE), Box.whole(SPACE), 2, state=slide.state, command=lambda a: a, observe=slide.observe
     )
-    return FilteredEmbedding(model, 1).double()
+    return FilteredEmbedding(model, 1, levels).double()
 
 
 def measured(theta: Tensor, seed: int) -> tuple[Tensor, Tensor, Tensor]:
@@ -35,10 +36,11 @@ def exact(seen: Tensor, action: Tensor) -> tuple[float, float]:
     return float(pull / information), float(1 / information)
 
 
-def test_on_a_linear_system_it_is_exact() -> None:
+@pytest.mark.parametrize("levels", [DISTURBED, STRAIGHT])
+def test_on_a_linear_system_it_is_exact(levels: Levels) -> None:
     theta = torch.linspace(0.8, 2.2, 8, dtype=torch.float64)[:, None]
     observation, action, following = measured(theta, seed=0)
-    made = embedding()
+    made = embedding(levels)
     made.model.noise.copy_(NOISE)
     features, mask = made.features(observation, action, following), torch.ones(8, STEPS, dtype=torch.bool)
     alone = made.encode(features, mask)[:, -2:]
