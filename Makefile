@@ -61,6 +61,9 @@ emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/resul
 	$(BIN)/python -m recipes.studies.emps
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json
 	$(BIN)/python -m recipes.studies.measured
+.PHONY: skid-steer-logs
+skid-steer-logs: setup  ## where two real robots are after 2 s of commands (needs ONLINEBAYES_DATA) -> docs/results/skid-steer-logs.json
+	$(BIN)/python -m recipes.studies.skid_steer_logs
 cost: setup      ## seconds and memory of refine, and how they grow -> docs/results/cost.json
 	$(BIN)/python -m recipes.studies.cost
 goals: setup     ## which goals the studies hold and miss, read off their tables -> docs/results/goals.md

@@ -1,0 +1,145 @@
+"""Two real skid-steered robots: how far the pose is off after two seconds of commands, nominal model beside ours.
+
+The structure is found once a robot by ``refine``, from a sample of its calibration steps. Over splits of all of them
+what was found is fitted anew to the steps that are left in, and judged by those that are held out.
+
+    ONLINEBAYES_DATA=/path/to/data python -m recipes.studies.skid_steer_logs      -> docs/results/skid-steer-logs.json
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import torch
+from torch import Tensor
+
+from envs.measured.skid_steer import SkidSteer
+from onlinebayes.cli.problem import Problem
+from onlinebayes.cli.work import criticise
+from onlinebayes.criticism import Criticism
+from onlinebayes.criticism.hypotheses.fitting import fit
+from onlinebayes.criticism.report import write_report
+from onlinebayes.identification import make_windows, split
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import ResultTable, Row, generator, write_atomic
+from recipes.command import status
+from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
+from recipes.studies.resumable import check_names, kept, printed_by
+
+STEPS = 5
+"""Of the fit over a split, which begins at what refine found."""
+
+FIT_STEP = 0.025
+"""Step of that fit [s]: half a row of the log. The errors are those of the model's own step."""
+
+HELD = 0.4
+"""Share of the calibration steps that a split holds out."""
+
+GOALS = {"husky": Miss(0.21, 0.27), "warthog": Miss(0.50, 0.40)}
+"""The best of the prototypes, from commands alone."""
+
+
+@dataclass(frozen=True)
+class Study:
+    """Which splits, and where the results go.
+
+    Args:
+        seeds: one split each.
+        robots: whose logs.
+        every: of so many calibration steps one is shown to ``refine``; the splits have all.
+        results: folder of skid-steer-logs.json.
+        out: folder of the reports.
+    """
+
+    seeds: Sequence[int] = (0, 2)
+    robots: Sequence[str] = ("husky", "warthog")
+    every: int = 5
+    results: Path = Path("docs/results")
+    out: Path = Path("out/skid_steer_logs")
+
+
+def held_out(measurement: Measurement, seed: int) -> tuple[str, ...]:
+    """The windows of the calibration steps that one split holds out."""
+    steps = sorted({calibration_step(run) for run in measurement.runs})
+    order = torch.randperm(len(steps), generator=generator(seed)).tolist()
+    held = {steps[k] for k in order[: round(HELD * len(steps))]}
+    return tuple(run for run in measurement.runs if calibration_step(run) in held)
+
+
+def found_rows(robot: str, found: Criticism) -> Iterator[Row]:
+    """What ``refine`` says of one robot."""
+    named = set(found.accepted)
+    accepted, uneven = ", ".join(found.accepted) or "none", "side_asymmetry@vehicle" in named
+    yield Row(f"{robot}: verdict", found.verdict)
+    yield Row(f"{robot}: accepted, in order", accepted, goal="both limits of acceleration", holds=named >= LIMITS)
+    yield Row(f"{robot}: left and right differ", "yes" if uneven else "no", goal="no", holds=not uneven)
+    if robot == "warthog":
+        late = [effect for effect in found.accepted if effect.startswith("sensor_delay")]
+        goal = "a shift between wheels and body"
+        yield Row(f"{robot}: late signals", ", ".join(late) or "none", goal=goal, holds=bool(late))
+    for name, value in found.final.parameters.items():
+        yield Row(f"{robot}: {name}", value.mean, value.sd, value.unit)
+
+
+def miss_rows(robot: str, before: Sequence[Miss], after: Sequence[Miss]) -> Iterator[Row]:
+    """How far both models are off, the mean over the splits and each of them."""
+    for axis, unit in (("position", "m"), ("yaw", "rad")):
+        for which, misses in (("nominal", before), ("ours", after)):
+            values, most = [float(getattr(one, axis)) for one in misses], float(getattr(GOALS[robot], axis))
+            mean, each = statistics.mean(values), " ".join(f"{value:.3f}" for value in values)
+            goal, holds = (f"<= {most:g}", mean <= most) if which == "ours" else (None, None)
+            yield Row(
+                f"{robot}: {axis} after 2 s of commands, {which}, mean of the splits", mean, each, unit, goal, holds
+            )
+
+
+def judge(robot: str, study: Study) -> Iterator[Row]:
+    """Refine one robot's log, and fit what was found over every split."""
+    problem, began = load(robot), time.process_time()
+    found = criticise("refine", sampled(problem, study.every))
+    write_report(found, study.out / robot, title=f"the log of a {robot}", problem=problem.path)
+    yield from found_rows(robot, found)
+    yield Row(f"{robot}: processor time of refine", time.process_time() - began, unit="s")
+    model, theta = fitted(found)
+    splits = [over_split(robot, problem, model, theta, seed) for seed in study.seeds]
+    yield from miss_rows(robot, *zip(*splits, strict=True))
+    yield Row(f"{robot}: processor time of all", time.process_time() - began, unit="s")
+
+
+def over_split(robot: str, problem: Problem, model: SkidSteer, theta: Tensor, seed: int) -> tuple[Miss, Miss]:
+    """How far the nominal model and ours are off, over what one split holds out."""
+    fit_runs, held = split(problem.measurement, held_out(problem.measurement, seed))
+    coarse = model.with_timestep(FIT_STEP)
+    refit = fit(coarse, make_windows(coarse, fit_runs, max(fit_runs.durations)), theta, most=STEPS)
+    drives = Drives.of(problem.simulator, held)
+    return drives.miss(*nominal(robot)), drives.miss(model, refit.theta)
+
+
+def kept_rows(robot: str, study: Study) -> list[Row]:
+    """The rows of one robot, kept in ``out`` from when they were made: a study that is stopped goes on there."""
+    known = kept(study.out, [robot], lambda text: [Row(**row) for row in json.loads(text)])
+    if robot not in known:
+        known[robot] = list(judge(robot, study))
+        write_atomic(study.out / f"{robot}.json", json.dumps([asdict(row) for row in known[robot]], indent=1))
+    return known[robot]
+
+
+def main(study: Study) -> int:
+    """Both robots; the exit status says whether all goals are met."""
+    table = ResultTable("skid-steer-logs", printed_by("skid-steer-logs", study), study.seeds)
+    check_names(study.robots, GOALS)
+    for robot in study.robots:
+        table.rows += kept_rows(robot, study)
+    print(table.to_markdown())
+    table.write(study.results)
+    return 0 if table.holds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(status(main, Study, __doc__))
