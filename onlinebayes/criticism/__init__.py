@@ -18,6 +18,7 @@ from onlinebayes.criticism.hypotheses.explaining import (
     explain,
     flexible,
 )
+from onlinebayes.criticism.hypotheses.fitting import fit
 from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
@@ -84,6 +85,7 @@ __all__ = [
     "diagnose",
     "equals",
     "explain",
+    "fit",
     "flexible",
     "grown",
     "grown_theta",

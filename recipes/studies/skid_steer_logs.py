@@ -22,8 +22,7 @@ from torch import Tensor
 from envs.measured.skid_steer import SkidSteer
 from onlinebayes.cli.problem import Problem
 from onlinebayes.cli.work import criticise
-from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.hypotheses.fitting import fit
+from onlinebayes.criticism import Criticism, fit
 from onlinebayes.criticism.report import write_report
 from onlinebayes.identification import make_windows, split
 from onlinebayes.measurements import Measurement
