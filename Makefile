@@ -44,6 +44,9 @@ check: setup     ## a sample of the slow evidence (under 20 minutes)
 	$(BIN)/python -m pytest -m slow --durations 10 --timeout 1200 $(SPREAD)
 check-all: setup ## all of the slow evidence that is a test (half an hour)
 	$(BIN)/python -m pytest -m "slow or long" --durations 20 --timeout 1200 $(SPREAD)
+.PHONY: fuzz
+fuzz: setup      ## refine on 200 drawn problems (half an hour); each that fails is printed as the data that it was drawn from
+	ONLINEBAYES_FUZZ=200 $(BIN)/python -m pytest -m slow tests/cli/test_fuzz_refine.py
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed

@@ -16,7 +16,7 @@ install_import_hook(["onlinebayes", "envs"], "tests.typecheck.check")
 
 import torch  # noqa: E402
 
-from onlinebayes.runs import seed_everything  # noqa: E402
+from onlinebayes.runs import Attempts, seed_everything  # noqa: E402
 
 torch.set_num_threads(1)
 
@@ -30,6 +30,22 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def _seed() -> None:
     seed_everything(0)
     tests.typecheck.begin_test()
+
+
+@pytest.fixture
+def faults_are_noted() -> None:
+    """For tests of what is done about a fault of ours: it is noted, as users have it."""
+
+
+@pytest.fixture(autouse=True)
+def _faults_are_raised(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fault of ours that work goes on without fails the test in which it happens."""
+    if "faults_are_noted" not in request.fixturenames:
+        monkeypatch.setattr(Attempts, "note", _raised)
+
+
+def _raised(_attempts: Attempts, _what: str, error: Exception) -> None:
+    raise error
 
 
 @pytest.fixture

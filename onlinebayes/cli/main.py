@@ -1,7 +1,8 @@
 """``onlinebayes compare | diagnose | refine | posterior | next problem.toml --out DIR``; first ``init``, last ``show``.
 
-Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (with its traceback), 130 stopped by
-Ctrl-C, or at work by SIGTERM. What is slow to import is imported only once the arguments are known to be right.
+Exit status: 0 done, 2 bad input (one line on standard error), 1 a fault of ours (one line where files with the best
+answer so far are written, a traceback where there is none), 130 stopped by Ctrl-C, or at work by SIGTERM. What is slow
+to import is imported only once the arguments are known to be right.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ class Refined:
     Args:
         problem: of refined.toml.
         theta: fitted values (P,) in the order of the simulator's parameters [SI]; the mean of the runs where a
-            parameter differs between them.
+            parameter differs between them, known values (``[runs]``) among them.
         sd: standard deviations (P,) of the fit.
     """
 
@@ -58,12 +58,23 @@ def load_refined(folder: str | Path) -> Refined:
     found: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for name, mean, sd in values:
         found[_address(name, problem.simulator.parameters.names)].append((mean, sd))
+    for name, nominal in zip(problem.simulator.parameters, problem.simulator.nominal.tolist(), strict=True):
+        if name not in found and (known := _known(problem, name, nominal)):
+            found[name] = [(value, 0.0) for value in known]
     missing = [name for name in problem.simulator.parameters if name not in found]
     if missing:
         raise BadInput(f"report.json has no value of {missing[0]}", "run refine again", where=str(folder))
     space = problem.simulator.parameters
     means, sds = (space.vector({name: fmean(pair[k] for pair in found[name]) for name in space}) for k in (0, 1))
     return Refined(problem, space.clamp(means), sds)
+
+
+def _known(problem: Problem, name: str, nominal: float) -> list[float]:
+    """The value of every run, where some runs know it and none fits it: elsewhere the model's own; else nothing."""
+    scope = problem.scope
+    if scope is None or not any(name in values for values in scope.known.values()):
+        return []
+    return [scope.constants(run).get(name, nominal) for run in problem.measurement.runs]
 
 
 def _address(name: str, known: tuple[str, ...]) -> str:

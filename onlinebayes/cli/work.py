@@ -15,11 +15,13 @@ from onlinebayes.cli.summary import summary
 from onlinebayes.cli.wiring_lines import composed
 from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import noted, write_report
-from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
+from onlinebayes.runs import Attempts, BadInput, Interrupt, Stopped, one_line
+
+FAILED = "a fault of onlinebayes, not of your input; the report holds all that was found without it"
 
 
 def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
-    """Do one command and write its files; returns the exit status.
+    """Do one command and write its files; returns the exit status: 1 where a part of the work failed.
 
     Args:
         command: ``"compare"``, ``"diagnose"`` or ``"refine"``.
@@ -44,21 +46,32 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         except BadInput as error:
             raise BadInput(str(error), where=problem_file) from error
         result = dataclasses.replace(result, holdout_looks=result.holdout_looks + earlier_looks(folder))
-        result = noted(result)
-        files = write_report(result, folder, title=title_of(problem.path), problem=problem.path)
+        attempts = Attempts()
+        result = attempts.made("a note on refined.xml", lambda: noted(result), result)
+        files = write_report(result, folder, title=title_of(problem.path), problem=problem.path, attempts=attempts)
         stale = clear(folder, files, problem.inputs)
     if stale:
         _log(f"taken away, as an earlier command left it: {', '.join(stale)}")
-    print(summary(result, folder, [name for name in files if name.startswith("refined")]))
+    refined = [name for name in files if name.startswith("refined")]
+    print(attempts.made("the summary", lambda: summary(result, folder, refined), f"report:    {folder}"))
+    failed = dict.fromkeys((*result.failed, *attempts.failed))
+    for line in failed:
+        _log(f"{line}; {FAILED}")
     if result.interrupted:
         _log("stopped before its end; the report holds what was found until then")
         return 130
-    return 0
+    return 1 if failed else 0
 
 
 def criticise(command: str, problem: Problem) -> Criticism:
     """The command's result on a loaded problem; one that is stopped gives what it has found until then."""
-    result = _criticised(command, problem)
+    result, attempts = _criticised(command, problem), Attempts()
+    result = attempts.made("the lines for this problem file", lambda: _with_lines_of(problem, result), result)
+    return dataclasses.replace(result, failed=(*result.failed, *attempts.failed))
+
+
+def _with_lines_of(problem: Problem, result: Criticism) -> Criticism:
+    """The result whose lines that mend a fault of the log go with what the problem file says already."""
     if result.wiring is None:
         return result
     content, found = read_toml(problem.path), result.wiring

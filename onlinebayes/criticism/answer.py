@@ -5,6 +5,7 @@ found in the fit runs -> verdict -> both models replayed over all runs -> error 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -23,20 +24,37 @@ from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
 from onlinebayes.criticism.mending import Mended
-from onlinebayes.criticism.results import Criticism, Question, Remainder, Verdict, WeightedModel, WidenedBounds, Wiring
+from onlinebayes.criticism.results import (
+    Candidate,
+    Criticism,
+    HeldOutError,
+    Question,
+    Remainder,
+    Verdict,
+    WeightedModel,
+    WidenedBounds,
+    Wiring,
+)
 from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.fit import Fit
 from onlinebayes.identification.replaying.ladder import Rung, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.measurements import Measurement
+from onlinebayes.runs import Attempts
 from onlinebayes.simulators.identifiable import Identifiable
 
 
 def answered(
-    question: Question, task: Task, explanation: Explanation, fault: Mended | None, stopwatch: Stopwatch
+    question: Question,
+    task: Task,
+    explanation: Explanation,
+    fault: Mended | None,
+    stopwatch: Stopwatch,
+    attempts: Attempts,
 ) -> Criticism:
     """The answer to a question.
 
@@ -46,8 +64,9 @@ def answered(
         explanation: what was found in the fit runs.
         fault: what is wrong with the log, if that explains as much: nothing is added to the model then.
         stopwatch: takes the stages, and has timed the earlier ones.
+        attempts: takes what fails of all that an answer can do without.
     """
-    units = {signal.name: signal.unit for signal in task.fit_runs.signals}
+    units, made = {signal.name: signal.unit for signal in task.fit_runs.signals}, attempts.made
     explanation = explanation if fault is None else replace(explanation, found=explanation.base)
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
@@ -56,33 +75,42 @@ def answered(
     before, after = (rms_over_floor(one, windows, numerics) for one in (base_fit, fit))
     asked = what_to_record(windows, task.fit_runs, task.selection.horizon_s)
     stopwatch("opening the held-out runs")
-    base_model, final_model, held = _opened(task, explanation)
-    error, detail = evaluate_held_out(base_model, final_model, held, tuple(units), units)
-    hypotheses = _hypotheses(explanation, task, final_model)
+    base_model, final_model, held = _opened(task, explanation, attempts)
+    error, detail = _held_out(base_model, final_model, held, units, attempts)
+    alone: tuple[WeightedModel, ...] = (WeightedModel(1.0, laws(found.hypothesis), final_model),)
+    hypotheses = made("weighing the models", lambda: _hypotheses(explanation, task, final_model), alone)
     verdict: Verdict = "data_problem"
     doubted: tuple[str, ...] = ()
     said: tuple[str, ...] = ()
     if fault is None:
-        doubted = tuple(doubts(explanation, error))
+        doubted = made("doubting what was found", lambda: tuple(doubts(explanation, error)), ())
         verdict = decide(
             explanation, numerics, before, after, task.selection.tolerance, enough=not asked, doubted=bool(doubted)
         )
         beliefs = weights(hypotheses) if verdict == "tie" else ()
-        said = (*notes_on(explanation, numerics, final_model.parameters), *beliefs)
+        said = made("the notes", lambda: (*notes_on(explanation, numerics, final_model.parameters), *beliefs), ())
+    candidates: tuple[Candidate, ...] = made(
+        "ranking the candidates", lambda: ranked(explanation, final_model.parameters), ()
+    )
+    nothing = Remainder("structured", after, "")
     return Criticism(
         command=question,
         verdict=verdict,
         what_to_record=asked if fault is None else "",
         accepted=laws(found.hypothesis),
-        remainder=_remainder(fit, explanation, after, units, task.selection.tolerance),
+        remainder=made(
+            "looking at what is left",
+            lambda: _remainder(fit, explanation, after, units, task.selection.tolerance),
+            nothing,
+        ),
         heldout_error=error,
-        steps=steps(explanation),
-        candidates=(candidates := ranked(explanation, final_model.parameters)),
+        steps=made("the steps of the search", lambda: steps(explanation), ()),
+        candidates=candidates,
         candidates_tried=len(candidates),
         holdout_looks=1,
-        failures=failures(base_fit, windows, units),
+        failures=made("looking where the model fails", lambda: failures(base_fit, windows, units), ()),
         parameters=final_model.parameters,
-        flat_directions=flat_of(fit, windows),
+        flat_directions=made("looking for what the data do not determine", lambda: flat_of(fit, windows), ()),
         numerics=numerics,
         base=base_model,
         final=final_model,
@@ -92,12 +120,12 @@ def answered(
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
         notes=(*doubted, *task.notes, *said),
-        widened=_widened(found, final_model.parameters),
+        widened=made("the bounds that exclude the truth", lambda: _widened(found, final_model.parameters), {}),
         detail=detail,
         timings=stopwatch.timings(),
-        changes=parameter_changes(explanation, final_model.parameters),
+        changes=made("what differs between runs", lambda: parameter_changes(explanation, final_model.parameters), ()),
         wiring=None if fault is None else _wiring(fault, base),
-        mended=None if fault is None else _mended(fault, task),
+        mended=None if fault is None else made("the model of the mended table", lambda: _mended(fault, task), None),
         hypotheses=hypotheses,
     )
 
@@ -131,8 +159,13 @@ def _hypotheses(explanation: Explanation, task: Task, final: FittedModel) -> tup
     )
 
 
-def _opened(task: Task, explanation: Explanation) -> tuple[FittedModel, FittedModel, Windows]:
-    """Both models replayed over all runs, in the same windows, and those of the held-out runs."""
+def _opened(
+    task: Task, explanation: Explanation, attempts: Attempts
+) -> tuple[FittedModel, FittedModel, Windows | None]:
+    """Both models replayed over all runs, in the same windows, and those of the held-out runs.
+
+    Runs that cannot be replayed are left out.
+    """
     evaluator, selection, base, found = explanation.evaluator, task.selection, explanation.base, explanation.found
     rung = _shown(evaluator, task.simulator, base, found)
     shown = rung.of(build(evaluator.given, found.hypothesis, evaluator.runs))
@@ -140,11 +173,27 @@ def _opened(task: Task, explanation: Explanation) -> tuple[FittedModel, FittedMo
     def windows(runs: Measurement) -> Windows:
         return windows_to_replay(shown, runs, found.fitted.theta, selection.horizon_s, explanation.windows.noise)
 
-    held = windows(task.held_runs)
-    parts = ((windows(task.fit_runs), False), (held, True))
-    before = fitted_model(base, evaluator, selection.folds, rung, parts)
-    after = before if found is base else fitted_model(found, evaluator, selection.folds, rung, parts)
-    return before, after, held
+    def models(*parts: tuple[Windows, bool]) -> tuple[FittedModel, FittedModel]:
+        before = fitted_model(base, evaluator, selection.folds, rung, parts)
+        return before, before if found is base else fitted_model(found, evaluator, selection.folds, rung, parts)
+
+    with attempts.attempt("replaying all runs"):
+        held = windows(task.held_runs)
+        return *models((windows(task.fit_runs), False), (held, True)), held
+    with attempts.attempt("replaying the fit runs"):
+        return *models((windows(task.fit_runs), False)), None
+    return *models(), None
+
+
+def _held_out(
+    base: FittedModel, final: FittedModel, held: Windows | None, units: dict[str, str], attempts: Attempts
+) -> tuple[HeldOutError, Detail]:
+    """Error over the held-out runs and its detail; not a number where these could not be replayed."""
+    if held is not None:
+        with attempts.attempt("the error over the held-out runs"):
+            return evaluate_held_out(base, final, held, tuple(units), units)
+    unknown = dict.fromkeys(units, math.nan)
+    return HeldOutError(unknown, unknown, unknown, unknown), Detail()
 
 
 def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Rung:

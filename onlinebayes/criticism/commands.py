@@ -7,12 +7,12 @@ held-out runs: opened once, for the reported error (see ``answer``)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.hypotheses.evaluating import quiet
-from onlinebayes.criticism.hypotheses.explaining import begun, searched
-from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS
+from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, explanation_of, run
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.results import Criticism, Question
@@ -21,7 +21,7 @@ from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Interrupt, Watch, one_torch_thread
+from onlinebayes.runs import Attempts, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -109,6 +109,21 @@ def refine(
         return _answered("refine", task, candidates, MOST_ADDITIONS, stopwatch, interrupt, budget_s)
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """An answer before it is put together.
+
+    Args:
+        task: how the runs were read.
+        explanation: what was found in the fit runs.
+        fault: of the log, where that explains as much.
+    """
+
+    task: Task
+    explanation: Explanation
+    fault: Mended | None = None
+
+
 def _asked(
     simulator: Identifiable,
     measurement: Measurement,
@@ -133,31 +148,60 @@ def _answered(
     interrupt: Interrupt | None,
     budget_s: float | None,
 ) -> Criticism:
-    """The base model fitted, the log's faults and the model's tried under one rule, the held-out runs opened."""
+    """The base model fitted, the log's faults and the model's tried under one rule, the held-out runs opened.
+
+    Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
+    """
     search = begun(task.simulator, task.fit_runs, Watch(stopwatch, interrupt))
-    watch = Watch(stopwatch, interrupt).within(budget_s)
+    watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
-    fault: Mended | None = None
-    with watch.giving_up():
-        fault = mended(search.evaluator, search.base, task.fit_runs)
-    certain = fault is not None and fault.certain
-    found = searched(search, task.fit_runs, candidates if most and not certain else (), most=most, watch=watch)
-    with watch.giving_up():
-        other = None if fault is not None or quiet(found.found) else task.reread(found.model)
-        if other is not None:
-            anew = begun(other.simulator, other.fit_runs, watch)
-            task, found = other, searched(anew, other.fit_runs, candidates if most else (), most=most, watch=watch)
-    if fault is None and most and not quiet(found.found):
-        with watch.giving_up():
-            fault = switched_off(found.evaluator, found.base, task.fit_runs)
-    if fault is not None and not fault.certain and (not most or not fault.as_good_as(found.found, found.base)):
-        fault = None  # where no law was asked, only what leaves noise is believed
-    with watch.giving_up():
-        watch.say("fitting to all windows")
-        found = settled(found.on_all_windows(task.fit_runs))
+    answers = _answers(task, search, candidates, most, watch, attempts)
     stopped, spent = watch.stopped, watch.spent
-    result = answered(question, task, found, fault, stopwatch)
-    notes = result.notes
+    result = _first_that_can_be_given(question, answers[::-1], stopwatch, attempts)
+    notes = (*result.notes, *attempts.failed)
     if spent:
         notes += (f"the budget of {budget_s:g} s of processor time was spent: this is the best found until then",)
-    return replace(result, interrupted=stopped and not spent, notes=notes)
+    return replace(result, interrupted=stopped and not spent, notes=notes, failed=tuple(attempts.failed))
+
+
+def _answers(
+    task: Task, search: Search, candidates: Candidates, most: int, watch: Watch, attempts: Attempts
+) -> list[Found]:
+    """One answer after the other, each better than the one before it; the first is the base model."""
+    answers, fault = [Found(task, explanation_of(search))], None
+    with watch.giving_up(), attempts.attempt("checking signs, units and columns"):
+        fault = mended(search.evaluator, search.base, task.fit_runs)
+    certain = fault is not None and fault.certain
+    with watch.giving_up(), attempts.attempt("the search"):
+        search = run(search, task.fit_runs, candidates if most and not certain else (), most=most)
+    answers.append(Found(task, explanation_of(search)))
+    anew: Search | None = None
+    with watch.giving_up(), attempts.attempt("the search with no command before the runs"):
+        other = None if fault is not None or quiet(search.here) else task.reread(answers[-1].explanation.model)
+        if other is not None:
+            task, anew = other, begun(other.simulator, other.fit_runs, watch)
+            anew = run(anew, other.fit_runs, candidates if most else (), most=most)
+    if anew is not None:
+        answers.append(Found(task, explanation_of(anew)))
+    found = answers[-1].explanation
+    with watch.giving_up(), attempts.attempt("checking whether an actuator was off"):
+        if fault is None and most and not quiet(found.found):
+            fault = switched_off(found.evaluator, found.base, answers[-1].task.fit_runs)
+    with attempts.attempt("weighing the log's fault against the model's"):
+        if fault is not None and (fault.certain or (most and fault.as_good_as(found.found, found.base))):
+            answers.append(replace(answers[-1], fault=fault))  # with no law asked only what leaves noise is believed
+    with watch.giving_up(), attempts.attempt("fitting to all windows"):
+        watch.say("fitting to all windows")
+        answers.append(replace(answers[-1], explanation=settled(found.on_all_windows(answers[-1].task.fit_runs))))
+    return answers
+
+
+def _first_that_can_be_given(
+    question: Question, answers: Sequence[Found], stopwatch: Stopwatch, attempts: Attempts
+) -> Criticism:
+    """The first of some answers that can be put together; raises what the last one raises."""
+    *better, last = answers
+    for found in better:
+        with attempts.attempt("putting the answer together"):
+            return answered(question, found.task, found.explanation, found.fault, stopwatch, attempts)
+    return answered(question, last.task, last.explanation, last.fault, stopwatch, attempts)

@@ -218,6 +218,7 @@ class Criticism:
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         mended: with ``data_problem``, the base model fitted to the mended table, without replays.
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
+        failed: what failed in the work, a line each; the answer is the best that was known without it.
     """
 
     command: Question
@@ -250,6 +251,7 @@ class Criticism:
     changes: tuple[ParameterChange, ...] = ()
     mended: FittedModel | None = None
     hypotheses: tuple[WeightedModel, ...] = ()
+    failed: tuple[str, ...] = ()
 
     @property
     def only_compared(self) -> bool:

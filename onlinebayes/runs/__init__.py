@@ -1,5 +1,6 @@
 """What every long piece of work needs: errors, atomic files, checkpoints, progress, interruption, seeds, TOML."""
 
+from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
 from onlinebayes.runs.errors import BadInput, UnknownName
 from onlinebayes.runs.files import atomic_path, write_atomic
@@ -22,6 +23,7 @@ from onlinebayes.runs.watch import UNWATCHED, Watch
 
 __all__ = [
     "UNWATCHED",
+    "Attempts",
     "BadInput",
     "Checkpoint",
     "Checkpoints",

@@ -201,12 +201,26 @@ def searched(
         watch: told what is being done; a stop ends the search with what was found so far.
     """
     with watch.giving_up():
-        if candidates:
-            given, search.most = search.evaluator.given, most
-            wider = wider_bounds(search.base.fitted.simulator, search.base.values)
-            search.candidates = (*wider, *additions(given, fit_runs, candidates))
-            search.last = flexible(given, fit_runs) if candidates == "all" else ()
-            search = _run(search, search.last)
+        search = run(search, fit_runs, candidates, most=most)
+    return explanation_of(search)
+
+
+def run(search: Search, fit_runs: Measurement, candidates: str | Sequence[str | Effect], *, most: int) -> Search:
+    """The search at its end, arguments as :func:`searched`; left before that, ``search`` holds what was found so far.
+
+    Without candidates nothing is searched.
+    """
+    if not candidates:
+        return search
+    given, search.most = search.evaluator.given, most
+    wider = wider_bounds(search.base.fitted.simulator, search.base.values)
+    search.candidates = (*wider, *additions(given, fit_runs, candidates))
+    search.last = flexible(given, fit_runs) if candidates == "all" else ()
+    return _run(search, search.last)
+
+
+def explanation_of(search: Search) -> Explanation:
+    """What a search has found so far."""
     return Explanation(search.base, search.here, tuple(search.rounds), search.evaluator)
 
 

@@ -5,7 +5,7 @@ The first screen answers four questions: how wrong is the model, where, what is 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from onlinebayes.criticism.report import words
@@ -13,6 +13,10 @@ from onlinebayes.criticism.report.markup import Html, chapter, join, tag, text
 from onlinebayes.criticism.report.sections import accuracy, errors, parameters, ranking, summary, usage, where
 from onlinebayes.criticism.report.style import stylesheet
 from onlinebayes.criticism.results import Criticism
+from onlinebayes.runs import Attempts
+
+Part = tuple[str, Callable[[], Html]]
+"""What a part of the page shows, and what makes it."""
 
 PAGE: Final = """<!doctype html>
 <html lang="en">
@@ -35,7 +39,12 @@ PAGE: Final = """<!doctype html>
 
 
 def to_html(
-    result: Criticism, *, title: str = "", refined: tuple[str, ...] = (), left_out: Mapping[str, str] | None = None
+    result: Criticism,
+    *,
+    title: str = "",
+    refined: tuple[str, ...] = (),
+    left_out: Mapping[str, str] | None = None,
+    attempts: Attempts | None = None,
 ) -> str:
     """The whole page.
 
@@ -44,38 +53,65 @@ def to_html(
         title: what was criticised, e.g. the name of the problem file.
         refined: names of the refined model's files that stand beside the report.
         left_out: keys of the effects that refined.xml cannot hold -> why.
+        attempts: takes what fails: a line stands in the place of such a part; the failure is raised where there is
+            none.
     """
-    style = stylesheet()
     chapters = [
-        chapter(
-            "answer", "Before and after", summary.tiles(result), accuracy.picture(result), accuracy.heldout(result)
-        ),
-        chapter("where", "Where the model fails", *_where(result)),
-        chapter("candidates", "What could be missing", ranking.render(result)),
-        chapter("parameters", "Parameters", parameters.render(result)),
-        chapter("next", "What to do next", usage.advice(result, refined, left_out or {})),
-        chapter("how", "How this was reached", usage.provenance(result)),
+        chapter(name, heading, *(_part(what, make, attempts) for what, make in parts))
+        for name, heading, parts in _parts(result, refined, left_out or {})
     ]
-    parts = [
+    body = [
         tag("p", f"onlinebayes {result.command}", f" · {title}" if title else "", kind="source"),
-        summary.headline(result),
+        _part("the headline", lambda: summary.headline(result), attempts),
         _contents(chapters),
         *chapters,
     ]
-    head = text(f"{title or 'onlinebayes'}: {words.headline(result)}")
-    return PAGE.format(title=head, style=style, body=Html("\n".join(part for part in parts if part)))
+    name = title or "onlinebayes"
+    head = _part("the title", lambda: text(f"{name}: {words.headline(result)}"), attempts, text(name))
+    return PAGE.format(title=head, style=stylesheet(), body=Html("\n".join(part for part in body if part)))
 
 
-def _where(result: Criticism) -> tuple[Html, ...]:
+def _parts(
+    result: Criticism, refined: tuple[str, ...], left_out: Mapping[str, str]
+) -> tuple[tuple[str, str, tuple[Part, ...]], ...]:
+    """Name, heading and parts of every chapter."""
     return (
-        summary.picture(result),
-        where.profiles(result),
-        errors.failures(result),
-        where.horizons(result),
-        where.worst(result),
-        errors.along(result),
-        errors.remainder(result),
+        (
+            "answer",
+            "Before and after",
+            (
+                ("the figures", lambda: summary.tiles(result)),
+                ("the picture of the error", lambda: accuracy.picture(result)),
+                ("the held-out error", lambda: accuracy.heldout(result)),
+            ),
+        ),
+        (
+            "where",
+            "Where the model fails",
+            (
+                ("the picture of the worst window", lambda: summary.picture(result)),
+                ("the error's profiles", lambda: where.profiles(result)),
+                ("the regions of the error", lambda: errors.failures(result)),
+                ("the error by horizon", lambda: where.horizons(result)),
+                ("the worst windows", lambda: where.worst(result)),
+                ("the error along the runs", lambda: errors.along(result)),
+                ("what is left", lambda: errors.remainder(result)),
+            ),
+        ),
+        ("candidates", "What could be missing", (("the candidates", lambda: ranking.render(result)),)),
+        ("parameters", "Parameters", (("the parameters", lambda: parameters.render(result)),)),
+        ("next", "What to do next", (("the advice", lambda: usage.advice(result, refined, left_out)),)),
+        ("how", "How this was reached", (("how this was reached", lambda: usage.provenance(result)),)),
     )
+
+
+def _part(what: str, make: Callable[[], Html], attempts: Attempts | None, instead: Html | None = None) -> Html:
+    """A part of the page; where it fails ``instead``, or the line that says so."""
+    if attempts is None:
+        return make()
+    with attempts.attempt(f"{what} (report.html)"):
+        return make()
+    return tag("p", attempts.failed[-1], kind="note") if instead is None else instead
 
 
 def _contents(chapters: list[Html]) -> Html:

@@ -50,6 +50,7 @@ def to_dict(result: Criticism) -> dict[str, Any]:
         "selection": asdict(result.selection),
         "what_to_record": result.what_to_record,
         "interrupted": result.interrupted,
+        "failed": result.failed,
         "notes": result.notes,
         "widened": {name: asdict(bounds) for name, bounds in result.widened.items()},
         "detail": asdict(result.detail),

@@ -29,7 +29,7 @@ from onlinebayes.identification.replaying.scoped import physical
 from onlinebayes.identification.replaying.wrapper import unwrap
 from onlinebayes.identification.results import FittedModel
 from onlinebayes.identification.scope import address_of
-from onlinebayes.runs import BadInput, to_toml, write_atomic
+from onlinebayes.runs import Attempts, BadInput, to_toml, write_atomic
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.assets import put_beside
 from onlinebayes.simulators.mujoco.export import to_xml
@@ -67,7 +67,9 @@ def noted(result: Criticism) -> Criticism:
     return dataclasses.replace(result, notes=tuple(dict.fromkeys([*result.notes, *notes])))
 
 
-def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | None = None) -> tuple[str, ...]:
+def write_refined(
+    result: Criticism, out_dir: str | Path, problem: str | Path | None = None, attempts: Attempts | None = None
+) -> tuple[str, ...]:
     """Write refined.toml where there is a problem file, and refined.xml for a MuJoCo model, each atomically.
 
     An XML that MuJoCo refuses is left out, an older one with it; :func:`noted` says why.
@@ -76,6 +78,7 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
         result: what ``refine`` returned.
         out_dir: folder of the report.
         problem: the problem file that was refined.
+        attempts: takes what fails; the first failure is raised in the end where there is none.
 
     Returns:
         Names of the files written.
@@ -83,26 +86,36 @@ def write_refined(result: Criticism, out_dir: str | Path, problem: str | Path | 
     Raises:
         BadInput: the folder cannot be written.
     """
-    folder, simulator, written = Path(out_dir), unwrap(_model(result).simulator), []
-    if problem is not None:
-        content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
-        write_atomic(folder / "refined.toml", refined_toml(content, Path(problem).parent, folder, result))
-        written.append("refined.toml")
-        others = result.hypotheses[1:] if result.wiring is None else ()
-        for name, rival in zip(RIVALS, others, strict=False):
+    folder, noting, written = Path(out_dir), attempts or Attempts(), list[str]()
+    rivals = result.hypotheses[1:] if result.wiring is None else ()
+    models = (None, *rivals) if problem is not None else ()
+    for name, rival in zip(("refined.toml", *RIVALS), models, strict=False):
+        with noting.attempt(name):
+            assert problem is not None
+            content = tomllib.loads(Path(problem).read_text(encoding="utf-8-sig"))
             write_atomic(folder / name, refined_toml(content, Path(problem).parent, folder, result, rival))
             written.append(name)
-    if isinstance(simulator, MujocoSimulator):
-        try:
-            text, assets = refined_xml(result, simulator, folder)
-        except FAILURES:
-            (folder / "refined.xml").unlink(missing_ok=True)
-        else:
-            for name, bytes_ in assets.items():
-                write_atomic(folder / name, bytes_)
-            write_atomic(folder / "refined.xml", text)
-            written.append("refined.xml")
+    with noting.attempt("refined.xml"):
+        written += _write_xml(result, folder)
+    if attempts is None and noting.errors:
+        raise noting.errors[0]
     return tuple(written)
+
+
+def _write_xml(result: Criticism, folder: Path) -> list[str]:
+    """Write refined.xml and its assets; nothing for a model that is no MJCF, or that MuJoCo refuses."""
+    simulator = unwrap(_model(result).simulator)
+    if not isinstance(simulator, MujocoSimulator):
+        return []
+    try:
+        text, assets = refined_xml(result, simulator, folder)
+    except FAILURES:
+        (folder / "refined.xml").unlink(missing_ok=True)
+        return []
+    for name, bytes_ in assets.items():
+        write_atomic(folder / name, bytes_)
+    write_atomic(folder / "refined.xml", text)
+    return ["refined.xml"]
 
 
 def refined_toml(

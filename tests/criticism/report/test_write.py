@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+from onlinebayes.criticism.report import html, refined, write, write_report
 from onlinebayes.criticism.report import recording as recording_module
-from onlinebayes.criticism.report import write_report
-from onlinebayes.runs import BadInput
+from onlinebayes.runs import Attempts, BadInput
 from tests.criticism.report.synthetic import criticism, drive
 
 
@@ -65,3 +66,51 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(BadInput, match="cannot write here"):
         write_report(criticism(), tmp_path / "file" / "out")
+
+
+@pytest.mark.usefixtures("faults_are_noted")
+@pytest.mark.parametrize(
+    ("module", "part", "lost"),
+    [
+        (html.accuracy, "picture", None),
+        (html.ranking, "render", None),
+        (html.summary, "headline", None),
+        (html.usage, "advice", None),
+        (recording_module.documents, "ranking", "run.rrd"),
+        (write, "to_json", "report.json"),
+        (refined, "refined_xml", "refined.xml"),
+        (refined, "noted", None),
+    ],
+)
+def test_a_part_that_fails_leaves_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: ModuleType, part: str, lost: str | None
+) -> None:
+    def fail(*_: object, **__: object) -> str:
+        raise IndexError("disk on fire")
+
+    monkeypatch.setattr(module, part, fail)
+    if part == "noted":
+        monkeypatch.setattr(write, part, fail)
+    attempts = Attempts()
+    result = dataclasses.replace(criticism(simulator=drive()), command="refine")
+    written = write_report(result, tmp_path, attempts=attempts)
+    every = {"refined.xml", "report.html", "run.rrd", "report.json"}
+    assert set(written) == {path.name for path in tmp_path.iterdir()} == every - {lost}
+    (line,) = attempts.failed
+    assert "failed: IndexError: disk on fire (test_write.py, line" in line
+    if lost != "report.json":
+        assert json.loads((tmp_path / "report.json").read_text())["failed"] == [line]
+    if module in (html.accuracy, html.ranking, html.summary, html.usage):
+        page = (tmp_path / "report.html").read_text()
+        assert "IndexError: disk on fire" in page
+        assert "How this was reached" in page
+
+
+@pytest.mark.usefixtures("faults_are_noted")
+def test_without_anybody_to_tell_the_first_failure_is_raised_when_the_rest_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(html.ranking, "render", lambda _: 1 // 0)
+    with pytest.raises(ZeroDivisionError):
+        write_report(criticism(), tmp_path)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["report.html", "report.json", "run.rrd"]
