@@ -20,6 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.cli.problem import Problem, load_problem
+from onlinebayes.identification import address_of
 from onlinebayes.runs import BadInput
 
 
@@ -57,7 +58,7 @@ def load_refined(folder: str | Path) -> Refined:
     problem = load_problem(folder / "refined.toml")
     found: dict[str, list[tuple[float, float]]] = defaultdict(list)
     for name, mean, sd in values:
-        found[_address(name, problem.simulator.parameters.names)].append((mean, sd))
+        found[address_of(name)].append((mean, sd))
     for name, nominal in zip(problem.simulator.parameters, problem.simulator.nominal.tolist(), strict=True):
         if name not in found and (known := _known(problem, name, nominal)):
             found[name] = [(value, 0.0) for value in known]
@@ -75,8 +76,3 @@ def _known(problem: Problem, name: str, nominal: float) -> list[float]:
     if scope is None or not any(name in values for values in scope.known.values()):
         return []
     return [scope.constants(run).get(name, nominal) for run in problem.measurement.runs]
-
-
-def _address(name: str, known: tuple[str, ...]) -> str:
-    """The parameter behind the name of one of its values: ``mass[run 3]`` is a value of ``mass``."""
-    return name if name in known else name.partition("[")[0]

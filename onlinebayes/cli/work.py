@@ -17,7 +17,7 @@ from onlinebayes.criticism import Criticism, compare, diagnose, refine
 from onlinebayes.criticism.report import noted, write_report
 from onlinebayes.runs import Attempts, BadInput, Interrupt, Stopped, one_line
 
-FAILED = "a fault of onlinebayes, not of your input; the report holds all that was found without it"
+FAILED = "the report holds all that was found without it"
 
 
 def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> int:

@@ -31,7 +31,7 @@ from onlinebayes.identification.replaying.ladder import reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
-from onlinebayes.identification.scope import Scope
+from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.identification.splitting import split
 
 __all__ = [
@@ -54,6 +54,7 @@ __all__ = [
     "Selection",
     "WindowError",
     "Windows",
+    "address_of",
     "begun_best",
     "charted",
     "columns",

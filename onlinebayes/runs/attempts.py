@@ -59,9 +59,12 @@ class Attempts:
 
 
 def line_of(what: str, error: Exception) -> str:
-    """``the search failed: RuntimeError: sizes differ (scoring.py, line 90)``; a bad input is said in its own words."""
+    """``the search failed by a fault of onlinebayes: RuntimeError: sizes differ (scoring.py, line 90)``.
+
+    A bad input is said in its own words.
+    """
     if isinstance(error, BadInput):
         return one_line(f"{what} failed: {error}")
     frames = traceback.extract_tb(error.__traceback__)
     place = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-    return one_line(f"{what} failed: {type(error).__name__}: {error}{place}")
+    return one_line(f"{what} failed by a fault of onlinebayes: {type(error).__name__}: {error}{place}")

@@ -135,7 +135,7 @@ FAULTS = (
     "off",
     "swapped time",
 )
-RUNS = ("run0", "run1", "run2", "run3", "run4")
+RUNS = tuple(f"run{k}" for k in range(11))
 
 
 @st.composite
@@ -143,9 +143,9 @@ def problems(draw: st.DrawFn) -> Drawn:
     """A machine, a log of it, and a problem file."""
     machine = draw(st.sampled_from([CART, SERVOS, PENDULUM]))
     log = Log(
-        rows=tuple(draw(st.lists(st.sampled_from([60, 80, 25, 9]), min_size=2, max_size=5))),
+        rows=tuple(draw(st.lists(st.sampled_from([40, 40, 60, 25, 9]), min_size=2, max_size=11))),
         noise=draw(st.sampled_from([1e-4, 1e-3, 0.0])),
-        hidden=draw(st.dictionaries(st.sampled_from(sorted(HIDDEN)), st.sampled_from([0.5, 2.0, 5.0]), max_size=2)),
+        hidden=draw(st.dictionaries(st.sampled_from(sorted(HIDDEN)), st.sampled_from([0.5, 3.0, 9.0]), max_size=2)),
         speeds=draw(st.booleans()),
         fault=draw(st.sampled_from(FAULTS)),
         seed=draw(st.integers(0, 1000)),
@@ -178,7 +178,7 @@ def _contents(draw: st.DrawFn, machine: Machine, runs: tuple[str, ...]) -> dict[
     if draw(st.integers(0, 3)):
         content["selection"] = {"horizon_s": draw(st.sampled_from([0.1, 0.2]))}  # so short that the data are enough
     if any(scope.get("scope") == "per_run" for scope in content["parameters"].values()) and draw(st.booleans()):
-        content["groups"] = ["run[01]", "run[234]"] if len(runs) > 2 else ["run*"]
+        content["groups"] = ["run[01]", "run[2-9]"] if len(runs) > 2 else ["run*"]
     return content
 
 

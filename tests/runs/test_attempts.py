@@ -18,7 +18,9 @@ def test_what_fails_is_noted_in_one_line_and_the_work_goes_on() -> None:
         done.append(2)
     assert done == [1, 2]
     (line,) = attempts.failed
-    assert line.startswith("the first part failed: RuntimeError: sizes 12 and 13 differ (test_attempts.py, line ")
+    assert line.startswith(
+        "the first part failed by a fault of onlinebayes: RuntimeError: sizes 12 and 13 differ (test_attempts.py, line "
+    )
     assert [type(error) for error in attempts.errors] == [RuntimeError]
 
 

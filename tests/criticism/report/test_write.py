@@ -97,7 +97,7 @@ def test_a_part_that_fails_leaves_the_others(
     every = {"refined.xml", "report.html", "run.rrd", "report.json"}
     assert set(written) == {path.name for path in tmp_path.iterdir()} == every - {lost}
     (line,) = attempts.failed
-    assert "failed: IndexError: disk on fire (test_write.py, line" in line
+    assert "failed by a fault of onlinebayes: IndexError: disk on fire (test_write.py, line" in line
     if lost != "report.json":
         assert json.loads((tmp_path / "report.json").read_text())["failed"] == [line]
     if module in (html.accuracy, html.ranking, html.summary, html.usage):
