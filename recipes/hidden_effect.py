@@ -69,11 +69,15 @@ class Settings(Options):
     """standard deviation of the sensor noise, as a share of each observed value's range"""
     steps: int = 5
     """outer steps"""
+    excite: bool = False
+    """move the machine on purpose for 2 s, within limits, where its policy hardly does; of the cart-pole only"""
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if not 0 <= self.noise < 1 or self.steps < 1:
             raise BadInput(f"noise {self.noise}, steps {self.steps}", "needs 0 <= noise < 1 and a step or more")
+        if self.excite and SYSTEMS[self.system].excitation is None:
+            raise BadInput(f"a {self.system} is excited enough by its policy", "leave out --excite")
 
 
 @dataclass(frozen=True)
@@ -121,7 +125,11 @@ def build(settings: Settings) -> Parts:
     sd, prior = settings.noise * system.recipe.RANGE, BoxUniform(space)
     hidden, effect = hides(system, settings.effect)
     machine = Problem(Machine(system.equations, space, hidden, system.model.dt), system.task, prior, sd)
-    real = RealEnvironment(machine.worlds(TRAJECTORIES, ParameterRandomization(Point(truth)), settings.seed + 2000))
+    real: RealSystem = RealEnvironment(
+        machine.worlds(TRAJECTORIES, ParameterRandomization(Point(truth)), settings.seed + 2000)
+    )
+    if settings.excite and system.excitation is not None:
+        real = system.excitation(real)
     problem = Problem(system.model, system.task, prior, sd)
     objective = system.objective(*problem.specs)
     if settings.kind == "oracle":

@@ -19,7 +19,7 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
 from onlinebayes.simulators.stepping import Integrator
-from onlinebayes.trainers import Problem
+from onlinebayes.trainers import Excited, HeldActions, Limits, Problem, RealSystem, range_of
 from recipes import cartpole, pendulum
 from recipes.hidden_machine import CARTPOLE, PENDULUM, Equations, Hidden
 
@@ -54,6 +54,7 @@ class System:
         friction, delay: sizes that hurt [N, N m; s].
         batches, batch_steps, real_steps: of an outer step.
         first_batches: of the first one; 0 where an untrained policy moves the machine well.
+        excitation: how the machine is moved on purpose; None where its policy moves it well.
     """
 
     model: TorchSimulator
@@ -69,12 +70,31 @@ class System:
     batch_steps: int
     real_steps: int
     first_batches: int
+    excitation: Callable[[RealSystem], Excited] | None = None
 
 
 def soft(*specs: Any) -> Objective:
     """SAC as in the pendulum's recipe."""
     return sac(*specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000)
 
+
+def pushed(cart: RealSystem) -> Excited:
+    """2 s of full force one way or the other, a quarter of a second each, within a metre of the middle.
+
+    The pole ends such a trajectory when it leans by 12 degrees, as it does with any policy.
+    """
+    limit = torch.tensor([1.0, torch.inf, torch.inf, torch.inf])
+
+    def back(observation: Tensor) -> Tensor:
+        left = observation[..., :1] > 0
+        return torch.cat([left, ~left], -1).long()
+
+    excitation = HeldActions(CartPoleTask().action_spec, 12, Limits(-limit, limit, back))
+    return Excited(cart, excitation, range_of(0), least=LEAST_WAY, steps=round(2.0 / CartPole.timestep))
+
+
+LEAST_WAY = 0.3
+"""Of the cart [m]: below it the policy hardly moves."""
 
 SYSTEMS = {
     "pendulum": System(
@@ -106,6 +126,7 @@ SYSTEMS = {
         batch_steps=64,
         real_steps=60,
         first_batches=20,
+        excitation=pushed,
     ),
 }
 

@@ -5,6 +5,7 @@ from onlinebayes.trainers.checkpoint import Saver
 from onlinebayes.trainers.collecting import collector_of
 from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
 from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
+from onlinebayes.trainers.excitation import Excited, HeldActions, Limits, range_of
 from onlinebayes.trainers.following import Follower
 from onlinebayes.trainers.growing import GrowingTrainer
 from onlinebayes.trainers.improve import improve
@@ -28,11 +29,14 @@ __all__ = [
     "EnvPlayer",
     "EnvProblem",
     "Episode",
+    "Excited",
     "Finding",
     "Follower",
     "GrowingFolder",
     "GrowingTrainer",
+    "HeldActions",
     "Journal",
+    "Limits",
     "Listed",
     "LoggedRuns",
     "OnlineState",
@@ -59,6 +63,7 @@ __all__ = [
     "collector_of",
     "improve",
     "online_trainer",
+    "range_of",
     "returns",
     "run_in_folder",
     "trajectories",
