@@ -79,7 +79,7 @@ def soft(*specs: Any) -> Objective:
 
 
 def pushed(cart: RealSystem) -> Excited:
-    """2 s of full force one way or the other, a quarter of a second each, within a metre of the middle.
+    """At most twice 2 s of full force one way or the other, half a second each, within a metre of the middle.
 
     The pole ends such a trajectory when it leans by 12 degrees, as it does with any policy.
     """
@@ -89,8 +89,8 @@ def pushed(cart: RealSystem) -> Excited:
         left = observation[..., :1] > 0
         return torch.cat([left, ~left], -1).long()
 
-    excitation = HeldActions(CartPoleTask().action_spec, 12, Limits(-limit, limit, back))
-    return Excited(cart, excitation, range_of(0), least=LEAST_WAY, steps=round(2.0 / CartPole.timestep))
+    excitation = HeldActions(CartPoleTask().action_spec, 25, Limits(-limit, limit, back))
+    return Excited(cart, excitation, range_of(0), least=LEAST_WAY, steps=round(2.0 / CartPole.timestep), most=2)
 
 
 LEAST_WAY = 0.3

@@ -13,7 +13,7 @@ from envs.pendulum import Pendulum
 from recipes import cartpole, pendulum
 from recipes.hidden_effect import Settings, main
 from recipes.hidden_machine import CARTPOLE, PENDULUM, Hidden, Machine
-from recipes.studies.hidden_effect import EFFECTS, KINDS, NAMING, SEEDS, Job, Study, jobs_of, tabled
+from recipes.studies.hidden_effect import EFFECTS, EXCITED, KINDS, NAMING, SEEDS, Job, Study, jobs_of, tabled
 
 TRUTH = torch.tensor([[0.6, 0.4]], dtype=torch.float64)
 
@@ -113,7 +113,11 @@ def test_the_table_says_what_was_named_and_what_it_is_worth(tmp_path: Path) -> N
 def test_all_jobs_are_as_many_as_the_issue_asks() -> None:
     jobs = jobs_of(Study())
     assert len(set(jobs)) == len(jobs)
-    assert sum(job.effect == "nothing" for job in jobs) == 20
+    assert sum(job.effect == "nothing" and job.kind == NAMING for job in jobs) == 20
+    assert {(job.system, job.effect) for job in jobs if job.kind == EXCITED} == {
+        ("cartpole", "friction"),
+        ("cartpole", "nothing"),
+    }
     assert sum(job.kind == NAMING for job in jobs) == 2 * 3 * len(SEEDS)
     assert sum(job.kind in KINDS for job in jobs) == 2 * len(EFFECTS) * 3 * len(SEEDS)
 
