@@ -119,7 +119,7 @@ skid-steer: setup  ## Table 5.2 and Figures 5.4 to 5.6 of the thesis: a planner 
 	$(BIN)/python -m recipes.studies.skid_steer --out $(OUT)/skid_steer_study
 hopper: setup    ## a hopper learnt in MuJoCo and judged in Drake, and its friction (a day; goes on where it was stopped) -> docs/results/hopper.json
 	$(BIN)/python -m recipes.studies.hopper --out $(OUT)/hopper
-egocentric: setup  ## chapter 3 of the thesis: which sensor to use on an energy budget (a few minutes; needs ONLINEBAYES_DATA) -> docs/results/egocentric.json
+egocentric: setup  ## chapter 3 of the thesis: which sensor to use on an energy budget (ten minutes; goes on where it was stopped; needs ONLINEBAYES_DATA) -> docs/results/egocentric.json
 	$(BIN)/python -m recipes.studies.egocentric --out $(OUT)/egocentric
 engines: setup   ## what parts a hopper in Drake from its model in MuJoCo, named by refine (half an hour; goes on where it was stopped) -> docs/results/engines.json
 	$(BIN)/python -m recipes.studies.engines --out $(OUT)/engines

@@ -7,7 +7,7 @@ import torch
 
 from envs.egocentric import PolicyRun, Recorded, Stretches, gain, made_up, read_predictions
 from recipes.studies.egocentric.intervals import interval
-from recipes.studies.egocentric.pipeline import leaky
+from recipes.studies.egocentric.pipeline import PARTS, TRADE_OFFS, Seen, keep, kept, leaky
 from recipes.studies.egocentric.published import table_3_2
 from recipes.studies.egocentric.recorded import accuracy_over_use, by_block, by_row, gains, mix_over_use
 from recipes.studies.egocentric.reference import fit_outcomes, outcomes
@@ -62,6 +62,21 @@ def test_an_interval_is_that_of_the_sequences() -> None:
     assert (low.item(), high.item()) in {(0.0, 1.0), (0.25, 0.75)}  # of four sequences, not of eight stretches
     same = interval(seen, lambda part, rows: part.vision_rate.mean()[None], seed=0)
     assert [bound.item() for bound in same] == [1.0, 1.0]
+
+
+def test_a_fold_that_was_done_is_read_again(tmp_path) -> None:
+    test = Stretches(
+        torch.randn(3, 2, 1), torch.ones(3, 2).bool(), torch.ones(3, 2), torch.full((3,), 2), torch.arange(3)
+    )
+    chosen = {who: {trade: torch.rand(3, 2) < 0.5 for trade in TRADE_OFFS} for who in ("actor-critic", "reference")}
+    seen = Seen(test, torch.randn(3, 2), torch.randn(3, 2), chosen, torch.randn(3, 2), [(512, -0.5, 0.25)])
+    seen.seconds = dict.fromkeys(PARTS, 1.5)
+    keep(tmp_path / "seen.npz", seen)
+    again = kept(tmp_path / "seen.npz")
+    assert torch.equal(again.policy, seen.policy)
+    assert torch.equal(again.test.features, test.features)
+    assert torch.equal(again.chosen["reference"][0.3], chosen["reference"][0.3])
+    assert (again.learning, again.seconds) == (seen.learning, seen.seconds)
 
 
 def test_precision_and_recall_by_hand() -> None:

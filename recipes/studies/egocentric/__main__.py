@@ -29,7 +29,7 @@ from recipes.sensor_budget import choices, day, log_estimator, log_problem, logs
 from recipes.sensor_choice import Training, accuracy_at, mixed, outcome
 from recipes.studies.egocentric import figures, published
 from recipes.studies.egocentric.intervals import interval
-from recipes.studies.egocentric.pipeline import TRADE_OFFS, Seen, split
+from recipes.studies.egocentric.pipeline import PARTS, TRADE_OFFS, Seen, split
 from recipes.studies.egocentric.recorded import accuracy_over_use, by_block, by_row, gains, mix_over_use
 
 SPLITS = ("by sequence", "leaky")
@@ -137,7 +137,7 @@ def add_split(table: ResultTable, name: str, seen: Seen, seed: int) -> None:
 
 def add_time(table: ResultTable, found: dict[str, Seen]) -> None:
     """Processor seconds of the whole sweep: both splits, every lambda, cost and fold."""
-    for part in ("learning", "reference", "looking"):
+    for part in PARTS:
         table.add(f"sweep, {part}: processor time", sum(seen.seconds[part] for seen in found.values()), unit="s")
     for name, seen in found.items():
         total = sum(seen.seconds.values())

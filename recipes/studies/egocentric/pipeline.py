@@ -27,6 +27,8 @@ from recipes.sensor_choice import Training, attachment, folds, leaning, learn, s
 from recipes.studies.egocentric.reference import fit_outcomes, outcomes
 
 FOLDS, BLOCK, WHOLE = 5, 3, 16
+STRETCHES = ("features", "motion_right", "vision_rate", "length", "sequence")
+PARTS = ("learning", "reference", "looking")
 TRADE_OFFS = (0.0, 0.1, 0.2, 0.3, 0.4)
 
 
@@ -40,7 +42,7 @@ class Seen:
         chosen: name of the chooser -> lambda -> where it asks the camera at no cost.
         leaning: log odds of the camera at lambda = .2.
         learning: (episodes, mean reward, share of the camera) of each batch of the first training.
-        seconds: of processor time: "learning" and "looking".
+        seconds: of processor time, by :data:`PARTS`.
     """
 
     test: Stretches
@@ -67,7 +69,7 @@ def motion_predictions(
     """Out-of-fold predictions for each test fold; kept in ``place``, as they take a minute."""
     made = []
     generator = torch.Generator().manual_seed(seed)
-    files = [place / f"motion-{k}.npy" for k in tests]
+    files = [place / f"motion-{seed}-{k}.npy" for k in tests]
     if all(file.exists() for file in files):
         return [torch.from_numpy(np.load(file)) for file in files]
     with Progress("motion predictors", len(tests)) as progress:
@@ -92,8 +94,11 @@ def split(
     predicted = motion_predictions(sequences, fold, tests, place / name.replace(" ", "-"), seed)
     parts = []
     for k, told in zip(tests, predicted, strict=True):
-        learnt, test = (stretches(sequences, told, rate, there) for there in (fold != k, fold == k))
-        parts.append(_one(learnt, test, training, seed + k))
+        file = place / name.replace(" ", "-") / f"seen-{seed}-{k}-{training.batches}.npz"
+        if not file.exists():
+            learnt, test = (stretches(sequences, told, rate, there) for there in (fold != k, fold == k))
+            keep(file, _one(learnt, test, training, seed + k))
+        parts.append(kept(file))
     return _together(parts)
 
 
@@ -114,18 +119,39 @@ def _one(learnt: Stretches, test: Stretches, training: Training, seed: int) -> S
     }
     ranked = attachment(policy, test)
     seen = Seen(test, ranked, gain(probability, 1.0), chosen, leaning(policy, test, 0.2, 0.0), learning)
-    seen.seconds = {
-        "learning": learnt_at - began,
-        "reference": fitted_at - learnt_at,
-        "looking": time.process_time() - fitted_at,
-    }
+    spent = (learnt_at - began, fitted_at - learnt_at, time.process_time() - fitted_at)
+    seen.seconds = dict(zip(PARTS, spent, strict=True))
     return seen
+
+
+def keep(file: Path, seen: Seen) -> None:
+    """Write what came of a fold, so that a study that was stopped goes on behind it."""
+    arrays = {f"test.{name}": getattr(seen.test, name) for name in STRETCHES}
+    arrays |= {name: getattr(seen, name) for name in ("policy", "reference", "leaning")}
+    arrays |= {f"chosen.{who}": torch.stack(list(chosen.values())) for who, chosen in seen.chosen.items()}
+    arrays["learning"] = torch.tensor(seen.learning, dtype=torch.float64)
+    arrays["seconds"] = torch.tensor([seen.seconds[part] for part in PARTS], dtype=torch.float64)
+    with atomic_path(file) as temporary, temporary.open("wb") as stream:
+        np.savez(stream, **{name: values.numpy() for name, values in arrays.items()})
+
+
+def kept(file: Path) -> Seen:
+    """What :func:`keep` wrote."""
+    with np.load(file, allow_pickle=False) as stream:
+        arrays = {name: torch.from_numpy(stream[name]) for name in stream.files}
+    test = Stretches(*(arrays[f"test.{name}"] for name in STRETCHES))
+    chosen = {
+        who: dict(zip(TRADE_OFFS, arrays[f"chosen.{who}"].unbind(0), strict=True))
+        for who in ("actor-critic", "reference")
+    }
+    learning = [(int(episodes), reward, used) for episodes, reward, used in arrays["learning"].tolist()]
+    seconds = dict(zip(PARTS, arrays["seconds"].tolist(), strict=True))
+    return Seen(test, *(arrays[name] for name in ("policy", "reference")), chosen, arrays["leaning"], learning, seconds)
 
 
 def _together(parts: list[Seen]) -> Seen:
     """The test stretches of all folds as one."""
-    names = ("features", "motion_right", "vision_rate", "length", "sequence")
-    test = Stretches(*(torch.cat([getattr(part.test, name) for part in parts]) for name in names))
+    test = Stretches(*(torch.cat([getattr(part.test, name) for part in parts]) for name in STRETCHES))
     chosen = {
         who: {trade: torch.cat([part.chosen[who][trade] for part in parts]) for trade in TRADE_OFFS}
         for who in parts[0].chosen
