@@ -82,7 +82,7 @@ def main(settings: Settings) -> int:
     learnt, test = (stretches(sequences, told, rate, there) for there in (fold != 0, fold == 0))
 
     # --- when to ask the camera -----------
-    objective = learn(learnt, Training(worlds=256, batches=50) if short else Training(), settings.seed)
+    objective = learn(learnt, Training(batches=50, learning_rate=1e-2) if short else Training(), settings.seed)
     holds = attachment(objective, test)
     reached, mix = accuracy_at(test, holds, USES), mixed(test, USES)
     for use, ours, theirs in zip(USES, reached.tolist(), mix.tolist(), strict=True):

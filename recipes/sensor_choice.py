@@ -25,7 +25,7 @@ from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers import collector_of
 from onlinebayes.transforms import ParameterRandomization
 
-COSTS = torch.linspace(0.0, 3.0, 31)
+COSTS = torch.linspace(0.0, 2.0, 21)
 """Of a second of camera [reward], at which a policy is looked at."""
 
 
@@ -39,9 +39,9 @@ class Training:
         learning_rate: of Adam at its highest; it rises and falls once.
     """
 
-    worlds: int = 512
-    batches: int = 60
-    learning_rate: float = 1e-2
+    worlds: int = 256
+    batches: int = 120
+    learning_rate: float = 5e-3
 
 
 def folds(sequences: Sequences, number: int, generator: torch.Generator) -> Int[Tensor, "S T"]:
@@ -87,7 +87,7 @@ def stretches(
 def learn(
     played: Stretches, training: Training, seed: int, watch: Callable[[TensorDictBase], object] = lambda batch: None
 ) -> ActorCritic:
-    """Train the recurrent actor-critic on the reward of Eq 3.1, for every lambda in [0, 1] and every cost in [0, 3].
+    """Train the recurrent actor-critic on the reward of Eq 3.1, for every lambda in [0, 1] and every cost in [0, 2].
 
     Args:
         played: what episodes are made of.
@@ -135,11 +135,11 @@ def leaning(objective: ActorCritic, seen: Stretches, trade_off: float, cost: flo
 
 
 def attachment(objective: ActorCritic, seen: Stretches) -> Float[Tensor, "E T"]:
-    """How long the policy holds on to the camera while its cost rises: the mean of its leaning over the costs.
+    """How long the policy holds on to the camera while its cost rises: its probability, averaged over the costs.
 
     At lambda = 1, where the reward is accuracy less cost. It ranks the seconds for every share of use.
     """
-    return torch.stack([leaning(objective, seen, 1.0, cost) for cost in COSTS.tolist()]).mean(0)
+    return torch.stack([leaning(objective, seen, 1.0, cost).sigmoid() for cost in COSTS.tolist()]).mean(0)
 
 
 def outcome(seen: Stretches, camera: Bool[Tensor, "E T"]) -> tuple[float, float]:

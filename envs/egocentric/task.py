@@ -84,7 +84,7 @@ class SensorChoice(Task):
         self,
         stretches: Stretches,
         trade_off: tuple[float, float] = (0.0, 1.0),
-        cost: tuple[float, float] = (0.0, 3.0),
+        cost: tuple[float, float] = (0.0, 2.0),
     ) -> None:
         self.stretches, self.trade_off, self.cost = stretches, trade_off, cost
         self.horizon = stretches.features.shape[1]

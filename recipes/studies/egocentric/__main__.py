@@ -48,8 +48,8 @@ class Study:
 
     seed: int = 0
     """of splits, networks and draws"""
-    batches: int = 60
-    """of the actor-critic's training, 512 episodes each"""
+    batches: int = 120
+    """of the actor-critic's training, 256 episodes each"""
     results: Path = Path("docs/results")
     """folder of the tables and figures"""
     out: Path = Path("out/egocentric")
