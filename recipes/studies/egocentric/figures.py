@@ -72,7 +72,7 @@ def figure_3_6(seen: Seen, sequences: Sequences, published: PolicyRun) -> Figure
         "published: share of camera": theirs / torch.bincount(published.label, minlength=CLASSES),
     }
     _bars(axes, told, (POSTERIOR, PRIOR))
-    axes.set(ylabel="camera at lambda = .2", ylim=(0, 1))
+    axes.set_ylabel("camera at lambda = .2")
     return figure
 
 
@@ -108,5 +108,5 @@ def _bars(axes: Axes, told: Mapping[str, Tensor], colours: Sequence[str]) -> Non
     for k, ((name, values), colour) in enumerate(zip(told.items(), colours, strict=True)):
         axes.bar(place + (k - (len(told) - 1) / 2) * width, values.numpy(), width, color=colour, label=name)
     axes.set_xticks(place, NAMES, rotation=45, ha="right", fontsize=8)
-    axes.set_ylim(0, 1.25)
+    axes.set(ylim=(0, 1.25), yticks=np.linspace(0, 1, 6))
     axes.legend(frameon=False, fontsize=8, ncols=3, loc="upper center")
