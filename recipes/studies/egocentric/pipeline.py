@@ -146,7 +146,7 @@ def kept(file: Path) -> Seen:
     }
     learning = [(int(episodes), reward, used) for episodes, reward, used in arrays["learning"].tolist()]
     seconds = dict(zip(PARTS, arrays["seconds"].tolist(), strict=True))
-    return Seen(test, *(arrays[name] for name in ("policy", "reference")), chosen, arrays["leaning"], learning, seconds)
+    return Seen(test, arrays["policy"], arrays["reference"], chosen, arrays["leaning"], learning, seconds)
 
 
 def _together(parts: list[Seen]) -> Seen:
