@@ -27,11 +27,11 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, Literal
 
-import torch
 from tensordict import TensorDict
 
 from onlinebayes.runs import Interrupt, Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.trainers import Excited, Finding, GrowingTrainer, OnlineState, improve
+from onlinebayes.trainers.real import united
 from recipes.command import status
 from recipes.hidden_effect import MOMENTS, Settings, build
 from recipes.hidden_systems import SYSTEMS
@@ -129,7 +129,7 @@ def named(job: Job) -> dict[str, Any]:
             assert more is not None
             seen.append(more)
             began = time.process_time()
-            said.append(growing.critic(torch.cat(seen), parts.begun, interrupt))
+            said.append(growing.critic(united(seen), parts.begun, interrupt))
             seconds.append(time.process_time() - began)
             if interrupt.requested:
                 raise KeyboardInterrupt
