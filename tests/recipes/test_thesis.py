@@ -61,6 +61,7 @@ def test_rows_come_from_the_jobs_that_are_there() -> None:
     assert told["CartPole length, thesis: epsilon-free"][0] == -0.211
     assert not any(name.startswith("Pendulum") for name in told)
     assert [row.value for row in second.rows if row.name == "Pendulum, noise 0 %: LSTM in the loop"] == [4.3]
+    assert rows.tables({}, "make thesis", []) == []
 
 
 def test_a_filter_below_the_ceiling_misses_its_goal() -> None:
