@@ -143,7 +143,7 @@ def problems(draw: st.DrawFn) -> Drawn:
     """A machine, a log of it, and a problem file."""
     machine = draw(st.sampled_from([CART, SERVOS, PENDULUM]))
     log = Log(
-        rows=tuple(draw(st.lists(st.sampled_from([40, 40, 60, 25, 9]), min_size=2, max_size=11))),
+        rows=tuple(draw(st.lists(st.sampled_from([40, 40, 30, 25, 9]), min_size=2, max_size=8))),
         noise=draw(st.sampled_from([1e-4, 1e-3, 0.0])),
         hidden=draw(st.dictionaries(st.sampled_from(sorted(HIDDEN)), st.sampled_from([0.5, 3.0, 9.0]), max_size=2)),
         speeds=draw(st.booleans()),
