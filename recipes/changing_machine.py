@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -84,7 +84,9 @@ def build(settings: ChangingSettings) -> Run:
     objective = sac(
         *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000
     )
-    batches, simulations, epochs = (1, 150, 10) if settings.short else (10, 300, 25)
+    batches, simulations, groups, epochs = (1, 150, 24, 10) if settings.short else (10, 300, 64, 25)
+    schedule = settings.schedule(settings.before + settings.after, batches, real_steps=50)
+    schedule = replace(schedule, behaviours=1, group=2) if settings.short else schedule
     trainer = online_trainer(
         problem,
         objective,
@@ -95,8 +97,8 @@ def build(settings: ChangingSettings) -> Run:
             train=partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3),
         ),
         real=real,
-        schedule=settings.schedule(settings.before + settings.after, batches, real_steps=50),
-        sizes=Sizes(worlds=64, batch_steps=16, simulations=simulations, groups=32 if settings.short else 64),
+        schedule=schedule,
+        sizes=Sizes(worlds=64, batch_steps=16, simulations=simulations, groups=groups),
         worlds=settings.worlds(problem, heavy),
         hazard=Hazard(),
         seed=settings.seed,

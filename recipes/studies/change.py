@@ -28,6 +28,7 @@ from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 from torchrl.envs import step_mdp
+from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from onlinebayes.inference import (
     Alarm,
@@ -190,10 +191,11 @@ def across(one: OneRound, first: Float[Tensor, "G P"], second: Float[Tensor, "G 
     drawn, half = ParameterRandomization(Listed(first)), one.steps // 2
     env = one.problem.worlds(len(first), drawn, one.seed + which, with_state=True)
     torch.manual_seed(one.seed + which)
-    with torch.no_grad():
+    with torch.no_grad(), set_exploration_type(ExplorationType.RANDOM):
         begin = env.rollout(half, one.policy, break_when_any_done=False)
-        drawn.set_distribution(Listed(second))
-        at = env.reset(step_mdp(begin[:, -1]), set_state=True)
+        at = step_mdp(begin[:, -1])
+        at["theta"] = at["state", "theta"] = second  # of the state and of the world alike
+        at = env.reset(at, set_state=True)
         end = env.rollout(one.steps - half, one.policy, break_when_any_done=False, auto_reset=False, tensordict=at)
     whole: TensorDict = torch.cat([part.select(*KEYS, ("next", "reward")) for part in (begin, end)], dim=1)
     whole["mask"] = torch.ones(whole.shape, dtype=torch.bool)
