@@ -69,7 +69,7 @@ def estimator(task: CircleTask, epochs: int, proposal: Belief) -> Windowed:
 
 def composed(settings: Settings, truth: Tensor, steps: int) -> Run:
     """System, prior, sensors, planner, estimator, real system, trainer."""
-    simulations, epochs, horizon = (60, 8, 60) if settings.short else (200, 25, 200)
+    simulations, epochs, horizon = (60, 8, 60) if settings.short else (500, 40, 200)
     task = CircleTask(horizon=horizon)
     plans = planner(task, settings.seed)
     problem = Problem(SkidSteerKinematics(SPACE), task, BoxUniform(SPACE), SENSORS, plans.transforms)
