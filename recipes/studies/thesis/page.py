@@ -139,7 +139,8 @@ def circle(results: Path) -> Iterator[str]:
     sides = list(dict.fromkeys(name.split(plans)[0] for name in rows if plans in name))
     yield from _head(["plans for", "thesis", *sides])
     for name in (*TABLE_5_2, "truth"):
-        cells = [_cell(rows.get(f"{side}{plans}{name}"), None, "0") for side in sides]
+        costs = [rows.get(f"{side}{plans}{name}") for side in sides]
+        cells = [MISSING if cost is None else f"{cost['value']:.3g}" for cost in costs]
         yield _line([name, TABLE_5_2.get(name, MISSING), *cells])
 
 
