@@ -5,9 +5,9 @@ are those of the epoch with the lowest validation loss. A network fitted to a th
 of itself; last, all components are widened by the one factor that suits the held-out trajectories best (after
 temperature scaling, Guo et al. 2017).
 
-A mixture's mass in its box is most of a step's work. It is taken axis by axis in the loss, and integrated in the last
-tenth of the training and in every validation. Without it a flat posterior is out of reach: the likeliest Gaussian of
-draws from the whole box leaves .7 nats less at its sides than in its middle.
+A mixture's mass in its box is most of a step's work. The loss takes an upper bound of it, the mass along one axis; it
+is integrated in the last tenth of the training and in every validation. Without any, a flat posterior is out of reach:
+the likeliest Gaussian of draws from the whole box leaves .7 nats less at its sides than in its middle.
 """
 
 from __future__ import annotations

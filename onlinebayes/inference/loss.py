@@ -145,15 +145,15 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
 
         Args:
             prepared: the rows.
-            exact: whether a mixture's mass in its box is integrated; else it is taken axis by axis, which is right
-                where components have no correlations, and much faster.
+            exact: whether a mixture's mass in its box is integrated. Else the mass along one axis stands in its place:
+                the loss is an upper bound, much faster, and exact for one parameter.
         """
         embedding = prepared.get("embedding", None)
         if embedding is None:
             embedding = self._encoded(prepared["features"], prepared["mask"])
         density = self.estimator.distribution(embedding)
         if not exact and isinstance(density, TruncatedMixture):
-            return -density.log_nearly_normalised(prepared["z"])
+            return -density.log_prob_bound(prepared["z"])
         return -density.log_prob_frame(prepared["z"])
 
     def forward(self, tensordict: TensorDictBase) -> TensorDict:

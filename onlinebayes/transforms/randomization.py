@@ -127,9 +127,9 @@ class ParameterRandomization(Transform):
         drawn = self._draw(len(rows)).to(rows.device)
         if len(rows) < batch.numel():
             base = drawn.new_zeros(batch.numel(), drawn.shape[-1])
-            base = base if given is None else given.reshape(base.shape[0], -1).to(drawn)
+            base = base if given is None else given.reshape(base.shape).to(drawn)
             drawn = base.index_copy(0, rows, drawn)
-        return tensordict.set(self.theta_key, drawn.reshape(*batch, -1))
+        return tensordict.set(self.theta_key, drawn.reshape(*batch, drawn.shape[-1]))
 
     def _without_theta(self, tensordict: TensorDictBase, given: Tensor | None) -> Int[Tensor, " n"]:
         """The worlds that reset and are given no theta, but at most the one that they have."""
@@ -139,7 +139,7 @@ class ParameterRandomization(Transform):
         reset = reset.reshape(worlds, -1).any(-1)
         if given is not None:
             present = self._present if self._present is not None else torch.full_like(given, torch.nan)
-            reset = reset & (given.reshape(worlds, -1) == present.reshape(worlds, -1).to(given)).all(-1)
+            reset = reset & (given.reshape(present.shape) == present.to(given)).all(-1).reshape(worlds)
         return reset.nonzero().squeeze(-1)
 
     def _reset(self, tensordict: TensorDictBase, tensordict_reset: TensorDictBase) -> TensorDictBase:
@@ -147,7 +147,7 @@ class ParameterRandomization(Transform):
             self._check_read(tensordict, tensordict_reset)
             self._checked = True
         reset, now = tensordict.get("_reset", None), tensordict_reset.get(self.theta_key)
-        now = now.reshape(-1, now.shape[-1])
+        now = now.reshape(now.shape[:-1].numel(), now.shape[-1])  # theta may be of no parameters
         if reset is not None and self._present is not None:
             now = torch.where(reset.reshape(len(now), -1).any(-1, keepdim=True), now, self._present.to(now))
         self._present = now.clone()

@@ -5,8 +5,8 @@
 P = 1 is a difference of two error functions. For P = 2 one variable is integrated exactly and the other by
 Gauss-Legendre quadrature, over the part of its interval that holds the mass (the integrand is log-concave, so that
 part is an interval). For P > 2 separation of variables (Genz 1992) writes Z as a mean over
-the unit cube of P - 1 dimensions, taken over a fixed Sobol sequence: deterministic, and smooth in mu and L. The product
-over the axes, each for itself, is an approximation for a tenth of the work.
+the unit cube of P - 1 dimensions, taken over a fixed Sobol sequence: deterministic, and smooth in mu and L. The
+mass between the two sides of one axis is an upper bound for a fraction of the work.
 
 Everything is done with logarithms: a Gaussian that hardly touches the cube has a small log Z, not NaN.
 """
@@ -43,15 +43,14 @@ def log_mass_in_cube(
     return torch.zeros_like(mean[..., 0]).masked_scatter(leaking, values)
 
 
-def log_mass_by_axes(
-    mean: Float[Tensor, "*batch P"], scale_tril: Float[Tensor, "*batch P P"]
-) -> Float[Tensor, "*batch"]:
-    """log Z as if the axes were independent, prod_j Z(mu_j, s_j^2): right for one axis, and without correlation.
+def log_mass_bound(mean: Float[Tensor, "*batch P"], scale_tril: Float[Tensor, "*batch P P"]) -> Float[Tensor, "*batch"]:
+    """An upper bound of log Z: the least mass between the two sides of one axis, min_j log Z(mu_j, s_j^2).
 
-    A Gaussian that is as wide as the cube along an axis, because nothing is known there, has no correlation with it.
+    Exact for P = 1, and where the Gaussian leaves the cube along one axis only. A bound, whatever the correlations are:
+    the product over the axes is none, and a network that learns by it finds Gaussians that it overrates.
     """
     scale = scale_tril.norm(dim=-1)
-    return log_interval(-mean / scale, (1 - mean) / scale).sum(-1)
+    return log_interval(-mean / scale, (1 - mean) / scale).amin(-1)
 
 
 def _log_mass(mean: Tensor, scale_tril: Tensor) -> Tensor:
