@@ -13,7 +13,7 @@ from envs.measured.dart_car.single_track import GRAVITY, MASS_FRONT, MASS_REAR, 
 from envs.measured.dart_car.tyres import TyreSaturation
 from envs.measured.skid_steer import SkidSteer, Warthog, build_warthog
 from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
-from envs.measured.skid_steer.laws import SideAsymmetry, TravelSlip, TurningSlip
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
 from onlinebayes.cli.factory import import_module
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
@@ -52,7 +52,6 @@ def test_they_keep_the_contract_of_simulators(system: TorchSimulator) -> None:
     ("system", "law"),
     [
         (SkidSteer(["radius"]), TurningSlip("vehicle", Parameter(0.0, 1.0, "s/rad"))),
-        (SkidSteer(["radius"]), TravelSlip("vehicle", Parameter(0.0, 2.0, "s/rad"))),
         (SkidSteer(["radius"]), SideAsymmetry("vehicle", Parameter(-0.3, 0.3, "1"))),
         (SkidSteer(["radius"]), WheelSaturation("vehicle", Parameter(0.1, 100.0, "rad/s"))),
         (SkidSteer(["radius"]), TurnLimit("vehicle", Parameter(0.1, 100.0, "rad/s"))),
@@ -146,18 +145,6 @@ def test_a_warthog_is_the_same_model_of_another_size() -> None:
     forward, slow = driven(warthog, [3.0, 3.0], 4.0), driven(SkidSteer(), [3.0, 3.0], 4.0)
     assert float(forward["qvel"][2]) == pytest.approx(0.9, abs=1e-6)
     assert float(slow["qvel"][2]) == pytest.approx(0.495, abs=1e-6)
-
-
-def test_turning_costs_travel() -> None:
-    slip = TravelSlip("vehicle", Parameter(0.0, 2.0, "s/rad"))
-    vehicle = SkidSteer(["radius"]).with_effect(slip)
-    rate = 0.165 * 2.0 / 0.55
-    state = TensorDict({"qpos": torch.zeros(1, 5), "qvel": torch.zeros(1, 5)}, batch_size=(1,)).double()
-    inputs = TensorDict({"command": torch.tensor([[[3.0, 5.0]]]).double()}, batch_size=(1, 1))
-    end = vehicle.rollout(torch.tensor([[0.165, 0.5]]).double(), state, inputs, torch.tensor([4.0]).double())[0, 0]
-    assert float(end["qvel"][4]) == pytest.approx(rate, abs=1e-6)
-    speed = float(end["qvel"][2:4].norm())
-    assert speed == pytest.approx(0.165 * 4.0 / (1 + 0.5 * rate), rel=2e-3)
 
 
 def test_a_car_turns_as_its_understeer_gradient_says() -> None:

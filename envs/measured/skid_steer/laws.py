@@ -1,13 +1,11 @@
 """What a real skid-steered vehicle adds to two tracks that roll as they are told.
 
     turning_slip       w = w_k / (1 + s |w_k|)                     w_k the kinematic yaw rate [rad/s]
-    travel_slip        v = v_k / (1 + s |w_k|)                     v_k the kinematic forward speed [m/s]
     side_asymmetry     the left wheels roll r (1 - a), the right ones r (1 + a)
 
-A skid-steered vehicle turns by dragging its wheels sideways; the faster it turns, the more of their speed is lost, for
-the turn and for the way ahead. The constant part of the loss in turning is the effective track. After A. Mandow,
-J. L. Martinez, J. Morales, J. L. Blanco, A. Garcia-Cerezo and J. Gonzalez, "Experimental kinematics for wheeled
-skid-steer mobile robots", IROS 2007.
+A skid-steered vehicle turns by dragging its wheels sideways; the faster it turns, the more of their speed is lost. The
+constant part of that loss is the effective track. After A. Mandow, J. L. Martinez, J. Morales, J. L. Blanco,
+A. Garcia-Cerezo and J. Gonzalez, "Experimental kinematics for wheeled skid-steer mobile robots", IROS 2007.
 """
 
 from __future__ import annotations
@@ -38,36 +36,6 @@ class TurningSlip(Effect):
     def scaled(cls, target: str, scales: Scales) -> Self:
         """s up to half of the turning lost at 1 rad/s."""
         return cls(target, Parameter(0.0, 1.0, "s/rad"))
-
-    @property
-    def parameters(self) -> ParameterSpace:
-        """``slip``."""
-        return ParameterSpace({"slip": self.slip})
-
-    @property
-    def neutral(self) -> Mapping[str, float]:
-        """s = 0."""
-        return {"slip": 0.0}
-
-
-@dataclass(frozen=True)
-class TravelSlip(Effect):
-    """The forward speed falls short of the kinematic one by 1 / (1 + s |w|): wheels that drag sideways slip ahead, too.
-
-    Args:
-        target: the vehicle.
-        slip: bounds of s >= 0 [s/rad].
-    """
-
-    target: str
-    slip: Parameter
-    name = "travel_slip"
-    target_kind = "body"
-
-    @classmethod
-    def scaled(cls, target: str, scales: Scales) -> Self:
-        """s up to two thirds of the forward speed lost at 1 rad/s."""
-        return cls(target, Parameter(0.0, 2.0, "s/rad"))
 
     @property
     def parameters(self) -> ParameterSpace:

@@ -24,7 +24,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
-from envs.measured.skid_steer.laws import SideAsymmetry, TravelSlip, TurningSlip
+from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 
@@ -61,7 +61,7 @@ class SkidSteer(TorchSimulator):
     )
     actuators = (Actuator("left", "left"), Actuator("right", "right"))
     bodies = {"vehicle": (50.0, 1.0)}  # noqa: RUF012
-    laws = (TurningSlip, TravelSlip, SideAsymmetry, TurnLimit, WheelSaturation, TravelAcceleration, TurnAcceleration)
+    laws = (TurningSlip, SideAsymmetry, TurnLimit, WheelSaturation, TravelAcceleration, TurnAcceleration)
     timestep = 0.01
 
     def rolling(self, theta: Float[Tensor, "N P"], wheels: Float[Tensor, "N 2"]) -> Float[Tensor, "N 5"]:
@@ -97,7 +97,6 @@ def _rolling(
     left, right = left * (1 - uneven), right * (1 + uneven)
     forward = 0.5 * parameters["radius"] * (right + left)
     rate = parameters["radius"] * (right - left) / parameters["track"]
-    forward = forward / (1 + parameters["travel_slip@vehicle.slip"] * rate.abs())
     rate = rate / (1 + parameters["turning_slip@vehicle.slip"] * rate.abs())
     aside = -parameters["x_icr"] * rate
     cos, sin = torch.cos(yaw), torch.sin(yaw)
