@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import torch
-from tensordict import TensorDict, TensorDictBase, is_tensor_collection
+from tensordict import TensorDict, TensorDictBase, is_tensor_collection, pad
 from torchrl.envs import EnvBase
 
 from onlinebayes.runs import Stateful, one_line
@@ -206,7 +206,7 @@ def united(parts: Iterable[TensorDictBase]) -> TensorDict:
     """
     parts = [_masked(part) for part in parts]
     longest, device = max(part.shape[1] for part in parts), parts[-1]["mask"].device
-    return torch.cat([_padded(part.to(device), longest) for part in parts])
+    return torch.cat([pad(part.to(device), [0, 0, 0, longest - part.shape[1]]) for part in parts])
 
 
 def _masked(data: TensorDictBase) -> TensorDictBase:
@@ -215,13 +215,3 @@ def _masked(data: TensorDictBase) -> TensorDictBase:
         return data
     device = next(iter(data.values(True, True))).device
     return data.set("mask", torch.ones(data.shape, dtype=torch.bool, device=device))
-
-
-def _padded(data: TensorDictBase, length: int) -> TensorDictBase:
-    if data.shape[1] == length:
-        return data
-
-    def pad(x: torch.Tensor) -> torch.Tensor:
-        return torch.cat([x, x.new_zeros(x.shape[0], length - x.shape[1], *x.shape[2:])], dim=1)
-
-    return data.apply(pad, batch_size=[data.shape[0], length])
