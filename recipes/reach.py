@@ -53,7 +53,7 @@ def build(settings: Settings) -> Run:
         value_range=(-10.0, 0.0),
         action_penalty=0.1,
     )
-    steps, batches, simulations, epochs = (2, 2, 200, 15) if settings.short else (4, 8, 300, 20)
+    steps, batches, simulations, epochs = (2, 2, 300, 30) if settings.short else (4, 8, 300, 20)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)
     workers = settings.workers()
     trainer = online_trainer(
