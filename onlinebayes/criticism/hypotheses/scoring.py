@@ -6,8 +6,9 @@ A signal counts by the share of its error: halving an error of 75 noise floors c
 below the noise nothing counts. Squares are pooled over the folds before the logarithm, or quiet folds would rule.
 
 Data are left out in several ways, and a law has to hold in all of them (:func:`partitions`): by runs, or stretches of
-the data where there are fewer than four; and, for each signal, by where the windows lie on it, so that what is left out
-lies beyond what was seen. A spring that follows the runs it was fitted to may be useless where no run went.
+the data where there are fewer than four, or groups of runs where there are more than twelve; and, for each signal, by
+where the windows lie on it, so that what is left out lies beyond what was seen. A spring that follows the runs it was
+fitted to may be useless where no run went.
 What is left out is predicted by theta without it, one step of least squares within the bounds, no new fit; its starts
 and its own values are estimated inside it.
 
@@ -37,6 +38,9 @@ FEWEST_RUNS = 4
 
 STRETCHES = 6
 """Fewer runs are cut into so many folds."""
+
+MOST_FOLDS = 12
+"""More runs than this make so many folds, of runs that follow each other: a short run alone is mostly chance."""
 
 REGIONS = 4
 """Windows are sorted by each signal into so many folds: the outer two ask for extrapolation."""
@@ -162,7 +166,7 @@ def folds_of(windows: Windows) -> Int[Tensor, " W"]:
     """Number of each window's fold."""
     runs, of = torch.unique(windows.run, return_inverse=True)
     if len(runs) >= FEWEST_RUNS:
-        return of
+        return of if len(runs) <= MOST_FOLDS else of * MOST_FOLDS // len(runs)
     moving = windows.moving.long()
     before = moving.cumsum(0) - moving
     return (before * STRETCHES // max(int(moving.sum()), 1)).clamp_max(STRETCHES - 1)

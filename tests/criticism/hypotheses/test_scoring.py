@@ -55,6 +55,14 @@ def test_runs_are_folds_and_regions_hold_the_windows_that_lie_together() -> None
     assert mean[BY_POSITION.of == 3].min() >= mean[BY_POSITION.of == 0].max()
 
 
+def test_many_short_runs_make_twelve_folds_of_runs_that_follow_each_other() -> None:
+    many = replace(WINDOWS, run=torch.arange(WINDOWS.count))
+    folds = folds_of(many)
+    assert WINDOWS.count > len(folds.unique()) == 12
+    assert torch.equal(folds, folds.sort().values)
+    assert int(folds.bincount().max()) - int(folds.bincount().min()) <= 1
+
+
 def test_nothing_is_gained_by_windows_that_are_taken_away() -> None:
     fitted = fit(SIMULATOR, WINDOWS, SIMULATOR.nominal)
     whole = left_out(LinearModel.of(fitted), WINDOWS, BY_RUN)
