@@ -19,6 +19,7 @@ from typing import Any
 from tensordict import TensorDict
 
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.embeddings.likeliest import DISTURBED, STRAIGHT
 from onlinebayes.inference import BoxUniform, Hazard, filtered_estimator, fit
 from onlinebayes.objectives import sac
 from onlinebayes.runs import BadInput
@@ -84,8 +85,9 @@ def build(settings: ChangingSettings) -> Run:
     objective = sac(
         *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000
     )
-    batches, simulations, groups, epochs = (1, 150, 24, 10) if settings.short else (10, 300, 64, 25)
-    schedule = settings.schedule(settings.before + settings.after, batches, real_steps=50)
+    batches, simulations, groups, epochs = (1, 300, 24, 25) if settings.short else (10, 300, 64, 25)
+    real_steps = 25 if settings.short else 50  # the filter's time grows with it
+    schedule = settings.schedule(settings.before + settings.after, batches, real_steps=real_steps)
     schedule = replace(schedule, behaviours=1, group=2) if settings.short else schedule
     trainer = online_trainer(
         problem,
@@ -95,6 +97,7 @@ def build(settings: ChangingSettings) -> Run:
             problem.task,
             state=state,
             train=partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3),
+            levels=STRAIGHT if settings.short else DISTURBED,
         ),
         real=real,
         schedule=schedule,

@@ -18,6 +18,7 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.embeddings import FilteredEmbedding, SimulatorFilter
+from onlinebayes.embeddings.likeliest import DISTURBED, Levels
 from onlinebayes.inference.base import Belief, PosteriorEstimator
 from onlinebayes.inference.distributions import Box
 from onlinebayes.inference.neural import TRAIN, Fit, mixture_of
@@ -31,15 +32,17 @@ def filtered_estimator(
     state: Callable[[Tensor], TensorDict],
     observe: Callable[[TensorDictBase], Any] | None = None,
     train: Fit = TRAIN,
+    levels: Levels = DISTURBED,
 ) -> Callable[[Belief], PosteriorEstimator]:
     """What a trainer asks for: proposal -> a fresh estimator in the proposal's box.
 
-    Arguments as for :func:`~onlinebayes.inference.residual_estimator`.
+    Arguments as for :func:`~onlinebayes.inference.residual_estimator`; ``levels`` as for
+    :class:`~onlinebayes.embeddings.FilteredEmbedding`.
     """
 
     def estimator(proposal: Belief) -> PosteriorEstimator:
         model = filter_of(simulator, task, proposal.box, state=state, observe=observe)
-        return mixture_of(FilteredEmbedding(model, task.action_spec.shape[-1]), proposal, train)
+        return mixture_of(FilteredEmbedding(model, task.action_spec.shape[-1], levels), proposal, train)
 
     return estimator
 

@@ -6,7 +6,8 @@
     else                                          proposal = the last proposal and a margin around it (wider)
 
 The belief is what is reported; the proposal only says where to simulate. An overconfident belief would cut the truth
-out of all later simulations, and nothing that follows could bring it back.
+out of all later simulations, and nothing that follows could bring it back. A machine that may change has its next truth
+anywhere: there the proposal stays.
 """
 
 from __future__ import annotations
@@ -49,11 +50,13 @@ class Gate:
         dilation: factor on the belief's scales before its region is cut out: insurance against what a few dozen
             held-out groups cannot show.
         margin: factor on the last proposal's scales where the belief fails.
+        narrows: whether the proposal ever changes.
     """
 
     level: float = 0.95
     dilation: float = 2.0
     margin: float = 1.5
+    narrows: bool = True
 
     def decide(
         self,
@@ -76,6 +79,8 @@ class Gate:
         found = (
             f"{int(inside.sum())} of {len(inside)} held-out truths lie in the belief's {100 * self.level:g} % region"
         )
+        if not self.narrows and isinstance(proposal, BoxUniform | TruncatedProposal):
+            return Decision(proposal, coverage, False, f"the proposal stays: {found}")
         if coverage >= self.level - slack:
             within = proposal if isinstance(proposal, Region) else None
             narrow = truncated(belief, within, generator=generator, dilation=self.dilation)

@@ -1,11 +1,9 @@
-"""The belief of a run whose machine may change: which trajectories are still its own, and where to simulate for them.
+"""The belief of a run whose machine may change: which trajectories are still its own.
 
-    new trajectory unlike all simulations of the proposal  ->  simulate from the whole prior, fit again
     p_t(theta) = sum over r of p(r | x_1:t) q(theta | x_t-r+1:t)                        see ``ChangingBelief``
 
-A proposal that has narrowed about the old machine makes nothing that the new one does: an estimator trained there would
-put the new theta at the edge of its box. The alarm asks, the run lengths decide; an alarm that rings without a reason
-costs one more fit and leaves the belief as it is.
+q is fitted to simulations of the whole prior in every step. A proposal that has narrowed about the old machine makes
+nothing that the new one does: an estimator trained there puts the new theta at the edge of its box, or leaves it out.
 """
 
 from __future__ import annotations
@@ -32,14 +30,13 @@ from onlinebayes.inference import (
     TrajectoryKeys,
     TruncatedMixture,
 )
-from onlinebayes.inference.changing import RINGS
 from onlinebayes.inference.run_length import Run
 from onlinebayes.inference.saving import from_state, to_state
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 
 COMPARED = 200
-"""Simulations of the newest policy that a new trajectory is compared with."""
+"""Simulations of the newest policy that trajectories are compared with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,14 +46,12 @@ class Learnt:
     Args:
         estimator: fitted.
         report: on the fit.
-        proposal: where theta was drawn.
         simulated: trajectories (B, T), those of the newest policy last.
         groups: held-out groups (G, n, T).
     """
 
     estimator: PosteriorEstimator
     report: FitReport
-    proposal: Belief
     simulated: TensorDict
     groups: TensorDict
 
@@ -96,21 +91,11 @@ class Follower:
                 "give a BoxUniform, or leave the hazard out",
             )
 
-    def strange(self, learnt: Learnt, history: History | None, real: TensorDict | None) -> list[str]:
-        """A line where a new trajectory is like nothing of a proposal that has narrowed."""
-        known, narrow = _known(history), learnt.proposal.box.log_volume < self.prior.box.log_volume
-        if real is None or len(real) == known or not narrow or learnt.alarm is None:
-            return []
-        new = learnt.alarm.each(real[known:])
-        strange = [str(known + i + 1) for i, surprise in enumerate(new) if len(new) * surprise.p < RINGS]
-        told = f"trajectory {', '.join(strange)} is like nothing of the proposal: simulated from the whole prior"
-        return [told] if strange else []
-
     def belief(
         self, learnt: Learnt, history: History | None, real: TensorDict | None
     ) -> tuple[TruncatedMixture | BoxUniform, History]:
         """What all real trajectories (n, T) say of the machine as it is now, and what was made of them."""
-        known = _known(history)
+        known = 0 if history is None else history.lengths.number
         seen = None if real is None or not known else real[:known]
         belief = ChangingBelief(
             learnt.estimator, self.hazard, alarm=learnt.alarm, keys=self.keys, history=history, seen=seen
@@ -118,10 +103,6 @@ class Follower:
         if real is not None:
             belief = belief.update(real[known:])
         return belief.distribution, belief.history
-
-
-def _known(history: History | None) -> int:
-    return 0 if history is None else history.lengths.number
 
 
 def news(before: History | None, after: History) -> list[str]:

@@ -184,12 +184,7 @@ class OnlineTrainer:
 
     def _infer(self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress) -> Inferred | None:
         """Simulate, fit, condition, decide where to simulate next; the state changes at the end, unless stopped."""
-        learnt, follower, notes = self._learnt(state, state.proposal, clock, interrupt, progress), self.follower, []
-        if learnt is not None and follower is not None:
-            with clock("change"):
-                notes = follower.strange(learnt, state.history, state.real)
-            if notes:
-                learnt = self._learnt(state, follower.prior, clock, interrupt, progress)
+        learnt, follower, notes = self._learnt(state, clock, interrupt, progress), self.follower, list[str]()
         if learnt is None:
             return None
         with clock("gate" if follower is None else "change"):
@@ -197,34 +192,32 @@ class OnlineTrainer:
                 belief, history = learnt.estimator.condition(state.real), None
             else:
                 belief, history = follower.belief(learnt, state.history, state.real)
-                notes += news(state.history, history)
+                notes = news(state.history, history)
         with clock("gate"):
             theta = learnt.groups.get(self.held_out.form.theta)[:, 0, 0]
             alpha = credibility_of(learnt.estimator.each(learnt.groups), theta, generator=self.generator)
-            decision = self.gate.decide(belief, learnt.proposal, alpha, generator=self.generator)
+            decision = self.gate.decide(belief, state.proposal, alpha, generator=self.generator)
         state.belief, state.proposal, state.history = belief, decision.proposal, history
         state.simulated += learnt.simulated.numel() + learnt.groups.numel()
         state.notes += [*_doubts(learnt.report), *notes, decision.reason]
         calibration = tuple(float((alpha <= level).double().mean()) for level in LEVELS)
         return Inferred(learnt.report, decision.coverage, calibration)
 
-    def _learnt(
-        self, state: OnlineState, proposal: Belief, clock: Clock, interrupt: Interrupt, progress: Progress
-    ) -> Learnt | None:
+    def _learnt(self, state: OnlineState, clock: Clock, interrupt: Interrupt, progress: Progress) -> Learnt | None:
         """Simulate and fit; None where Ctrl-C ended it."""
         with clock("simulate"):
             progress.update(state.step, "simulating")
             makers = [state.policies[i] for i in spread(len(state.policies), self.schedule.behaviours)]
-            simulated = self.simulations.draw(makers, proposal)
+            simulated = self.simulations.draw(makers, state.proposal)
             members = [state.policies[state.made_by[i]] for i in spread(len(state.made_by), self.schedule.group)]
-            groups = self.held_out.groups(members, proposal)
+            groups = self.held_out.groups(members, state.proposal)
         if interrupt.requested:
             return None
         with clock("fit"), interrupt.giving_up():
             progress.update(state.step, "fitting")
-            estimator = self.estimator(proposal)
+            estimator = self.estimator(state.proposal)
             report = estimator.fit(simulated, groups, generator=self.generator)
-        return None if interrupt.requested else Learnt(estimator, report, proposal, simulated, groups)
+        return None if interrupt.requested else Learnt(estimator, report, simulated, groups)
 
 
 def _doubts(report: FitReport) -> list[str]:

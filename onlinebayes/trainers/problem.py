@@ -167,7 +167,7 @@ def online_trainer(
         real: the system in question; not needed where the policy learns alone.
         schedule: how much of each step, and in which order.
         sizes: how many worlds of each kind.
-        gate: decides on the next proposal.
+        gate: decides on the next proposal; with a hazard it stays the prior.
         worlds: where the policy's worlds come from; the belief without it.
         learn_in: the problem in whose worlds the policy learns, as a faster simulator's; ``problem`` without it.
         workers: step the worlds, of the policy and of the simulations; without them this process does.
@@ -192,7 +192,7 @@ def online_trainer(
         simulations=simulations(sizes.simulations, seed + 1000),
         held_out=simulations(sizes.groups, seed + 3000),
         estimator=estimator if estimator is not None else _no_estimator,
-        gate=gate if gate is not None else Gate(),
+        gate=gate if gate is not None else Gate(narrows=hazard is None),
         real=real if real is not None else _NoSystem(),
         schedule=schedule,
         generator=generator(seed, "online"),

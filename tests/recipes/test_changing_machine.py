@@ -87,7 +87,7 @@ def test_the_table_judges_regions_alarms_and_widths() -> None:
     assert rows["pendulums that stay: what is said of 3"].value == "2 the same, 1 changed"
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.usefixtures("without_shape_checks")
 def test_the_log_says_when_the_load_came(tmp_path) -> None:
-    assert main(ChangingSettings(short=True, out=str(tmp_path))) == 0
+    assert main(ChangingSettings(short=True, before=2, after=3, out=str(tmp_path))) == 0
