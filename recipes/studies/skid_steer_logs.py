@@ -26,16 +26,20 @@ from onlinebayes.criticism import Criticism, fit
 from onlinebayes.criticism.report import write_report
 from onlinebayes.identification import make_windows, split
 from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
 from onlinebayes.runs import ResultTable, Row, generator, write_atomic
 from recipes.command import status
 from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
 from recipes.studies.resumable import check_names, kept, printed_by
 
-STEPS = 5
+STEPS = 15
 """Of the fit over a split, which begins at what refine found."""
 
 FIT_STEP = 0.025
 """Step of that fit [s]: half a row of the log. The errors are those of the model's own step."""
+
+LATEST = 0.5
+"""A pose may be so late in that fit [s]: the search looks as far as a tenth of a window, where the Warthog's ends."""
 
 HELD = 0.4
 """Share of the calibration steps that a split holds out."""
@@ -114,6 +118,8 @@ def judge(robot: str, study: Study) -> Iterator[Row]:
 def over_split(robot: str, problem: Problem, model: SkidSteer, theta: Tensor, seed: int) -> tuple[Miss, Miss]:
     """How far the nominal model and ours are off, over what one split holds out."""
     fit_runs, held = split(problem.measurement, held_out(problem.measurement, seed))
+    for name in [name for name in model.parameters if name.startswith("sensor_delay@")]:
+        model = model.with_bounds(name, Parameter(0.0, LATEST, "s"))
     coarse = model.with_timestep(FIT_STEP)
     refit = fit(coarse, make_windows(coarse, fit_runs, max(fit_runs.durations)), theta, most=STEPS)
     drives = Drives.of(problem.simulator, held)
