@@ -253,10 +253,11 @@ class _Pass:
         shown, H = self._shown(predicted)
         v, S = following - shown, C.shape[-1]
         marginal = ((H @ C) * H).sum(-1) + self._r2
-        table, told, volume = torch.cat([C, D, torch.zeros_like(predicted)[..., None]], -1), list[Tensor](), 0.0
-        for i, (h, r2) in enumerate(zip(H.unbind(1), self._r2.unbind(0), strict=True)):
+        table = torch.cat([C, D, torch.zeros_like(predicted)[..., None]], dim=-1)
+        told, volume = list[Tensor](), torch.zeros_like(v[:, 0])
+        for h, surprise, r2 in zip(H.unbind(1), v.unbind(1), self._r2.unbind(0), strict=True):
             row = torch.bmm(h[:, None], table)[:, 0]
-            row[:, -1] += v[:, i]
+            row[:, -1] += surprise
             variance = (row[:, :S] * h).sum(-1, keepdim=True) + r2
             scaled = row / variance.sqrt()  # not a number where rounding made the variance negative
             table = torch.baddbmm(table, scaled[:, :S, None], scaled[:, None], alpha=-1)
