@@ -46,8 +46,8 @@ HOT = ((300.0, 600.0), (225.0, 450.0), (150.0, 600.0))
 class Study:
     """What is run, and where it goes."""
 
-    seed: int = 0
-    """of splits, networks and draws"""
+    seed: int = 2
+    """of splits, networks and draws; settings were chosen while looking at folds of seed 0"""
     batches: int = 120
     """of the actor-critic's training, 256 episodes each"""
     results: Path = Path("docs/results")
