@@ -245,8 +245,8 @@ class _Pass:
         """Predict, compare, correct; what the step adds to the evidence.
 
         Observed values have noises of their own, so that each corrects by itself (Bierman 1977): a row
-        a = (h C, h D, v) of what it says, [C, D, -x] -= (h C)' a / V with V = h C h + r^2. For many small systems that is
-        quicker than a factor of V.
+        a = (h C, h D, v) of what it says, [C, D, -x] -= (h C)' a / V with V = h C h + r^2. For many small systems this
+        is quicker than a factor of V.
         """
         predicted, F, sensitivity = self._predicted(action)
         C, D = F @ self._covariance @ F.mT + self._disturbance, F @ self._follows + sensitivity
