@@ -33,6 +33,8 @@ from onlinebayes.inference.distributions.normaliser import log_mass_in_cube
 def in_box(mixture: TruncatedMixture, box: Box) -> TruncatedMixture:
     """The same Gaussians, truncated to ``box`` instead of to the mixture's own, in double precision."""
     old = mixture.box
+    if torch.equal(box.low, old.low) and torch.equal(box.high, old.high):
+        return doubled(mixture)
     width = (old.high - old.low).to(mixture.mean.device)
     new_low, new_width = box.low.to(width), (box.high - box.low).to(width)
     mean = (old.low.to(width) + mixture.mean.double() * width - new_low) / new_width
@@ -136,7 +138,9 @@ def _shared_box(mixtures: Sequence[TruncatedMixture]) -> Box:
 
 
 def doubled(mixture: TruncatedMixture) -> TruncatedMixture:
-    """The mixture in double precision."""
+    """The mixture in double precision; itself where it is, for it knows its masses."""
+    if mixture.mean.dtype == mixture.log_weights.dtype == mixture.scale_tril.dtype == torch.float64:
+        return mixture
     return TruncatedMixture(
         mixture.log_weights.double(), mixture.mean.double(), mixture.scale_tril.double(), mixture.box
     )
