@@ -1,4 +1,4 @@
-"""``docs/thesis.md``: its figures checked against the result files, its two tables written from them.
+"""``docs/thesis.md``: its figures and tables, written from the result files and checked against them.
 
     [5.30](results/exact.md "the row's name")       a figure: the value of that row of results/exact.json, as rounded
     <!-- table 4.1 --> ... <!-- end -->             one of :data:`TABLES`, written anew by :func:`filled`
@@ -64,12 +64,19 @@ def _problem(told: str, name: str, row: str, results: Path) -> str | None:
 
 
 def filled(text: str, results: Path) -> str:
-    """The page with its tables as the result files have them."""
+    """The page with its tables and figures as the result files have them, figures with as many digits as before."""
 
     def block(found: re.Match[str]) -> str:
         return found[1] + "\n".join(TABLES[found[2]](results)) + "\n" + found[3]
 
-    return BLOCK.sub(block, text)
+    def figure(found: re.Match[str]) -> str:
+        told, name, row = found.groups()
+        if row not in (rows := rows_of(results, name)):
+            return found[0]
+        value, digits = rows[row]["value"], len(told.partition(".")[2])
+        return f'[{value if isinstance(value, str) else f"{value:.{digits}f}"}](results/{name}.md "{row}")'
+
+    return FIGURE.sub(figure, BLOCK.sub(block, text))
 
 
 def densities(number: str, results: Path) -> Iterator[str]:
