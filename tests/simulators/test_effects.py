@@ -79,7 +79,6 @@ def test_the_registry_holds_the_contracts_names() -> None:
         "actuator_delay",
         "actuator_dead_zone",
         "actuator_saturation",
-        "actuator_rate_limit",
         "back_emf",
         "thermal_derating",
         "sensor_bias",

@@ -15,7 +15,6 @@ from onlinebayes.simulators.effects import (
     ActuatorDeadZone,
     ActuatorDelay,
     ActuatorLag,
-    ActuatorRateLimit,
     Cogging,
     Scales,
     SensorBias,
@@ -71,7 +70,7 @@ def test_plain_mujoco_replays_the_file_alike(seed: int, own_air: bool) -> None:
         # Input stages that MuJoCo has not, force stages and sensors have no place in the file.
         if own_air and "option.density" in cls.excludes:
             continue
-        if cls.fields or (cls.has_command and cls not in (ActuatorLag, ActuatorDeadZone, ActuatorRateLimit)):
+        if cls.fields or (cls.has_command and cls not in (ActuatorLag, ActuatorDeadZone)):
             simulator = simulator.with_effect(cls.scaled(places[cls.target_kind], elbow))
     theta = simulator.parameters.from_unit(0.1 + 0.8 * torch.rand(len(simulator.parameters), dtype=torch.float64))
     # Beyond the motor's limits, too; at rest before the first command, as a delay's buffer has it.

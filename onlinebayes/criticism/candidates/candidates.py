@@ -1,8 +1,7 @@
 """Which effects to try at which targets, and from where; how far each may go follows from :mod:`.scales`.
 
-All are tried but those that are the same law as another candidate, those that are tried by name alone (such as play
-behind a motor), and those of so much freedom that the search tries them when nothing else explains the data (see
-``hypotheses.explaining.flexible``).
+All are tried but those that are the same law as another candidate, play behind a motor, and those of so much freedom
+that the search tries them when nothing else explains the data (see ``hypotheses.explaining.flexible``).
 """
 
 from __future__ import annotations
@@ -88,7 +87,7 @@ def propose(
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         if all_of_them:
-            placed = [e for e in placed if not (e.tried_last or _by_name(simulator, e) or _same_law(simulator, e))]
+            placed = [e for e in placed if not (e.tried_last or _slow(simulator, e) or _same_law(simulator, e))]
         possible = [effect for effect in placed if target or can_have(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
         for effect in possible if possible or all_of_them else placed:
@@ -97,9 +96,9 @@ def propose(
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
-def _by_name(simulator: Identifiable, effect: Effect) -> bool:
-    """Whether it is tried where it is named alone: one that says so, play behind a motor (its refits take minutes)."""
-    return effect.by_name or (isinstance(effect, Backlash) and effect.target not in simulator.servos)
+def _slow(simulator: Identifiable, effect: Effect) -> bool:
+    """Whether it is play behind a motor, whose refits take minutes: tried where it is named."""
+    return isinstance(effect, Backlash) and effect.target not in simulator.servos
 
 
 def _same_law(simulator: Identifiable, effect: Effect) -> bool:

@@ -31,9 +31,6 @@ ON_BOUND = 1e-6
 FARTHEST = 3.0
 """A linear prediction goes so many times as far as a finite starting value."""
 
-NEAR = 2.0
-"""Factor by which a linear prediction moves a limit on a log scale: its starting values are three times apart."""
-
 
 @dataclass(frozen=True)
 class Start:
@@ -111,10 +108,6 @@ class AddedEffect:
             ends = sorted(((bounds.low - neutral) / trial.reach, (bounds.high - neutral) / trial.reach))
             if effect.starts and len(trial.values) > 1:
                 ends = [max(ends[0], -FARTHEST), min(ends[1], FARTHEST)]
-            if bounds.scale == "log" and neutral == bounds.high:
-                # A limit: on the straight line from none to a start nearly every value is out of reach.
-                near = sorted((part * trial.values[first] - neutral) / trial.reach for part in (1 / NEAR, NEAR))
-                ends = [max(ends[0], near[0]), min(ends[1], near[1])]
             values = {entry: trial.values[name] for entry, name in entries.items()}
             sized = tuple(entry for entry, name in entries.items() if name == first)
             found.append(Start(values, sized, neutral, trial.reach, ends[0], ends[1]))

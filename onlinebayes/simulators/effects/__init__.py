@@ -4,7 +4,6 @@ from onlinebayes.simulators.effects.actuator_dead_zone import ActuatorDeadZone
 from onlinebayes.simulators.effects.actuator_delay import ActuatorDelay
 from onlinebayes.simulators.effects.actuator_gain import ActuatorGain
 from onlinebayes.simulators.effects.actuator_lag import ActuatorLag
-from onlinebayes.simulators.effects.actuator_rate_limit import ActuatorRateLimit
 from onlinebayes.simulators.effects.actuator_saturation import ActuatorSaturation
 from onlinebayes.simulators.effects.air_drag import AirDrag
 from onlinebayes.simulators.effects.armature import Armature
@@ -61,7 +60,6 @@ EFFECTS: dict[str, type[Effect]] = {
         ActuatorDelay,
         ActuatorDeadZone,
         ActuatorSaturation,
-        ActuatorRateLimit,
         BackEmf,
         ThermalDerating,
         SensorBias,
@@ -81,7 +79,6 @@ __all__ = [
     "ActuatorDelay",
     "ActuatorGain",
     "ActuatorLag",
-    "ActuatorRateLimit",
     "ActuatorSaturation",
     "AirDrag",
     "Armature",

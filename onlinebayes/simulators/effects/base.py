@@ -44,7 +44,6 @@ class Effect(ABC):
         target_kind: what ``target`` names.
         wider: other kinds that it may name: the world for all bodies, a site for a place on one.
         tried_last: criticism tries it last, where nothing else explains the data (or where it is named).
-        by_name: criticism tries it only where it is named.
         target: name of the joint, actuator, body, geom, site or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
@@ -61,7 +60,6 @@ class Effect(ABC):
     target_kind: ClassVar[TargetKind]
     wider: ClassVar[tuple[TargetKind, ...]] = ()
     tried_last: ClassVar[bool] = False
-    by_name: ClassVar[bool] = False
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
