@@ -211,7 +211,7 @@ class _Pass:
         self._disturbance = process**2 * of_noise
         self._follows = self._mean.new_zeros(*self._mean.shape, self._slopes)  # d mean / dz
         self._remembered: TensorDict | None = None
-        self._r2 = of.noise.square().to(z)
+        self._R = torch.diag(of.noise.square()).to(z)
         self._whole = bool(rows.mask.all())
         steps, shown = self._step * of.spread, SEEN_STEP * of.spread
         self._apart, self._moved = (steps, torch.diag(steps)[:, None]), (shown, torch.diag(shown)[:, None])
@@ -242,35 +242,24 @@ class _Pass:
         )
 
     def _update(self, action: Tensor, following: Tensor, here: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Predict, compare, correct; what the step adds to the evidence.
-
-        Observed values have noises of their own, so that each corrects by itself (Bierman 1977): a row
-        a = (h C, h D, v) of what it says, [C, D, -x] -= (h C)' a / V with V = h C h + r^2. For many small systems this
-        is quicker than a factor of V.
-        """
+        """Predict, compare, correct; what the step adds to the evidence."""
         predicted, F, sensitivity = self._predicted(action)
-        C, D = F @ self._covariance @ F.mT + self._disturbance, F @ self._follows + sensitivity
+        C = F @ self._covariance @ F.mT + self._disturbance
         shown, H = self._shown(predicted)
-        v, S = following - shown, C.shape[-1]
-        marginal = ((H @ C) * H).sum(-1) + self._r2
-        table = torch.cat([C, D, torch.zeros_like(predicted)[..., None]], dim=-1)
-        told, volume = list[Tensor](), torch.zeros_like(v[:, 0])
-        for h, surprise, r2 in zip(H.unbind(1), v.unbind(1), self._r2.unbind(0), strict=True):
-            row = torch.bmm(h[:, None], table)[:, 0]
-            row[:, -1] += surprise
-            variance = (row[:, :S] * h).sum(-1, keepdim=True) + r2
-            scaled = row / variance.sqrt()  # not a number where rounding made the variance negative
-            table = torch.baddbmm(table, scaled[:, :S, None], scaled[:, None], alpha=-1)
-            told.append(scaled[:, S:])
-            volume = volume + 0.5 * variance[:, 0].log()
-        C, D, moved = table.split([S, self._slopes, 1], dim=-1)
-        self._mean = self._where(here, predicted - moved[..., 0], self._mean)
+        v = following - shown
+        V = H @ C @ H.mT + self._R
+        lower, failed = torch.linalg.cholesky_ex(V)
+        D = F @ self._follows + sensitivity
+        solved = torch.linalg.solve_triangular(lower, torch.cat([v[..., None], H @ C, H @ D], -1), upper=False)
+        w, HC, W = solved.split([1, C.shape[-1], self._slopes], dim=-1)
+        gain = torch.linalg.solve_triangular(lower.mT, HC, upper=True).mT
+        C = C - HC.mT @ HC
+        self._mean = self._where(here, predicted + (gain @ v[..., None])[..., 0], self._mean)
         self._covariance = self._where(here, 0.5 * (C + C.mT), self._covariance)
-        self._follows = self._where(here, D, self._follows)
-        rows = torch.stack(told, dim=1)
-        square = rows.mT @ rows
-        value = -0.5 * square[:, -1, -1] - volume
-        return value, square[:, :-1, -1], square[:, :-1, :-1], v.square() / marginal
+        self._follows = self._where(here, D - gain @ (H @ D), self._follows)
+        volume = torch.diagonal(lower, dim1=-2, dim2=-1).log().sum(-1)
+        value = torch.where(failed == 0, -0.5 * w.square().sum((-2, -1)) - volume, torch.nan)
+        return value, (W.mT @ w)[..., 0], W.mT @ W, v.square() / torch.diagonal(V, dim1=-2, dim2=-1)
 
     def _where(self, here: Tensor, new: Tensor, old: Tensor) -> Tensor:
         """The new value of each trajectory that has this step, the old one of the others."""
