@@ -50,7 +50,7 @@ class Gate:
         dilation: factor on the belief's scales before its region is cut out: insurance against what a few dozen
             held-out groups cannot show.
         margin: factor on the last proposal's scales where the belief fails.
-        narrows: whether the proposal ever changes.
+        narrows: False where the proposal is to stay as it is.
     """
 
     level: float = 0.95

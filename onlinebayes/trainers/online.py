@@ -26,7 +26,7 @@ import torch
 from onlinebayes.inference import Belief, FitReport, Gate, PosteriorEstimator
 from onlinebayes.inference.calibration import LEVELS, credibility_of
 from onlinebayes.objectives import Objective, TakesBelief
-from onlinebayes.runs import Interrupt, Progress, give_back_freed_memory
+from onlinebayes.runs import BadInput, Interrupt, Progress, give_back_freed_memory
 from onlinebayes.trainers.clock import Clock
 from onlinebayes.trainers.following import Follower, Learnt, news
 from onlinebayes.trainers.improve import Batches, improve
@@ -64,6 +64,9 @@ class OnlineTrainer:
         repeats: whether simulations repeat the commands of real trajectories, in the place of the policies that gave
             them: for a policy that takes its time, as a planner does. See ``repeated``.
         follower: follows a machine that may change; without it one machine is thought to make all trajectories.
+
+    Raises:
+        BadInput: a gate that narrows beside a follower.
     """
 
     objective: Objective
@@ -79,6 +82,13 @@ class OnlineTrainer:
     worlds: Distribution | None = None
     repeats: bool = False
     follower: Follower | None = None
+
+    def __post_init__(self) -> None:
+        if self.follower is not None and self.gate.narrows:
+            raise BadInput(
+                "a gate that narrows the proposal of a machine that may change",
+                "the next machine may lie anywhere: give Gate(narrows=False), or leave the gate out",
+            )
 
     @property
     def maker(self) -> Policy:

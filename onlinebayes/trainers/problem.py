@@ -177,7 +177,7 @@ def online_trainer(
 
     Raises:
         BadInput: a schedule that infers, without an estimator or a real system; a hazard beside a prior that is not
-            uniform.
+            uniform, or beside a gate that narrows.
     """
     if (estimator is None or real is None) and any(turn.infers for turn in schedule.turns):
         missing = "estimator" if estimator is None else "real system"

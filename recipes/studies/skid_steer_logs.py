@@ -53,14 +53,14 @@ class Study:
     """Which splits, and where the results go.
 
     Args:
-        seeds: one split each.
+        seeds: one split each; steps and latest delay of the fit were chosen while looking at splits 0 and 2.
         robots: whose logs.
         every: of so many calibration steps one is shown to ``refine``; the splits have all.
         results: folder of skid-steer-logs.json.
         out: folder of the reports.
     """
 
-    seeds: Sequence[int] = (0, 2)
+    seeds: Sequence[int] = (3, 5)
     robots: Sequence[str] = ("husky", "warthog")
     every: int = 5
     results: Path = Path("docs/results")

@@ -74,3 +74,8 @@ def test_without_a_hazard_nothing_is_followed() -> None:
 def test_a_prior_that_is_not_uniform_is_refused() -> None:
     with pytest.raises(BadInput, match="give a BoxUniform, or leave the hazard out"):
         Follower(Exact().condition(noisy([0.3], 5)), Hazard())
+
+
+def test_a_gate_that_narrows_is_refused() -> None:
+    with pytest.raises(BadInput, match="the next machine may lie anywhere"):
+        replace(build(), follower=FOLLOWER)

@@ -31,6 +31,7 @@ from onlinebayes.criticism.hypotheses.fitting import Fitted
 from onlinebayes.criticism.hypotheses.hypothesis import room
 from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares
 from onlinebayes.identification.data.windows import Span, Windows
+from onlinebayes.identification.fitting.blocks import MOST_BLOCKS
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 
 FEWEST_RUNS = 4
@@ -38,9 +39,6 @@ FEWEST_RUNS = 4
 
 STRETCHES = 6
 """Fewer runs are cut into so many folds."""
-
-MOST_FOLDS = 12
-"""More runs than this make so many folds, of runs that follow each other: a short run alone is mostly chance."""
 
 REGIONS = 4
 """Windows are sorted by each signal into so many folds: the outer two ask for extrapolation."""
@@ -166,7 +164,8 @@ def folds_of(windows: Windows) -> Int[Tensor, " W"]:
     """Number of each window's fold."""
     runs, of = torch.unique(windows.run, return_inverse=True)
     if len(runs) >= FEWEST_RUNS:
-        return of if len(runs) <= MOST_FOLDS else of * MOST_FOLDS // len(runs)
+        # Many short runs: those that follow each other together, for one alone is mostly chance.
+        return of if len(runs) <= MOST_BLOCKS else of * MOST_BLOCKS // len(runs)
     moving = windows.moving.long()
     before = moving.cumsum(0) - moving
     return (before * STRETCHES // max(int(moving.sum()), 1)).clamp_max(STRETCHES - 1)
