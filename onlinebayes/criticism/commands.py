@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.hypotheses.evaluating import quiet
@@ -18,10 +19,11 @@ from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.results import Criticism, Question
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.criticism.wiring.units import unit_that_fits
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Attempts, Interrupt, Watch, one_torch_thread
+from onlinebayes.runs import Attempts, BadInput, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -152,7 +154,7 @@ def _answered(
 
     Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
     """
-    search = begun(task.simulator, task.fit_runs, Watch(stopwatch, interrupt))
+    search = _begun(task, Watch(stopwatch, interrupt))
     watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
     answers = _answers(task, search, candidates, most, watch, attempts)
@@ -162,6 +164,20 @@ def _answered(
     if spent:
         notes += (f"the budget of {budget_s:g} s of processor time was spent: this is the best found until then",)
     return replace(result, interrupted=stopped and not spent, notes=notes, failed=tuple(attempts.failed))
+
+
+def _begun(task: Task, watch: Watch) -> Search:
+    """The base model fitted; where it cannot follow the log, what is said names the unit with which it could."""
+    try:
+        return begun(task.simulator, task.fit_runs, watch)
+    except BadInput as error:
+        watch.say("the model cannot follow the log: trying other units")
+        with watch.heeded():
+            unit = unit_that_fits(task.simulator, task.fit_runs, partial(begun, task.simulator))
+        if unit is None:
+            raise
+        problem = f"the model cannot follow the log as it is read, and could with another unit ({unit.says})"
+        raise BadInput(problem, f"if that is so, give each of them scale = {unit.factor:.9g} in [signals]") from error
 
 
 def _answers(

@@ -32,8 +32,9 @@ REFUSED = (
     "too few to compare anything",
     "a window of",
     "lasts",
+    "and could with another unit",
 )
-"""What may be wrong with a drawn problem: its runs are short."""
+"""What may be wrong with a drawn problem: its runs are short, or in degrees that make the replay diverge."""
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -1,16 +1,16 @@
 """Which wiring faults are worth a look for these signals and commands.
 
-Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Per pair
-of joints: their columns swapped. Per orientation: the sign and the unit of its angular velocity, and what
-:mod:`.conventions` has. Per sensor: its sign and unit. Per actuator: the command's sign and unit; per pair: swapped.
-And once: signals or sensors that run ahead of the commands, where no orientation is among them, and a controller that
-carries the weight.
+Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Of all
+hinges, and of all slides, together: their unit. Per pair of joints: their columns swapped. Per orientation: the sign
+and the unit of its angular velocity, and what :mod:`.conventions` has. Per sensor: its sign and unit. Per actuator: the
+command's sign and unit; per pair: swapped. And once: signals or sensors that run ahead of the commands, where no
+orientation is among them, and a controller that carries the weight.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from itertools import combinations, groupby
 
 from onlinebayes.criticism.wiring.conventions import conventions
@@ -70,10 +70,27 @@ def _of_signals(simulator: Identifiable, measured: set[str]) -> Iterator[Fault]:
         if hinge and f"qpos.{joint}" in measured:
             for turn in TURNS:
                 yield Offset(f"qpos.{joint}", turn)
+    yield from units_of_all(simulator, measured)
     for a, b in combinations(joints, 2):
         both = [kind for kind in ("qpos", "qvel") if {f"{kind}.{a}", f"{kind}.{b}"} <= measured]
         if "qpos" in both:
             yield Swapped("signal", tuple(f"{kind}.{a}" for kind in both), tuple(f"{kind}.{b}" for kind in both))
+
+
+def units_of_all(simulator: Identifiable, measured: Collection[str]) -> Iterator[Rescaled]:
+    """A unit that all hinges have, or all slides, where there are several: a log is written in one unit throughout.
+
+    Args:
+        simulator: gives joints and their kinds.
+        measured: names of the signals.
+    """
+    joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
+    kinds = {joint: simulator.joint_kinds.get(joint, "hinge") for joint in joints}
+    for kind, units in (("hinge", HINGE), ("slide", SLIDE)):
+        columns = [_columns(joint, measured) for joint in joints if kinds[joint] == kind]
+        sets = dict.fromkeys(tuple(name for one in columns for name in one[min(k, len(one) - 1)]) for k in range(3))
+        for factor, instead in units.items():
+            yield from (Rescaled("signal", names, factor, instead) for names in sets if len(columns) > 1 and names)
 
 
 def _of_sensors(signals: list[str]) -> Iterator[Fault]:
@@ -96,7 +113,7 @@ def _angular(simulator: Identifiable, measured: set[str]) -> list[tuple[str, ...
     return [tuple(rates) for rates in found.values()]
 
 
-def _columns(joint: str, measured: set[str]) -> list[tuple[str, ...]]:
+def _columns(joint: str, measured: Collection[str]) -> list[tuple[str, ...]]:
     """Position and velocity together, then each alone; what was not measured left out."""
     names = tuple(name for name in (f"qpos.{joint}", f"qvel.{joint}") if name in measured)
     return [names] if len(names) < 2 else [names, names[:1], names[1:]]

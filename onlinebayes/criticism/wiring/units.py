@@ -1,0 +1,40 @@
+"""Which unit of the signals lets a model follow a log that it cannot follow as it stands.
+
+A log in degrees that is read in radians asks for motions 57 times as large, and the replay diverges: no error is left
+that a fault could explain, so that units are tried one after the other until the base model can be fitted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from onlinebayes.criticism.wiring.faults import Rescaled
+from onlinebayes.criticism.wiring.possible import possible_faults, units_of_all
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.simulators.identifiable import Identifiable
+
+Fit = Callable[[Measurement], object]
+
+
+def unit_that_fits(simulator: Identifiable, measurement: Measurement, fit: Fit) -> Rescaled | None:
+    """The first unit with which the fit succeeds, those of all joints first; None where none does.
+
+    Args:
+        simulator: gives joints and their kinds.
+        measurement: the fit runs as they are read.
+        fit: fits the base model; raises ``BadInput`` where it cannot.
+    """
+    measured = {signal.name for signal in measurement.signals}
+    of_one = (fault for fault in possible_faults(simulator, measurement) if isinstance(fault, Rescaled))
+    for unit in (*units_of_all(simulator, measured), *of_one):
+        if unit.kind != "signal" or unit.factor < 0:
+            continue
+        try:
+            fit(unit.mended(measurement))
+        except Stopped:
+            raise
+        except BadInput:
+            continue
+        return unit
+    return None
