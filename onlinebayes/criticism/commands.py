@@ -14,6 +14,7 @@ from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.hypotheses.evaluating import quiet
 from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, explanation_of, run
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
+from onlinebayes.criticism.hypotheses.skill import follows
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.results import Criticism, Question
@@ -23,7 +24,7 @@ from onlinebayes.criticism.wiring.units import unit_that_fits
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Attempts, BadInput, Interrupt, Watch, one_torch_thread
+from onlinebayes.runs import Attempts, BadInput, Interrupt, Stopped, Watch, one_torch_thread
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -170,14 +171,22 @@ def _begun(task: Task, watch: Watch) -> Search:
     """The base model fitted; where it cannot follow the log, what is said names the unit with which it could."""
     try:
         return begun(task.simulator, task.fit_runs, watch)
+    except Stopped:
+        raise
     except BadInput as error:
         watch.say("the model cannot follow the log: trying other units")
         with watch.heeded():
-            unit = unit_that_fits(task.simulator, task.fit_runs, partial(begun, task.simulator))
+            unit = unit_that_fits(task.simulator, task.fit_runs, partial(_followed, task.simulator))
         if unit is None:
             raise
         problem = f"the model cannot follow the log as it is read, and could with another unit ({unit.says})"
         raise BadInput(problem, f"if that is so, give each of them scale = {unit.factor:.9g} in [signals]") from error
+
+
+def _followed(simulator: Identifiable, fit_runs: Measurement) -> bool:
+    """Whether the base model follows the runs better than a line through each window does."""
+    search = begun(simulator, fit_runs)
+    return follows(search.base, search.evaluator)
 
 
 def _answers(

@@ -25,6 +25,14 @@ def unskilled(found: Evaluation, evaluator: Evaluator) -> tuple[str, ...]:
     return tuple(name for name, one in zip(names, lost.tolist(), strict=True) if one)
 
 
+def follows(found: Evaluation, evaluator: Evaluator) -> bool:
+    """Whether something moves that the naive continuation misses, and the hypothesis has skill in all of it."""
+    windows = evaluator.windows
+    naive = naive_rms(windows, [evaluator.given.signals[column] for column in windows.columns])
+    moving = naive > AT_FLOOR
+    return bool(moving.any()) and bool((found.left[0].rms < naive)[moving].all())
+
+
 def gains_with_skill(found: Evaluation, base: Evaluation, evaluator: Evaluator) -> bool:
     """Whether a hypothesis gains enough in the signals in which it has skill."""
     lost = unskilled(found, evaluator)

@@ -1,7 +1,7 @@
 """Which unit of the signals lets a model follow a log that it cannot follow as it stands.
 
 A log in degrees that is read in radians asks for motions 57 times as large, and the replay diverges: no error is left
-that a fault could explain, so that units are tried one after the other until the base model can be fitted.
+that a fault could explain, so that units are tried one after the other until the base model follows the log.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 
-Fit = Callable[[Measurement], object]
 
-
-def unit_that_fits(simulator: Identifiable, measurement: Measurement, fit: Fit) -> Rescaled | None:
-    """The first unit with which the fit succeeds, those of all joints first; None where none does.
+def unit_that_fits(
+    simulator: Identifiable, measurement: Measurement, follows: Callable[[Measurement], bool]
+) -> Rescaled | None:
+    """The first unit with which the model follows the log, those of all joints first; None where none does.
 
     Args:
         simulator: gives joints and their kinds.
         measurement: the fit runs as they are read.
-        fit: fits the base model; raises ``BadInput`` where it cannot.
+        follows: whether the base model does, with the runs read so; raises ``BadInput`` where it cannot be fitted.
     """
     measured = {signal.name for signal in measurement.signals}
     of_one = (fault for fault in possible_faults(simulator, measurement) if isinstance(fault, Rescaled))
@@ -31,10 +31,10 @@ def unit_that_fits(simulator: Identifiable, measurement: Measurement, fit: Fit) 
         if unit.kind != "signal" or unit.factor < 0:
             continue
         try:
-            fit(unit.mended(measurement))
+            if follows(unit.mended(measurement)):
+                return unit
         except Stopped:
             raise
         except BadInput:
             continue
-        return unit
     return None
