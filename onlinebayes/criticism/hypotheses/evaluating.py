@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -88,6 +89,7 @@ class Evaluator:
         starts: Float[Tensor, "W J2"] | None = None,
         *,
         most: int = MOST_STEPS,
+        wanted: float = math.inf,
     ) -> Evaluation | None:
         """The best fit of the hypothesis so far, after one more from the best of some values.
 
@@ -96,12 +98,13 @@ class Evaluator:
             begun: values by name from which the fit may begin, nominal ones for those that are missing [SI].
             starts: where the windows' starts begin; the smoothed ones when None.
             most: steps of the fit; 0 to judge it where it begins.
+            wanted: a score; a fit that would not come down to it is given up.
 
         Returns:
             None where the simulator cannot carry or follow it.
         """
         key = frozenset(hypothesis.keys)
-        known, found = self.known.get(key), self._fitted(hypothesis, begun, starts, most)
+        known, found = self.known.get(key), self._fitted(hypothesis, begun, starts, most, wanted)
         if known is None or (found is not None and found.fitted.score < known.fitted.score - SETTLED):
             self.known[key] = found
         return self.known[key]
@@ -112,6 +115,7 @@ class Evaluator:
         begun: Sequence[Mapping[str, float]],
         starts: Float[Tensor, "W J2"] | None,
         most: int,
+        wanted: float,
     ) -> Evaluation | None:
         self.watch(f"fitting {hypothesis}")
         try:
@@ -120,7 +124,7 @@ class Evaluator:
             rough = build(ways.derivatives.of(self.given), hypothesis, self.runs)
             thetas = torch.stack([theta_of(simulator, values) for values in begun])
             theta = best_theta(simulator, self.windows, thetas, starts)
-            fitted = fit(simulator, self.windows, theta, starts, rough=rough, most=most)
+            fitted = fit(simulator, self.windows, theta, starts, rough=rough, most=most, wanted=wanted)
             model = LinearModel.of(fitted)
             left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
             return Evaluation(hypothesis, fitted, left)

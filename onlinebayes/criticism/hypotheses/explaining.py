@@ -6,6 +6,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import torch
+from jaxtyping import Float
+from torch import Tensor
+
 from onlinebayes.criticism.candidates.candidates import can_have, propose
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
@@ -75,6 +79,8 @@ class Explanation:
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
+            if (windows.count, windows.rows) == (known.count, known.rows):
+                continue  # the search looked at all of them
             longer = best._over(windows, quieter=times > 1)
             if longer is None:
                 break
@@ -87,13 +93,17 @@ class Explanation:
         The base model comes last: it is not asked where the windows are refused.
         """
         evaluator = replace(self.evaluator, windows=windows, known={})
-        found = evaluator.evaluate(self.found.hypothesis, [self.found.values])
+        most_left = _most_left(self.found) if quieter else None
+        wanted = math.inf if most_left is None else float((0.5 * torch.log1p(most_left.square())).sum())
+        found = evaluator.evaluate(self.found.hypothesis, [self.found.values], wanted=wanted)
+        if found is not None and found.fitted.score > wanted:
+            return None
         if found is not None and (finer := evaluator.refined(found)) is not evaluator:
             # Over a longer window a step errs by more.
             evaluator, found = finer, finer.anew(found)
         if found is not None and not evaluator.as_given:
             evaluator, found = run_as_given(evaluator, found) or (evaluator, found)
-        if found is None or (quieter and not _leaves_no_more(found, self.found)):
+        if found is None or (most_left is not None and not bool((found.left[0].rms <= most_left).all())):
             return None
         if self.found is self.base:
             return replace(self, base=found, found=found, evaluator=evaluator)
@@ -113,13 +123,13 @@ class Explanation:
         return self.evaluator.windows
 
 
-def _leaves_no_more(found: Evaluation, before: Evaluation) -> bool:
-    """Whether it leaves no more than it did before, or so near to noise that the rule would ask for no addition.
+def _most_left(before: Evaluation) -> Float[Tensor, " S"]:
+    """What longer windows may leave of each signal: no more than before, or too little for any addition.
 
     A fit that long windows led astray leaves more, and its parameters are worth less than those of shorter ones.
     """
     near = math.sqrt(2 * math.exp(2 * LEAST_GAIN) - 1)  # 1/2 log((1 + near^2) / 2) = the least gain
-    return bool((found.left[0].rms <= before.left[0].rms.clamp_min(near)).all())
+    return before.left[0].rms.clamp_min(near)
 
 
 def explain(

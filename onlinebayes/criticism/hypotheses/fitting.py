@@ -2,10 +2,11 @@
 
     step:  min |r~ - C~ d|^2 + lambda |D d|^2,   low <= theta + d <= high,    D^2 = diag(C~' C~)     (Marquardt 1963)
 
-The undamped step is tried first, and all dampings at once where it brings less than half of what it promises. The
-weights are renewed after each step, so that the fit ends where the score of the data it saw has no slope (iteratively
-reweighted least squares). Derivatives cost a replay for each parameter and start: they are kept as long as steps with
-them keep that promise (chord method).
+The undamped step is tried first, and all dampings at once where it brings less than half of what it promises. Where
+theta and all starts together promise next to nothing the fit has ended, and nothing is tried. The weights are renewed
+after each step, so that the fit ends where the score of the data it saw has no slope (iteratively reweighted least
+squares). Derivatives cost a replay for each parameter and start: they are kept as long as steps with them keep that
+promise (chord method).
 """
 
 from __future__ import annotations
@@ -87,6 +88,7 @@ def fit(
     *,
     rough: Identifiable | None = None,
     most: int = MOST_STEPS,
+    wanted: float = math.inf,
 ) -> Fitted:
     """Fit from a starting value.
 
@@ -97,6 +99,7 @@ def fit(
         starts: where the windows' starts begin; the smoothed ones when None.
         rough: the simulator by which derivatives are taken; the same when None.
         most: steps.
+        wanted: a score; the fit is given up where it would not come down to it at twice its pace.
 
     Raises:
         BadInput: the replay diverges where it begins.
@@ -112,11 +115,16 @@ def fit(
     fresh = True
     for _ in range(most):
         promise = _promise(windows, here)
-        there = _stepped(windows, here, here.score - PROMISE_KEPT * promise)
+        if promise + _start_promise(windows, here) < SETTLED:
+            if fresh:
+                break
+            here, fresh = _linearised(*models, windows, here.theta, here.lin.starts) or here, True
+            continue
+        there = _stepped(windows, here, promise)
         gained = here.score - there.score
         settled, fresh = fresh and gained < SETTLED, gained < max(SETTLED, PROMISE_KEPT * promise)
         here = there
-        if settled:
+        if settled or here.score - 2 * (promise + gained) > wanted:
             break
         if fresh:  # old derivatives lead no further
             here = _linearised(*models, windows, here.theta, here.lin.starts) or here
@@ -172,13 +180,19 @@ def _promise(windows: Windows, here: Fitted) -> float:
     return here.score - score_of(windows, rows.in_noise(rows.residual - rows.columns @ step))
 
 
-def _stepped(windows: Windows, here: Fitted, enough: float) -> Fitted:
-    """One step on, damped where the undamped one does not reach ``enough``; itself where none lowers the score."""
+def _start_promise(windows: Windows, here: Fitted) -> float:
+    """By how much better starts lower the score, to first order."""
+    return score_of(windows, here.lin.residual * per_noise(windows)) - here.score
+
+
+def _stepped(windows: Windows, here: Fitted, promise: float) -> Fitted:
+    """One step on, damped where the undamped one breaks its promise; itself where none lowers the score."""
+    dampings = DAMPINGS if promise >= SETTLED else ()
     there = min(here, _best_of(windows, here, (0.0,)), key=_score)
-    if there.score > enough:
-        there = min(there, _best_of(windows, here, DAMPINGS), key=_score)
-    # One window whose start a kink leads astray refuses the step of all: each may keep the start that it had.
-    return there if there is not here else min(here, _best_of(windows, here, (0.0, *DAMPINGS), kept=True), key=_score)
+    if dampings and there.score > here.score - PROMISE_KEPT * promise:
+        there = min(there, _best_of(windows, here, dampings), key=_score)
+    # One bad start can make the common step fail: let every window keep its old start.
+    return there if there is not here else min(here, _best_of(windows, here, (0.0, *dampings), kept=True), key=_score)
 
 
 def _score(fitted: Fitted) -> float:
