@@ -6,14 +6,13 @@ BIN := .venv/bin
 PIP = $(BIN)/python -m pip install --quiet --disable-pip-version-check $(PIP_INDEX) -c constraints.txt
 OUT ?= out
 WORKERS ?= 2
-REVISION ?= b3213e2
 # A file's tests together, in the order of names: by their number the longest ones would come last, one process alone.
 SPREAD = -n $(WORKERS) --dist loadscope --no-loadscope-reorder
 export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind blind-rigs blind-pairs exclusion-limits online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals house-size versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
+.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -50,14 +49,10 @@ fuzz: setup      ## refine on 200 drawn problems (half an hour); each that fails
 
 bench: setup     ## speed -> docs/results/bench.json
 	$(BIN)/python -m recipes.studies.speed
-blind: setup     ## hidden effects and null sets -> docs/results/blind.json
-	$(BIN)/python -m recipes.studies.blind
 blind-rigs: setup  ## the same on eight rigs (an hour; goes on where it was stopped) -> docs/results/blind-rigs.json
 	$(BIN)/python -m recipes.studies.blind_rigs --out $(OUT)/blind_rigs
 blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two) -> docs/results/blind-pairs.json
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 9100 --out $(OUT)/blind_pairs
-exclusion-limits: setup  ## effects of 1.5 times the exclusion limit, on eight rigs (an hour or two) -> docs/results/exclusion-limits.json
-	$(BIN)/python -m recipes.studies.exclusion_limits --out $(OUT)/exclusion_limits
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json
 	$(BIN)/python -m recipes.studies.messy --out $(OUT)/messy
 emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
@@ -71,8 +66,6 @@ cost: setup      ## seconds and memory of refine, and how they grow -> docs/resu
 	$(BIN)/python -m recipes.studies.cost
 goals: setup     ## which goals the studies hold and miss, read off their tables -> docs/results/goals.md
 	$(BIN)/python -m recipes.studies.goals
-house-size: setup  ## lines and constants of criticism, now and at the git revision REVISION -> docs/results/house-size.json
-	$(BIN)/python -m recipes.studies.house_size $(if $(REVISION),--revision $(REVISION))
 versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers

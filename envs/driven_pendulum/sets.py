@@ -110,7 +110,7 @@ class Protocol:
 
 
 # Sizes of the hidden effects, from least to greatest: with the standard protocol the refitted base model errs by
-# 2 to 10 times the noise floor over one-second windows (recipes/studies/blind.py prints the ratio of every set).
+# 2 to 10 times the noise floor over one-second windows.
 SIZES: Mapping[str, tuple[str, str, float, float]] = {
     "dry_friction": ("dry_friction@hinge", FRICTION, 0.009, 0.020),
     "quadratic_drag": ("quadratic_drag@hinge", DRAG, 0.0009, 0.0016),

@@ -17,6 +17,18 @@ HEAD = """# Goals
 Goals that were judged, read off the tables by `make goals`. A goal is held or missed by the
 value that the study's command printed.
 """
+PRESENT = """
+## By commit
+Tables that name the commit of the code that printed them.
+
+| study | printed | commit | held | of |
+|---|---|---|---|---|"""
+OLDER = """
+## By older code
+These tables were printed before tables named a commit. The code of today may hold or miss other goals.
+
+| study | held | of |
+|---|---|---|"""
 
 
 @dataclass(frozen=True)
@@ -37,16 +49,28 @@ def main(study: Study) -> None:
 def page_of(results: Path) -> str:
     """The page about the tables of a folder."""
     tables = [json.loads(file.read_text(encoding="utf-8")) for file in sorted(results.glob("*.json"))]
-    judged = [(table["name"], [row for row in table["rows"] if row["holds"] is not None]) for table in tables]
-    judged = [(name, rows) for name, rows in judged if rows]
-    held, total = (sum(f(rows) for _, rows in judged) for f in (_held, len))
-    lines = [HEAD, "| study | held | of |", "|---|---|---|"]
-    lines += [f"| [{name}]({name}.md) | {_held(rows)} | {len(rows)} |" for name, rows in judged]
-    lines += [f"| all | {held} | {total} |", "", "## Missed"]
-    for name, rows in judged:
-        if _held(rows) < len(rows):
-            lines += ["", f"### {name}", "| what | value | goal |", "|---|---|---|", *_missed(rows)]
+    judged = [(table, rows) for table in tables if (rows := [row for row in table["rows"] if row["holds"] is not None])]
+    present = [(table, rows) for table, rows in judged if table.get("commit")]
+    older = [(table, rows) for table, rows in judged if not table.get("commit")]
+    lines = [HEAD.rstrip("\n"), PRESENT]
+    lines += [f"| {_linked(t)} | {t['date']} | {t['commit']} | {_held(rows)} | {len(rows)} |" for t, rows in present]
+    lines += [f"| all | | | {_count(present)} |", OLDER]
+    lines += [f"| {_linked(t)} | {_held(rows)} | {len(rows)} |" for t, rows in older]
+    lines += [f"| all | {_count(older)} |"]
+    for title, part in (("## Missed, by commit", present), ("## Missed, by older code", older)):
+        lines += ["", title]
+        for table, rows in part:
+            if _held(rows) < len(rows):
+                lines += ["", f"### {table['name']}", "| what | value | goal |", "|---|---|---|", *_missed(rows)]
     return "\n".join(lines) + "\n"
+
+
+def _linked(table: dict[str, Any]) -> str:
+    return f"[{table['name']}]({table['name']}.md)"
+
+
+def _count(judged: list[tuple[dict[str, Any], list[dict[str, Any]]]]) -> str:
+    return f"{sum(_held(rows) for _, rows in judged)} | {sum(len(rows) for _, rows in judged)}"
 
 
 def _held(rows: list[dict[str, Any]]) -> int:

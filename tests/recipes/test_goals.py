@@ -5,22 +5,28 @@ from __future__ import annotations
 from pathlib import Path
 
 from onlinebayes.runs import ResultTable
+from onlinebayes.runs.results import today
 from recipes.studies.goals import page_of
 
 RESULTS = Path(__file__).parents[2] / "docs" / "results"
 
 
 def test_a_page_counts_goals_and_lists_those_that_are_missed(tmp_path: Path) -> None:
-    table = ResultTable("pendulum", "make pendulum", [1])
+    table = ResultTable("pendulum", "make pendulum", [1], commit="abcd1234")
     table.add("held", 2.0, unit="s", goal="<= 3", holds=True)
     table.add("missed | by far", 0.123456, unit="rad", goal=">= 1", holds=False)
     table.add("no goal", 1.0)
     table.write(tmp_path)
+    old = ResultTable("old", "make old", [1], commit=None)
+    old.add("held long ago", 1.0, goal="<= 1", holds=True)
+    old.write(tmp_path)
     ResultTable("without goals", "make nothing", [1]).write(tmp_path)
     lines = page_of(tmp_path).splitlines()
-    assert "| [pendulum](pendulum.md) | 1 | 2 |" in lines
-    assert "| all | 1 | 2 |" in lines
-    assert lines[-1] == "| missed \\| by far | 0.1235 rad | >= 1 |"
+    assert f"| [pendulum](pendulum.md) | {today()} | abcd1234 | 1 | 2 |" in lines
+    assert "| all | | | 1 | 2 |" in lines
+    older = lines.index("## By older code")
+    assert lines.index("| [old](old.md) | 1 | 1 |") > older
+    assert "| missed \\| by far | 0.1235 rad | >= 1 |" in lines
     assert "without goals" not in page_of(tmp_path)
 
 
