@@ -15,7 +15,6 @@ from onlinebayes.criticism.hypotheses.explaining import (
     Explanation,
     additions,
     begun,
-    explain,
     flexible,
 )
 from onlinebayes.criticism.hypotheses.fitting import fit
@@ -84,7 +83,6 @@ __all__ = [
     "compare",
     "diagnose",
     "equals",
-    "explain",
     "fit",
     "flexible",
     "grown",

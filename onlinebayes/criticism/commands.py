@@ -105,11 +105,17 @@ def refine(
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
     budget_s: float | None = BUDGET_S,
+    faults: bool = True,
 ) -> Criticism:
-    """Add what is missing, refit, and again until nothing more is preferred; arguments as :func:`diagnose`."""
+    """Add what is missing, refit, and again until nothing more is preferred; arguments as :func:`diagnose`.
+
+    Args:
+        faults: whether faults of the log (signs, units, columns, actuators that were off) are tried beside what the
+            model may lack; a table that a program wrote itself has none.
+    """
     with one_torch_thread():
         stopwatch, task = _asked(simulator, measurement, holdout, selection, scope, progress, interrupt)
-        return _answered("refine", task, candidates, MOST_ADDITIONS, stopwatch, interrupt, budget_s)
+        return _answered("refine", task, candidates, MOST_ADDITIONS, stopwatch, interrupt, budget_s, faults)
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,6 +156,7 @@ def _answered(
     stopwatch: Stopwatch,
     interrupt: Interrupt | None,
     budget_s: float | None,
+    faults: bool = True,
 ) -> Criticism:
     """The base model fitted, the log's faults and the model's tried under one rule, the held-out runs opened.
 
@@ -158,7 +165,7 @@ def _answered(
     search = _begun(task, Watch(stopwatch, interrupt))
     watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
-    answers = _answers(task, search, candidates, most, watch, attempts)
+    answers = _answers(task, search, candidates, most, watch, attempts, faults)
     stopped, spent = watch.stopped, watch.spent
     result = _first_that_can_be_given(question, answers[::-1], stopwatch, attempts)
     notes = (*result.notes, *attempts.failed)
@@ -190,12 +197,12 @@ def _followed(simulator: Identifiable, fit_runs: Measurement) -> bool:
 
 
 def _answers(
-    task: Task, search: Search, candidates: Candidates, most: int, watch: Watch, attempts: Attempts
+    task: Task, search: Search, candidates: Candidates, most: int, watch: Watch, attempts: Attempts, faults: bool
 ) -> list[Found]:
     """One answer after the other, each better than the one before it; the first is the base model."""
     answers, fault = [Found(task, explanation_of(search))], None
     with watch.giving_up(), attempts.attempt("checking signs, units and columns"):
-        fault = mended(search.evaluator, search.base, task.fit_runs)
+        fault = mended(search.evaluator, search.base, task.fit_runs) if faults else None
     certain = fault is not None and fault.certain
     with watch.giving_up(), attempts.attempt("the search"):
         search = run(search, task.fit_runs, candidates if most and not certain else (), most=most)
@@ -210,7 +217,7 @@ def _answers(
         answers.append(Found(task, explanation_of(anew)))
     found = answers[-1].explanation
     with watch.giving_up(), attempts.attempt("checking whether an actuator was off"):
-        if fault is None and most and not quiet(found.found):
+        if faults and fault is None and most and not quiet(found.found):
             fault = switched_off(found.evaluator, found.base, answers[-1].task.fit_runs)
     with attempts.attempt("weighing the log's fault against the model's"):
         if fault is not None and (fault.certain or (most and fault.as_good_as(found.found, found.base))):

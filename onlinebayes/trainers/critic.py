@@ -3,7 +3,8 @@
     critic = SearchCritic(LoggedRuns(state=...))
     finding = critic(real, problem, interrupt)          # finding.effects: what the model should get
 
-The trajectories are read as a log: observations back to states, actions to commands. Only what moves the simulated
+The trajectories are read as a log: observations back to states, actions to commands. The same log gives ``refine`` the
+same answer. Only what moves the simulated
 worlds and predicts the last trajectories is handed on: a fault of a sensor, or a choice between effects that the data
 cannot tell apart, is said in words, and asked again with more data.
 """
@@ -19,15 +20,18 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism import Explanation, equals, explain, unscoped
+from onlinebayes.criticism import Criticism, refine, unscoped
 from onlinebayes.measurements import Measurement, Signal
-from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
+from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators import Identifiable
 from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.trainers.problem import Problem
 
 UNMOVED = ("signal", "parameter")
 """What effects act on that change how a world is seen, or when, but not how it moves."""
+
+UNSURE = ("unexplained", "insufficient_data")
+"""Verdicts after which nothing is added: the held-out runs contradict it, or there is too little to tell."""
 
 HELD_OUT = 0.25
 """Of the trajectories, the last ones: they judge what was found."""
@@ -115,7 +119,7 @@ def simple_laws() -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class SearchCritic:
-    """Asks criticism's search; faults between sensors and table are not looked for, as the table is our own.
+    """Asks :func:`~onlinebayes.criticism.refine`, but for faults of the log, as the table is our own.
 
     Args:
         runs: reads trajectories as a log.
@@ -139,32 +143,34 @@ class SearchCritic:
             raise BadInput(f"{type(model).__name__} cannot be criticised", "use an Identifiable simulator")
         log = self.runs(real, problem)
         held_out = log.runs[-max(1, int(HELD_OUT * len(log.runs))) :]
-        watch = Watch(interrupt=interrupt).within(self.budget_s)
-        with one_torch_thread():
-            found = explain(model, log, holdout=held_out, candidates=self.candidates, watch=watch)
-        return finding_of(found, model, told)
+        result = refine(
+            model,
+            log,
+            holdout=held_out,
+            candidates=self.candidates,
+            interrupt=interrupt,
+            budget_s=self.budget_s,
+            faults=False,
+        )
+        return finding_of(result, model, told)
 
 
-def finding_of(explanation: Explanation, model: Identifiable, told: str) -> Finding:
-    """What of an explanation goes into a model; ``told`` begins its words."""
-    named = ", ".join(explanation.found.hypothesis.keys)
+def finding_of(result: Criticism, model: Identifiable, told: str) -> Finding:
+    """What of a criticism goes into a model; ``told`` begins its words."""
+    named = ", ".join(result.accepted)
+    told = "; ".join((told, *result.failed))
     if not named:
         return Finding((), f"{told}: nothing is preferred to the model as it is")
-    if rivals := [key for found in explanation.rounds if found.added for key in equals(found)]:
+    if rivals := [key for one in result.candidates if one.accepted for key in one.indistinguishable_from]:
         return Finding((), f"{told}: {named}, or as well {', '.join(rivals)}; nothing is added yet")
-    if not _predicts(explanation):
-        return Finding((), f"{told}: {named}, which does not predict unseen ones well enough; nothing is added")
+    if result.verdict in UNSURE:
+        why = result.what_to_record or ". ".join(result.notes[:1]) or "half of the error is left"
+        return Finding((), f"{told}: {named} is not relied on: {why}; nothing is added")
     have = {effect.key for effect in model.effects}
-    new = tuple(effect for effect in unscoped(explanation.model).effects if effect.key not in have)
-    if {effect.key for effect in new} != set(named.split(", ")) or any(effect.target_kind in UNMOVED for effect in new):
+    new = tuple(effect for effect in unscoped(result.final.simulator).effects if effect.key not in have)
+    if {effect.key for effect in new} != set(result.accepted) or any(one.target_kind in UNMOVED for one in new):
         return Finding((), f"{told}: {named}, which is no law of motion; nothing is added")
     sizes = ", ".join(
-        f"{name} = {value:.3g}" for name, value in explanation.found.values.items() if name not in model.parameters
+        f"{name} = {one.mean:.3g}" for name, one in result.parameters.items() if name not in model.parameters
     )
     return Finding(new, f"{told}: the model lacks {named} ({sizes})")
-
-
-def _predicts(explanation: Explanation) -> bool:
-    """Whether one signal's squared error over the held-out runs is halved, and no other's rises by a tenth."""
-    ratios = [(explanation.after[name] / value) ** 2 for name, value in explanation.before.items() if value > 0]
-    return bool(ratios) and min(ratios) <= 0.5 and max(ratios) <= 1.1

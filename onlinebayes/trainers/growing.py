@@ -129,14 +129,14 @@ class GrowingTrainer:
         return whole
 
     def _finding(self, state: OnlineState, interrupt: Interrupt) -> Finding:
-        """What the critic says; a critic that fails says nothing."""
+        """What the critic says; one that cannot use the trajectories says why."""
         if state.real is None:
             return Finding((), "there is no real trajectory to criticise yet")
         try:
             with interrupt.giving_up():
                 return self.critic(state.real, self.first, interrupt)
-        except Exception as error:
-            told = one_line(f"criticism failed ({type(error).__name__}: {error}); the model stays as it was")
+        except BadInput as error:
+            told = one_line(f"the trajectories cannot be criticised ({error}); the model stays as it was")
             return Finding((), told)
         return Finding((), "criticism was stopped; the model stays as it was")
 

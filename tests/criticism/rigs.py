@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from tensordict import TensorDict
 
+from onlinebayes.criticism import held_out_errors, prepare
+from onlinebayes.criticism.hypotheses import Explanation, begun, searched
+from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Effect
@@ -78,3 +84,22 @@ def measure(
         for r in range(runs)
     }
     return Measurement.from_runs(table, signals=[Signal("qpos.rail", "m", sd=noise)], commands=["motor"])
+
+
+def explain(
+    simulator: MujocoSimulator,
+    measurement: Measurement,
+    holdout: Sequence[str],
+    candidates: str | Sequence[str | Effect] = "all",
+) -> Explanation:
+    """The search alone, on the runs that are there to fit."""
+    task = prepare(simulator, measurement, holdout, None, None)
+    return searched(begun(task.simulator, task.fit_runs), task.fit_runs, candidates)
+
+
+def held_out_error(
+    explanation: Explanation, evaluation: Evaluation, measurement: Measurement, holdout: Sequence[str]
+) -> float:
+    """RMS of the position over the held-out runs [m]."""
+    runs = split(measurement.seen(), holdout)[1]
+    return held_out_errors(explanation.evaluator, evaluation, runs)["qpos.rail"]

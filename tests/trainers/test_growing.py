@@ -14,6 +14,7 @@ import torch
 from tensordict import TensorDict
 
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.criticism import refine
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import (
     BoxUniform,
@@ -25,7 +26,7 @@ from onlinebayes.inference import (
 )
 from onlinebayes.objectives import sac
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import BadInput, Checkpoints, seed_everything
+from onlinebayes.runs import BadInput, Checkpoints, Interrupt, seed_everything
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
 from onlinebayes.simulators.effects.plain import from_plain, to_plain
 from onlinebayes.trainers import (
@@ -43,6 +44,7 @@ from onlinebayes.trainers import (
     online_trainer,
 )
 from onlinebayes.trainers.checkpoint import run_state
+from onlinebayes.trainers.critic import simple_laws
 from onlinebayes.transforms import ParameterRandomization
 from recipes.hidden_machine import PENDULUM, Hidden, Machine
 from recipes.pendulum import RANGE, state
@@ -154,14 +156,23 @@ def test_what_was_added_stays_where_nothing_more_is_found() -> None:
     assert "nothing" in state.records[-1].notes
 
 
-def test_a_critic_that_fails_ends_nothing() -> None:
+def test_trajectories_that_cannot_be_criticised_end_nothing() -> None:
+    def refuses(real, problem, interrupt):
+        raise BadInput("too short", "record more")
+
+    state = build(refuses).run(OnlineState.begin(PROBLEM.prior))
+    assert state.step == 3
+    told = "the trajectories cannot be criticised (too short; record more); the model stays as it was"
+    assert told in state.records[1].notes
+    assert state.records[-1].grown == ()
+
+
+def test_a_fault_of_our_own_is_raised() -> None:
     def fails(real, problem, interrupt):
         raise ArithmeticError("no number")
 
-    state = build(fails).run(OnlineState.begin(PROBLEM.prior))
-    assert state.step == 3
-    assert "criticism failed (ArithmeticError: no number); the model stays as it was" in state.records[1].notes
-    assert state.records[-1].grown == ()
+    with pytest.raises(ArithmeticError):
+        build(fails).run(OnlineState.begin(PROBLEM.prior))
 
 
 def test_ctrl_c_during_criticism_keeps_the_run_and_it_is_asked_again() -> None:
@@ -248,3 +259,17 @@ def test_dry_friction_is_named_and_nothing_where_there_is_nothing(friction: floa
             mean, sd = found.records[-1].belief[name]
             assert sd < 0.15, "the old parameters are known as well (the prior's sd is 0.26)"
             assert abs(mean - true) < 4 * sd
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("without_shape_checks")
+@pytest.mark.parametrize("friction", [0.8, 0.0])
+def test_refine_says_the_same_of_the_trajectories_as_a_log(friction: float) -> None:
+    runs, real = LoggedRuns(state), machine(Hidden(friction=friction), worlds=5)
+    begun = build(SearchCritic(runs), steps=1, real=real, real_steps=50).run(OnlineState.begin(PROBLEM.prior))
+    trajectories = begun.real
+    log = runs(trajectories, PROBLEM)
+    finding = SearchCritic(runs)(trajectories, PROBLEM, Interrupt())
+    result = refine(PROBLEM.simulator, log, holdout=log.runs[-1:], candidates=simple_laws())
+    assert tuple(effect.key for effect in finding.effects) == result.accepted
+    assert bool(result.accepted) == bool(friction)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from jaxtyping import Float
@@ -15,7 +15,6 @@ from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, Fr
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
 from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
-from onlinebayes.criticism.hypotheses.held_out import held_out_errors
 from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
 from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
 from onlinebayes.criticism.hypotheses.rounds import Round
@@ -24,12 +23,7 @@ from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
-from onlinebayes.identification.fitting.closed_loops import completed
-from onlinebayes.identification.replaying.charted import charted
-from onlinebayes.identification.replaying.clock import in_step
-from onlinebayes.identification.replaying.scoped import scoped
-from onlinebayes.identification.scope import Scope, address_of
-from onlinebayes.identification.splitting import split
+from onlinebayes.identification.scope import address_of
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.effects import EFFECTS, Effect
@@ -52,7 +46,6 @@ class Explanation:
         rounds: of the search.
         evaluator: by which both were fitted and judged.
         rivals: what was found with another law in the place of its first addition, as good beside all else.
-        before, after: RMS of each signal over runs that were not fitted [its unit]; empty where none was held out.
     """
 
     base: Evaluation
@@ -60,13 +53,6 @@ class Explanation:
     rounds: tuple[Round, ...]
     evaluator: Evaluator
     rivals: tuple[Evaluation, ...] = ()
-    before: Mapping[str, float] = field(default_factory=dict)
-    after: Mapping[str, float] = field(default_factory=dict)
-
-    def with_held_out(self, runs: Measurement) -> Explanation:
-        """With the errors of both over runs that were not fitted."""
-        before, after = (held_out_errors(self.evaluator, evaluation, runs) for evaluation in (self.base, self.found))
-        return replace(self, before=before, after=after)
 
     def on_all_windows(self, fit_runs: Measurement) -> Explanation:
         """With both fitted once more to all windows, where the search looked at a part of them.
@@ -132,48 +118,6 @@ def _most_left(before: Evaluation) -> Float[Tensor, " S"]:
     return before.left[0].rms.clamp_min(near)
 
 
-def explain(
-    simulator: Identifiable,
-    measurement: Measurement,
-    *,
-    holdout: Sequence[str] | None = None,
-    candidates: str | Sequence[str | Effect] = "all",
-    scope: Scope | None = None,
-    watch: Watch = UNWATCHED,
-) -> Explanation:
-    """Search for what is missing in a model, or off in it.
-
-    Args:
-        simulator: the model with its free parameters.
-        measurement: all runs.
-        holdout: names of the runs that are kept from the fit; chosen when None.
-        candidates: ``"all"``, or names, ``name@target`` keys and effects with bounds of their own.
-        scope: which parameters differ between runs.
-        watch: told what is being done.
-
-    Raises:
-        BadInput: the model and the measurement do not fit together.
-    """
-    measurement, _ = completed(simulator, measurement.seen())
-    given, measurement = charted(simulator, measurement)
-    fit_runs, held_runs = split(measurement, holdout)
-    given = scoped(in_step(given, fit_runs), scope, measurement, fit_runs.runs)
-    found = explained(given, fit_runs, candidates, watch=watch)
-    watch.say("replaying the runs that were held out")
-    return found.with_held_out(held_runs) if held_runs.runs else found
-
-
-def explained(
-    given: Identifiable,
-    fit_runs: Measurement,
-    candidates: str | Sequence[str | Effect] = "all",
-    *,
-    watch: Watch = UNWATCHED,
-) -> Explanation:
-    """:func:`explain` for a model and fit runs that were made ready; arguments and errors as there."""
-    return searched(begun(given, fit_runs, watch), fit_runs, candidates, watch=watch)
-
-
 def begun(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) -> Search:
     """A search that stands at the base model.
 
@@ -206,7 +150,7 @@ def searched(
     Args:
         search: of :func:`begun`.
         fit_runs: as there.
-        candidates: as in :func:`explain`; without any nothing is searched.
+        candidates: ``"all"``, or names, ``name@target`` keys and effects with bounds of their own; none: no search.
         most: additions at which the search ends.
         watch: told what is being done; a stop ends the search with what was found so far.
     """

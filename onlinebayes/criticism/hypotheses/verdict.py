@@ -1,8 +1,8 @@
 """The verdict in one word.
 
 In this order: insufficient_data (nothing moves, or fewer than seven windows do); unexplained where the integrator errs
-by too much to judge, where the held-out runs contradict what was added, or where that leaves more than half of the
-squared error above the noise; bounds_exclude_truth (what was added first widens a bound: no law does as well with
+by as much as was explained, where the held-out runs contradict what was added, or where that leaves more than half of
+the squared error above the noise; bounds_exclude_truth (what was added first widens a bound: no law does as well with
 less), tie (it cannot be told from another law), bounds_exclude_truth (it frees a number that the model has fixed),
 missing_effect. Without any addition, adequate (no more than the tolerance is left) or unexplained.
 """
@@ -15,7 +15,7 @@ from onlinebayes.criticism.hypotheses.additions import AddedEffect, OwnValues, W
 from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
-from onlinebayes.criticism.hypotheses.rule import half_gone
+from onlinebayes.criticism.hypotheses.rule import EXPLAINED, half_gone
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.results import Numerics
@@ -48,11 +48,11 @@ def decide(
     if not enough:
         return "insufficient_data"
     kept = explanation.found.hypothesis.additions
-    if not numerics.sufficient:
-        quiet = not kept and worst <= tolerance and numerics.error_at_quarter_step <= 1.0
-        return "adequate" if quiet else "unexplained"
     if not kept:
-        return "adequate" if worst <= tolerance else "unexplained"
+        fine = numerics.sufficient or numerics.error_at_quarter_step <= 1.0
+        return "adequate" if worst <= tolerance and fine else "unexplained"
+    if not numerics.sufficient and not _more_than_the_step(numerics.error_at_quarter_step, before, after):
+        return "unexplained"
     if doubted or not (half_gone(before.values(), after.values()) or worst <= AT_FLOOR):
         return "unexplained"
     named = [one for one in kept if not isinstance(one, OwnValues)]
@@ -64,6 +64,17 @@ def decide(
     if any(equals(found) for found in explanation.rounds if found.added and found.added.addition.key == first.key):
         return "tie"
     return "missing_effect" if isinstance(first, AddedEffect) else "bounds_exclude_truth"
+
+
+def _more_than_the_step(error: float, before: Mapping[str, float], after: Mapping[str, float]) -> bool:
+    """Whether what was added explains far more than the integrator errs by: its name holds then, whatever the step.
+
+    Args:
+        error: of the integrator [floors]; not a number where it is not known.
+        before, after: as in :func:`decide`.
+    """
+    gone = max((before[name] ** 2 - value**2 for name, value in after.items()), default=0.0)
+    return error**2 <= (1 - EXPLAINED) * gone
 
 
 def what_to_record(windows: Windows, runs: Measurement, horizon: float) -> str:

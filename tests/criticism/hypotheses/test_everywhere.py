@@ -6,14 +6,13 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism.hypotheses import explain
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber
 from onlinebayes.criticism.hypotheses.everywhere import law_of
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.effects import Armature, DryFriction, Scales, ViscousFriction
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.criticism.rigs import NOISE, TRUTH, commands, measure, model
+from tests.criticism.rigs import NOISE, TRUTH, commands, explain, measure, model
 
 CARTS = """
 <mujoco><option timestep="0.01" integrator="RK4"/><worldbody>{}</worldbody><actuator>{}</actuator></mujoco>"""
