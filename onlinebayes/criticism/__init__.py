@@ -14,7 +14,6 @@ from onlinebayes.criticism.hypotheses.explaining import (
     SCALES_HORIZON,
     Explanation,
     additions,
-    begun,
     flexible,
 )
 from onlinebayes.criticism.hypotheses.fitting import fit
@@ -23,6 +22,7 @@ from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.mixture import ModelMixture, worlds_of
+from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.results import (
     Candidate,
     Criticism,
@@ -79,7 +79,7 @@ __all__ = [
     "WindowError",
     "Wiring",
     "additions",
-    "begun",
+    "begun_as_read",
     "compare",
     "diagnose",
     "equals",

@@ -17,6 +17,7 @@ from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.criticism.hypotheses.skill import follows
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
+from onlinebayes.criticism.reading import begun_as_read, better_read
 from onlinebayes.criticism.results import Criticism, Question
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
@@ -162,7 +163,7 @@ def _answered(
 
     Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
     """
-    search = _begun(task, Watch(stopwatch, interrupt))
+    task, search = _begun(task, Watch(stopwatch, interrupt))
     watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
     answers = _answers(task, search, candidates, most, watch, attempts, faults)
@@ -174,10 +175,13 @@ def _answered(
     return replace(result, interrupted=stopped and not spent, notes=notes, failed=tuple(attempts.failed))
 
 
-def _begun(task: Task, watch: Watch) -> Search:
-    """The base model fitted; where it cannot follow the log, what is said names the unit with which it could."""
+def _begun(task: Task, watch: Watch) -> tuple[Task, Search]:
+    """The base model fitted, the log read as it asks.
+
+    Where it cannot follow the log, what is said names the unit with which it could.
+    """
     try:
-        return begun(task.simulator, task.fit_runs, watch)
+        return begun_as_read(task, watch)
     except Stopped:
         raise
     except BadInput as error:
@@ -208,8 +212,8 @@ def _answers(
         search = run(search, task.fit_runs, candidates if most and not certain else (), most=most)
     answers.append(Found(task, explanation_of(search)))
     anew: Search | None = None
-    with watch.giving_up(), attempts.attempt("the search with no command before the runs"):
-        other = None if fault is not None or quiet(search.here) else task.reread(answers[-1].explanation.model)
+    with watch.giving_up(), attempts.attempt("the search with the log read otherwise"):
+        other = None if fault is not None or quiet(search.here) else better_read(task, search, search.here)
         if other is not None:
             task, anew = other, begun(other.simulator, other.fit_runs, watch)
             anew = run(anew, other.fit_runs, candidates if most else (), most=most)

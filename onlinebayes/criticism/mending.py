@@ -23,7 +23,6 @@ from torch import Tensor
 from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import begun
 from onlinebayes.criticism.hypotheses.fitting import score_of
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.models import as_fit
 from onlinebayes.criticism.hypotheses.rule import equally_good, halves
 from onlinebayes.criticism.hypotheses.scoring import Gain
@@ -102,7 +101,7 @@ def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> 
     if float(base.left[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking signs, units and columns")
-    judged = [_judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
+    judged = [judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
     return _best([one for one in judged if one is not None], evaluator, base, measurement)
 
 
@@ -115,7 +114,7 @@ def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measuremen
         return None
     evaluator.watch("checking whether an actuator was off")
     faults = [seen.settled for seen in _sightings(evaluator, base, measurement)]
-    judged = [_judged(fault, evaluator, base, measurement) for fault in faults if fault is not None]
+    judged = [judged(fault, evaluator, base, measurement) for fault in faults if fault is not None]
     most = max(filter(None, judged), key=lambda one: one.gains[0].gain, default=None)
     return None if most is None else _best([most], evaluator, base, measurement)
 
@@ -145,10 +144,15 @@ def _explains(found: Mended, base: Evaluation) -> bool:
     return halves(base.left[0], found.evaluation.left[0])
 
 
-def _judged(fault: Fault, evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
-    """The model fitted to the table put right; None where that stills what moved, or cannot be followed.
+def judged(fault: Fault, evaluator: Evaluator, here: Evaluation, measurement: Measurement) -> Mended | None:
+    """A model fitted to the table put right; None where that stills what moved, or cannot be followed.
 
     It is judged over the windows that both tables have: what a fault takes away speaks neither for it nor against it.
+
+    Args:
+        fault: what is put right.
+        evaluator, here: a hypothesis fitted to the table as it stands.
+        measurement: the fit runs.
     """
     try:
         given = fault.model(evaluator.given)
@@ -160,8 +164,8 @@ def _judged(fault: Fault, evaluator: Evaluator, base: Evaluation, measurement: M
     if min(windows.observed.sum(), stood.observed.sum()) <= MOVING * evaluator.windows.observed.sum():
         return None  # of two faults that pass, each has more than half: they share a window
     anew = evaluator.of_table(given, windows)
-    found = anew.evaluate(Hypothesis(), [base.values, {}])
-    return None if found is None else Mended(fault, (), anew, found, found.gains(base))
+    found = anew.evaluate(here.hypothesis, [here.values, {}])
+    return None if found is None else Mended(fault, (), anew, found, found.gains(here))
 
 
 def _in_both(windows: Windows, stood: Windows) -> tuple[Windows, Windows]:
@@ -177,11 +181,11 @@ def _in_both(windows: Windows, stood: Windows) -> tuple[Windows, Windows]:
 def _put_right(fault: Fault, given: Identifiable, windows: Windows, measurement: Measurement) -> Windows:
     """The same windows of the table put right, their starts too: for most faults it is not smoothed anew."""
     table, names = fault.mended(measurement), [signal.name for signal in measurement.signals]
-    floor = fault.noise(names, windows.noise)
+    floor, memory = fault.noise(names, windows.noise), windows.history.shape[1] * windows.step
     if fault.smoothed_anew:
-        return make_windows(given, table, windows.horizon, 0.0, floor)
+        return make_windows(given, table, windows.horizon, memory, floor)
     shown = [seen_by(joint, names).signal for joint in joint_names(given)]
-    return make_windows(given, table, windows.horizon, like=replace(fault.started(windows, shown), noise=floor))
+    return make_windows(given, table, windows.horizon, memory, like=replace(fault.started(windows, shown), noise=floor))
 
 
 def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> list[Fault]:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from onlinebayes.criticism.wiring.faults import Fault
+from onlinebayes.criticism.wiring.readings import SoftConstraints, gaps_in_words, other_readings
 from onlinebayes.identification.data.motion import check_runs
 from onlinebayes.identification.data.windows import joint_names
-from onlinebayes.identification.fitting.before_runs import idle_before
-from onlinebayes.identification.fitting.closed_loops import completed, tied_as_logged
-from onlinebayes.identification.fitting.gaps import held_over_gaps
+from onlinebayes.identification.fitting.closed_loops import completed
 from onlinebayes.identification.fitting.horizon import cut_to_runs, shortened, steady, within_runs
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step, restepped
@@ -20,10 +20,7 @@ from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
-IDLE = (
-    "the log does not say what was commanded before a run's first row; no command at all is taken: had the first row's "
-    "command been given before, too, the model would follow the log less well"
-)
+RIGID = "the model's constraints are taken as rigid, as those of a machine are: no log says how soft they are"
 
 
 @dataclass(frozen=True)
@@ -35,6 +32,7 @@ class Task:
         fit_runs, held_runs: the measurement, parted.
         selection: how effects are judged.
         notes: what was changed to make it ready, a sentence each.
+        soft: the base model with constraints as soft as its file has them, where it is taken with rigid ones.
     """
 
     simulator: Identifiable
@@ -42,22 +40,23 @@ class Task:
     held_runs: Measurement
     selection: Selection
     notes: tuple[str, ...]
+    soft: Identifiable | None = None
 
-    def with_gaps(self, held: bool) -> Task:
-        """The task with commands held over the log's gaps, or not."""
-        fit_runs, held_runs = (replace(part, held_over_gaps=held) for part in (self.fit_runs, self.held_runs))
-        return replace(self, fit_runs=fit_runs, held_runs=held_runs)
+    def other_readings(self, found: Identifiable) -> Iterator[Fault]:
+        """How the runs could be read otherwise, as a model that was found asks."""
+        return other_readings(found, self.fit_runs, self.soft)
 
-    @property
-    def idle(self) -> Task:
-        """The task with no command before the runs, where the first row's was taken to have been given already."""
-        fit_runs, held_runs = (replace(part, idle_before=True) for part in (self.fit_runs, self.held_runs))
-        return replace(self, fit_runs=fit_runs, held_runs=held_runs, notes=(*self.notes, IDLE))
-
-    def reread(self, found: Identifiable) -> Task | None:
-        """The task read as a model asks that was found, where that remembers commands; None where it asks nothing."""
-        asks = not self.fit_runs.idle_before and idle_before(found, self.fit_runs, self.selection.horizon_s)
-        return self.idle if asks else None
+    def read(self, reading: Fault) -> Task:
+        """The task with its runs read so."""
+        soft = isinstance(reading, SoftConstraints)
+        return replace(
+            self,
+            simulator=reading.model(self.simulator),
+            fit_runs=reading.mended(self.fit_runs),
+            held_runs=reading.mended(self.held_runs),
+            notes=(*(note for note in self.notes if not soft or note != RIGID), reading.says),
+            soft=None if soft else self.soft,
+        )
 
 
 def prepare(
@@ -77,15 +76,14 @@ def prepare(
     stepped = in_step(given, fit_runs)
     within = within_runs(asked, fit_runs)
     used = steady(stepped, fit_runs, within)
-    stepped = tied_as_logged(stepped, fit_runs, used.horizon_s)
+    rigid = stepped.with_rigid_constraints()
     notes = (
         *tied,
         *restepped(given, stepped, fit_runs),
         *cut_to_runs(asked, within),
         *shortened(within, used),
+        *((RIGID,) if rigid is not stepped else ()),
+        *gaps_in_words(fit_runs),
     )
-    model = scoped(stepped, scope, measurement, fit_runs.runs)
-    task = Task(model, fit_runs, held_runs, used, notes)
-    if held_over_gaps(stepped, fit_runs, used.horizon_s):
-        task = task.with_gaps(held=True)
-    return task.reread(stepped) or task
+    model, soft = (scoped(one, scope, measurement, fit_runs.runs) for one in (rigid, stepped))
+    return Task(model, fit_runs, held_runs, used, notes, None if rigid is stepped else soft)

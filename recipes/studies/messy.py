@@ -34,13 +34,13 @@ from onlinebayes.criticism import (
     Hypothesis,
     Search,
     additions,
-    begun,
+    begun_as_read,
     flexible,
     held_out_errors,
     prepare,
     wider_bounds,
 )
-from onlinebayes.runs import BadInput, Progress, ResultTable, one_torch_thread, write_atomic
+from onlinebayes.runs import UNWATCHED, BadInput, Progress, ResultTable, one_torch_thread, write_atomic
 from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
@@ -254,7 +254,7 @@ class Judge:
     def of(problem: Problem) -> Judge:
         """Of a problem, prepared as refine does."""
         task = prepare(problem.simulator, problem.measurement, problem.holdout, problem.selection, problem.scope)
-        search = begun(task.simulator, task.fit_runs)
+        task, search = begun_as_read(task, UNWATCHED)
         base = search.base
         every = (
             *wider_bounds(base.fitted.simulator, base.values),

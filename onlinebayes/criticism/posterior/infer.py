@@ -16,12 +16,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, searched
+from onlinebayes.criticism.hypotheses.explaining import Explanation, searched
 from onlinebayes.criticism.posterior.likeness import surprise
 from onlinebayes.criticism.posterior.linear import linear_posterior
 from onlinebayes.criticism.posterior.results import LogPosterior, Method
 from onlinebayes.criticism.posterior.score import Score, score_of
 from onlinebayes.criticism.posterior.summaries import correlation, each_parameter, mean_squares, reproductions
+from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
@@ -69,7 +70,8 @@ def posterior_of_log(
     with one_torch_thread(), watch.heeded():
         watch.say("making model and log ready")
         task = prepare(simulator, measurement, holdout, selection, scope)
-        found = searched(begun(task.simulator, task.fit_runs, watch), task.fit_runs, (), watch=watch)
+        task, search = begun_as_read(task, watch)
+        found = searched(search, task.fit_runs, (), watch=watch)
         watch.say("fitting to all windows")
         return _inferred(task, found.on_all_windows(task.fit_runs), torch.Generator().manual_seed(seed), watch)
 

@@ -6,7 +6,7 @@
 Held over the gap, as between rows of an even clock, a smooth command comes late by half of the gap, which hides what is
 missing. Of a jump nobody knows in which of the lost rows it was; there the run is parted, as at a pause. But a log that
 was written when something changed has lost nothing where it has no row, and its command was held: which of the two a
-log is, is asked of the log (:mod:`.fitting.gaps`).
+log is, criticism asks of the log (its ``wiring.readings``).
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from __future__ import annotations
 import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
+
+from onlinebayes.measurements import Measurement
 
 LEAST_GAP = 0.7
 """Rows further apart than the median step by more than this part of it may have lost some between them."""
@@ -70,3 +72,14 @@ def filled(
     at = time[row] + share * (time[row + 1] - time[row])
     between = command[row] + share[:, None] * (command[row + 1] - command[row])
     return torch.cat([at, time[-1:]]), torch.cat([between, command[-1:]])
+
+
+def rows_missing(measurement: Measurement) -> int:
+    """How many rows seem to be missing across which a command changes."""
+    count = 0
+    for r, length in enumerate(measurement.lengths.tolist()):
+        data = measurement.data[r, :length]
+        missing = lost(data["time"], data["measured"].any(-1))
+        changes = (data["command"].diff(dim=0) != 0).any(-1)
+        count += int(torch.where(changes, missing, 0).sum())
+    return count

@@ -14,7 +14,6 @@ from dataclasses import replace
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.identification.fitting.numerics import settled_misfit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -70,20 +69,3 @@ def completed(simulator: Identifiable, measurement: Measurement) -> tuple[Measur
     told = ", ".join(signal.name for signal in signals)
     note = f"not measured, and worked out from what was by the model's <equality>: {told}"
     return replace(measurement, data=more, signals=(*measurement.signals, *signals)), (note,)
-
-
-def tied_as_logged(simulator: Identifiable, fit_runs: Measurement, horizon: float) -> Identifiable:
-    """The simulator with rigid constraints or with its own soft ones, whichever fits the log better.
-
-    A machine is rigid where nobody said how soft it is. A log that MuJoCo wrote is as soft as MuJoCo.
-
-    Args:
-        simulator: the base model.
-        fit_runs: the runs that it is fitted to.
-        horizon: H [s].
-    """
-    rigid = simulator.with_rigid_constraints()
-    if rigid is simulator:
-        return simulator
-    own, stiff = (settled_misfit(one, fit_runs, horizon) for one in (simulator, rigid))
-    return simulator if own < stiff else rigid

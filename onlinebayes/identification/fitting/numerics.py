@@ -22,7 +22,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification.data.grid import even_step, row_step
-from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import MEMORY, Windows, make_windows
 from onlinebayes.identification.fitting.as_run import NOISE_FLOORS, AsRun, RunSetup, as_run, with_soft_friction
 from onlinebayes.identification.fitting.fit import Fit, improve, unfitted
@@ -124,14 +123,6 @@ def settle(
             return softer
     assert grounds is not None
     return _as_run(setup, grounds)
-
-
-def settled_misfit(simulator: Identifiable, measurement: Measurement, horizon: float) -> float:
-    """What a model leaves when it is fitted, arguments as :func:`settle` [floors]; infinite where it cannot be."""
-    try:
-        return misfit(settle(simulator, measurement, horizon, measured_floors(measurement)).fitted.projected)
-    except BadInput:  # it diverges, or no window is whole
-        return math.inf
 
 
 def _rungs(rungs: Sequence[Rung], before: Grounds | None, like: Rung | None) -> list[Rung]:

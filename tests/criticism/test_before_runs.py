@@ -8,13 +8,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import refine
+from onlinebayes.criticism import begun_as_read, prepare, refine
 from onlinebayes.identification.data.windows import MEMORY, make_windows
-from onlinebayes.identification.fitting.before_runs import idle_before
-from onlinebayes.identification.fitting.numerics import settle
-from onlinebayes.identification.fitting.projection import misfit
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
+from onlinebayes.runs import UNWATCHED
 from onlinebayes.simulators.effects import ActuatorDelay
 from onlinebayes.simulators.identifiable import Identifiable
 from tests.criticism.rigs import NOISE, TRUTH, commands, model
@@ -49,15 +47,18 @@ def delayed() -> Identifiable:
     return model().with_effect(ActuatorDelay("motor", Parameter(0.0, 0.1, "s")))
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("idle", [True, False])
+@pytest.mark.parametrize("idle", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bool) -> None:
-    measurement, noise = log(idle), torch.tensor([NOISE], dtype=torch.float64)
-    assert idle_before(delayed(), measurement, 1.0) == idle
-    assert not idle_before(model(), measurement, 1.0)
-    right = settle(delayed(), replace(measurement, idle_before=idle), 1.0, noise)
-    assert misfit(right.fitted.projected) < 1.1
-    assert right.fitted.theta[-1].item() == pytest.approx(LATE * STEP, abs=1e-3)
+    task = prepare(delayed(), log(idle), ["run6"], None, None)
+    task, search = begun_as_read(task, UNWATCHED)
+    assert task.fit_runs.idle_before == task.held_runs.idle_before == idle
+    assert float(search.base.left[0].rms.max()) < 1.1
+    assert search.base.values["actuator_delay@motor.delay"] == pytest.approx(LATE * STEP, abs=1e-3)
+
+
+def test_a_model_that_remembers_no_command_asks_nothing() -> None:
+    task = prepare(model(), log(idle=True), ["run6"], None, None)
+    assert list(task.other_readings(model())) == []
 
 
 def test_commands_before_a_run_are_none_or_the_first_rows() -> None:

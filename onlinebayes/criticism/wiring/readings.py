@@ -1,0 +1,122 @@
+"""How a log is read where it does not say: what is taken, and what is tried beside it.
+
+| question                                    | taken                         | tried                           |
+|---------------------------------------------|-------------------------------|---------------------------------|
+| what was commanded in rows that are missing | a straight line: rows lost    | the last row's command, held    |
+| what was commanded before a run's first row | that row's command, for long  | nothing: it was off             |
+| how soft are the constraints of the model   | rigid: a machine              | as MuJoCo has them: its own log |
+
+Under the wrong reading of a gap commands come half of it late, or early, which passes for a delay; a delay or a lag
+goes on with what was commanded before a run for its own length, in the first window of every run. What is tried is
+preferred by the rule by which an addition is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+from onlinebayes.criticism.wiring.faults import Fault
+from onlinebayes.identification.data.lost_rows import rows_missing
+from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.identifiable import Identifiable
+
+
+@dataclass(frozen=True)
+class HeldOverGaps(Fault):
+    """Commands are held through rows that are missing: the logger writes when something happens."""
+
+    @property
+    def says(self) -> str:
+        """What is done, for the notes."""
+        return "commands are held until the next row where rows are missing in the log: the model follows it better so"
+
+    @property
+    def lines(self) -> str:
+        """Nothing to write."""
+        return ""
+
+    def mended(self, measurement: Measurement) -> Measurement:
+        """Read so."""
+        return replace(measurement, held_over_gaps=True)
+
+
+@dataclass(frozen=True)
+class IdleBefore(Fault):
+    """No command was given before the runs: the machine was switched on, the simulator reset."""
+
+    @property
+    def says(self) -> str:
+        """What is done, for the notes."""
+        return (
+            "the log does not say what was commanded before a run's first row; no command at all is taken: had the "
+            "first row's command been given before, too, the model would follow the log less well"
+        )
+
+    @property
+    def lines(self) -> str:
+        """Nothing to write."""
+        return ""
+
+    def mended(self, measurement: Measurement) -> Measurement:
+        """Read so."""
+        return replace(measurement, idle_before=True)
+
+
+@dataclass(frozen=True, eq=False)
+class SoftConstraints(Fault):
+    """The model's constraints are as soft as its file has them.
+
+    Args:
+        soft: the base model with them.
+    """
+
+    soft: Identifiable
+
+    @property
+    def says(self) -> str:
+        """What is done, for the notes."""
+        return "the model's constraints are as soft as its file has them: it follows the log better so than rigid"
+
+    @property
+    def lines(self) -> str:
+        """Nothing to write."""
+        return ""
+
+    def model(self, simulator: Identifiable) -> Identifiable:
+        """The one with soft constraints."""
+        del simulator
+        return self.soft
+
+
+def other_readings(found: Identifiable, fit_runs: Measurement, soft: Identifiable | None) -> Iterator[Fault]:
+    """What is tried beside how the runs are read.
+
+    Args:
+        found: the model that they are held against.
+        fit_runs: the runs, as they are read.
+        soft: the base model with constraints as its file has them; None where they are so, or where it has none.
+    """
+    if soft is not None:
+        yield SoftConstraints(soft)
+    if not fit_runs.held_over_gaps and rows_missing(fit_runs):
+        yield HeldOverGaps()
+    if not fit_runs.idle_before and commanded_at_once(fit_runs) and remembers_commands(found):
+        yield IdleBefore()
+
+
+def gaps_in_words(fit_runs: Measurement) -> tuple[str, ...]:
+    """How commands are read through rows that are missing, where there are such rows; nothing without."""
+    if not (count := rows_missing(fit_runs)):
+        return ()
+    return (f"{count} rows seem to be missing in the log; commands that change across them go on a straight line",)
+
+
+def commanded_at_once(measurement: Measurement) -> bool:
+    """Whether the first row of a run commands something: only then do the readings differ."""
+    return bool(measurement.data["command"][:, :1].any())
+
+
+def remembers_commands(simulator: Identifiable) -> bool:
+    """Whether an effect of the simulator remembers commands."""
+    return any(effect.has_command and effect.memory > 0 for effect in simulator.effects)
