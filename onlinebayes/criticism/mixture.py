@@ -7,6 +7,7 @@ parameter that differs between runs is drawn around the mean of its values, with
 
     result = refine(...)
     worlds = worlds_of(result)
+    problem = Problem(worlds.simulator, task, prior=worlds.belief)      # the trainer goes on from what the logs said
     env = TransformedEnv(SimulatorEnv(worlds.simulator.with_worlds(64), task), ParameterRandomization(worlds))
 """
 
@@ -23,8 +24,15 @@ from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import FittedModel
 from onlinebayes.identification.scope import address_of
+from onlinebayes.inference import Box, TruncatedMixture
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.identifiable import Identifiable
+
+NEUTRAL = 1e-3
+"""Sd, as a share of its range, that stands for an addition that a model lacks."""
+
+CERTAIN = 1e-6
+"""Of its range: a parameter with a smaller sd is one that the model lacks."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +65,21 @@ class ModelMixture:
         normal = torch.randn(number, self.mean.shape[1], generator=generator, dtype=torch.float64)
         drawn = self.mean[which] + (_roots(self.covariance)[which] @ normal[..., None])[..., 0]
         return self.space.clamp(drawn).reshape(*shape, -1)
+
+    @property
+    def belief(self) -> TruncatedMixture:
+        """The same as a density over the simulator's bounds: a prior for the trainer.
+
+        An addition that a model lacks has an sd of a thousandth of its range there, for a density needs a width.
+        """
+        theta = self.mean.detach().clone().requires_grad_()
+        u = self.space.to_unit(theta)
+        (slope,) = torch.autograd.grad(u.sum(), theta)
+        covariance = slope[:, :, None] * self.covariance * slope[:, None, :]
+        spread = covariance.diagonal(dim1=1, dim2=2)
+        least = torch.where(spread < CERTAIN**2, torch.full_like(spread, NEUTRAL**2), CERTAIN**2)
+        roots = torch.linalg.cholesky(covariance + torch.diag_embed(least))
+        return TruncatedMixture(self.weight.log(), u.detach(), roots, Box.whole(self.space))
 
     def alone(self, k: int) -> ModelMixture:
         """The worlds of one of the models."""

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, refine, worlds_of
+from onlinebayes.inference import TruncatedMixture, saving
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
 from tests.criticism.rigs import TRUTH, measure, model
@@ -42,6 +45,24 @@ def test_every_drawn_world_is_one_of_the_models(tied: Criticism) -> None:
     assert float(mass.mean()) == pytest.approx(TRUTH[0], rel=0.02)
     alone = worlds.alone(0).sample((3,))
     assert bool((alone[:, worlds.space.index(f"{worlds_names(tied)[1]}.delay")] == 0).all())
+
+
+def test_the_belief_has_a_density_that_can_be_kept_and_is_a_prior(tied: Criticism, tmp_path: Path) -> None:
+    worlds = worlds_of(tied)
+    belief = worlds.belief
+    drawn = belief.sample((500,), torch.Generator().manual_seed(0))
+    motor, sensor = (worlds.space.index(f"{name}.delay") for name in worlds_names(tied))
+    first = drawn[:, motor] > 0.02
+    assert float(first.double().mean()) == pytest.approx(float(worlds.weight[0]), abs=0.1)
+    assert float(drawn[first, motor].mean()) == pytest.approx(0.05, abs=0.005)
+    assert bool(torch.isfinite(belief.log_prob(drawn)).all())
+    both, neither = worlds.mean[0].clone(), worlds.mean[0].clone()
+    both[sensor], neither[motor] = 0.05, 0.0
+    assert float(belief.log_prob(worlds.mean).min()) > float(belief.log_prob(torch.stack([both, neither])).max()) + 10
+    saving.save(belief, tmp_path / "belief.json")
+    again = saving.load(tmp_path / "belief.json", worlds.space)
+    torch.testing.assert_close(again.log_prob(drawn), belief.log_prob(drawn))
+    assert isinstance(again, TruncatedMixture)
 
 
 def test_the_worlds_run_in_the_simulator_of_all_models(tied: Criticism) -> None:
