@@ -101,8 +101,8 @@ def mended(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> 
     if float(base.left[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking signs, units and columns")
-    judged = [judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
-    return _best([one for one in judged if one is not None], evaluator, base, measurement)
+    tried = [judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
+    return _best([one for one in tried if one is not None], evaluator, base, measurement)
 
 
 def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
@@ -114,14 +114,14 @@ def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measuremen
         return None
     evaluator.watch("checking whether an actuator was off")
     faults = [seen.settled for seen in _sightings(evaluator, base, measurement)]
-    judged = [judged(fault, evaluator, base, measurement) for fault in faults if fault is not None]
-    most = max(filter(None, judged), key=lambda one: one.gains[0].gain, default=None)
+    tried = [judged(fault, evaluator, base, measurement) for fault in faults if fault is not None]
+    most = max(filter(None, tried), key=lambda one: one.gains[0].gain, default=None)
     return None if most is None else _best([most], evaluator, base, measurement)
 
 
-def _best(judged: Sequence[Mended], evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
+def _best(tried: Sequence[Mended], evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> Mended | None:
     """The simplest of those that explain most, with the others that do as well."""
-    enough = [one for one in judged if _explains(one, base)]
+    enough = [one for one in tried if _explains(one, base)]
     if not enough:
         return None
     best = max(enough, key=lambda one: one.gains[0].gain)
