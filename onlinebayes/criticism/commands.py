@@ -14,7 +14,7 @@ from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.hypotheses.evaluating import quiet
 from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, explanation_of, run
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
-from onlinebayes.criticism.hypotheses.skill import follows
+from onlinebayes.criticism.hypotheses.skill import has_skill
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.reading import begun_as_read, better_read
@@ -197,7 +197,7 @@ def _begun(task: Task, watch: Watch) -> tuple[Task, Search]:
 def _followed(simulator: Identifiable, fit_runs: Measurement) -> bool:
     """Whether the base model follows the runs better than a line through each window does."""
     search = begun(simulator, fit_runs)
-    return follows(search.base, search.evaluator)
+    return has_skill(search.base, search.evaluator)
 
 
 def _answers(

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from onlinebayes.criticism.wiring.faults import Fault
-from onlinebayes.criticism.wiring.readings import SoftConstraints, gaps_in_words, other_readings
+from onlinebayes.criticism.wiring.readings import Constraints, SoftConstraints, in_words, other_readings
 from onlinebayes.identification.data.motion import check_runs
 from onlinebayes.identification.data.windows import joint_names
 from onlinebayes.identification.fitting.closed_loops import completed
@@ -20,8 +20,6 @@ from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
-RIGID = "the model's constraints are taken as rigid, as those of a machine are: no log says how soft they are"
-
 
 @dataclass(frozen=True)
 class Task:
@@ -31,31 +29,36 @@ class Task:
         simulator: the base model, with what differs between runs.
         fit_runs, held_runs: the measurement, parted.
         selection: how effects are judged.
-        notes: what was changed to make it ready, a sentence each.
-        soft: the base model with constraints as soft as its file has them, where it is taken with rigid ones.
+        prepared: what was changed to make it ready, a sentence each.
+        constraints: how the model's constraints are taken.
+        soft: the base model with constraints as soft as its file has them, where it has any.
     """
 
     simulator: Identifiable
     fit_runs: Measurement
     held_runs: Measurement
     selection: Selection
-    notes: tuple[str, ...]
+    prepared: tuple[str, ...]
+    constraints: Constraints = "none"
     soft: Identifiable | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed to make it ready, and how the log is read where it does not say."""
+        return (*self.prepared, *in_words(self.fit_runs, self.constraints))
 
     def other_readings(self, found: Identifiable) -> Iterator[Fault]:
         """How the runs could be read otherwise, as a model that was found asks."""
-        return other_readings(found, self.fit_runs, self.soft)
+        return other_readings(found, self.fit_runs, self.soft if self.constraints == "rigid" else None)
 
     def read(self, reading: Fault) -> Task:
         """The task with its runs read so."""
-        soft = isinstance(reading, SoftConstraints)
         return replace(
             self,
             simulator=reading.model(self.simulator),
             fit_runs=reading.mended(self.fit_runs),
             held_runs=reading.mended(self.held_runs),
-            notes=(*(note for note in self.notes if not soft or note != RIGID), reading.says),
-            soft=None if soft else self.soft,
+            constraints="soft" if isinstance(reading, SoftConstraints) else self.constraints,
         )
 
 
@@ -77,13 +80,13 @@ def prepare(
     within = within_runs(asked, fit_runs)
     used = steady(stepped, fit_runs, within)
     rigid = stepped.with_rigid_constraints()
-    notes = (
+    prepared = (
         *tied,
         *restepped(given, stepped, fit_runs),
         *cut_to_runs(asked, within),
         *shortened(within, used),
-        *((RIGID,) if rigid is not stepped else ()),
-        *gaps_in_words(fit_runs),
     )
     model, soft = (scoped(one, scope, measurement, fit_runs.runs) for one in (rigid, stepped))
-    return Task(model, fit_runs, held_runs, used, notes, None if rigid is stepped else soft)
+    if rigid is stepped:
+        return Task(model, fit_runs, held_runs, used, prepared)
+    return Task(model, fit_runs, held_runs, used, prepared, "rigid", soft)

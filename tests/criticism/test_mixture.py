@@ -11,7 +11,10 @@ from onlinebayes.criticism import Criticism, refine, worlds_of
 from onlinebayes.inference import TruncatedMixture, saving
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorDelay
+from onlinebayes.trainers import Problem
+from onlinebayes.transforms import ParameterRandomization
 from tests.criticism.rigs import TRUTH, measure, model
+from tests.slide import Watching
 
 LATE = ActuatorDelay("motor", Parameter(0.0, 0.2, "s"))
 
@@ -47,7 +50,7 @@ def test_every_drawn_world_is_one_of_the_models(tied: Criticism) -> None:
     assert bool((alone[:, worlds.space.index(f"{worlds_names(tied)[1]}.delay")] == 0).all())
 
 
-def test_the_belief_has_a_density_that_can_be_kept_and_is_a_prior(tied: Criticism, tmp_path: Path) -> None:
+def test_the_belief_has_a_density_that_can_be_kept(tied: Criticism, tmp_path: Path) -> None:
     worlds = worlds_of(tied)
     belief = worlds.belief
     drawn = belief.sample((500,), torch.Generator().manual_seed(0))
@@ -63,6 +66,17 @@ def test_the_belief_has_a_density_that_can_be_kept_and_is_a_prior(tied: Criticis
     again = saving.load(tmp_path / "belief.json", worlds.space)
     torch.testing.assert_close(again.log_prob(drawn), belief.log_prob(drawn))
     assert isinstance(again, TruncatedMixture)
+
+
+def test_the_belief_is_a_prior_of_the_trainer(tied: Criticism) -> None:
+    worlds = worlds_of(tied)
+    problem = Problem(worlds.simulator, Watching(), prior=worlds.belief)
+    env = problem.worlds(64, ParameterRandomization(problem.prior), seed=0)
+    theta = env.rollout(2)["theta"][:, 0].double()
+    assert theta.shape == (64, len(worlds.space))
+    assert torch.equal(theta, worlds.space.clamp(theta))
+    mass = theta[:, worlds.space.index("body.cart.mass")]
+    assert float((mass - TRUTH[0]).abs().max()) < 0.1 * TRUTH[0]
 
 
 def test_the_worlds_run_in_the_simulator_of_all_models(tied: Criticism) -> None:

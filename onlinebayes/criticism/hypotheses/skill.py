@@ -25,7 +25,7 @@ def unskilled(found: Evaluation, evaluator: Evaluator) -> tuple[str, ...]:
     return tuple(name for name, one in zip(names, lost.tolist(), strict=True) if one)
 
 
-def follows(found: Evaluation, evaluator: Evaluator) -> bool:
+def has_skill(found: Evaluation, evaluator: Evaluator) -> bool:
     """Whether something moves that the naive continuation misses, and the hypothesis has skill in all of it."""
     windows = evaluator.windows
     naive = naive_rms(windows, [evaluator.given.signals[column] for column in windows.columns])

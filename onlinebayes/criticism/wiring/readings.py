@@ -15,26 +15,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.identification.data.lost_rows import rows_missing
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
+Constraints = Literal["none", "rigid", "soft"]
+"""How the constraints of a model are taken; "none" where it has none, or where its file says how soft they are."""
+
+
+class Reading(Fault):
+    """A fault's sibling: nothing is wrong with the log, it only does not say how it is to be read."""
+
+    @property
+    def lines(self) -> str:
+        """Nothing to write in a problem file."""
+        return ""
+
 
 @dataclass(frozen=True)
-class HeldOverGaps(Fault):
+class HeldOverGaps(Reading):
     """Commands are held through rows that are missing: the logger writes when something happens."""
 
     @property
     def says(self) -> str:
-        """What is done, for the notes."""
-        return "commands are held until the next row where rows are missing in the log: the model follows it better so"
-
-    @property
-    def lines(self) -> str:
-        """Nothing to write."""
-        return ""
+        """What is tried."""
+        return "commands are held through missing rows"
 
     def mended(self, measurement: Measurement) -> Measurement:
         """Read so."""
@@ -42,21 +50,13 @@ class HeldOverGaps(Fault):
 
 
 @dataclass(frozen=True)
-class IdleBefore(Fault):
+class IdleBefore(Reading):
     """No command was given before the runs: the machine was switched on, the simulator reset."""
 
     @property
     def says(self) -> str:
-        """What is done, for the notes."""
-        return (
-            "the log does not say what was commanded before a run's first row; no command at all is taken: had the "
-            "first row's command been given before, too, the model would follow the log less well"
-        )
-
-    @property
-    def lines(self) -> str:
-        """Nothing to write."""
-        return ""
+        """What is tried."""
+        return "there was no command before the runs"
 
     def mended(self, measurement: Measurement) -> Measurement:
         """Read so."""
@@ -64,7 +64,7 @@ class IdleBefore(Fault):
 
 
 @dataclass(frozen=True, eq=False)
-class SoftConstraints(Fault):
+class SoftConstraints(Reading):
     """The model's constraints are as soft as its file has them.
 
     Args:
@@ -75,13 +75,8 @@ class SoftConstraints(Fault):
 
     @property
     def says(self) -> str:
-        """What is done, for the notes."""
-        return "the model's constraints are as soft as its file has them: it follows the log better so than rigid"
-
-    @property
-    def lines(self) -> str:
-        """Nothing to write."""
-        return ""
+        """What is tried."""
+        return "constraints are soft"
 
     def model(self, simulator: Identifiable) -> Identifiable:
         """The one with soft constraints."""
@@ -105,11 +100,21 @@ def other_readings(found: Identifiable, fit_runs: Measurement, soft: Identifiabl
         yield IdleBefore()
 
 
-def gaps_in_words(fit_runs: Measurement) -> tuple[str, ...]:
-    """How commands are read through rows that are missing, where there are such rows; nothing without."""
-    if not (count := rows_missing(fit_runs)):
-        return ()
-    return (f"{count} rows seem to be missing in the log; commands that change across them go on a straight line",)
+def in_words(fit_runs: Measurement, constraints: Constraints) -> Iterator[str]:
+    """How a log is read where it does not say, a sentence each; nothing where every reading is the same."""
+    if constraints == "rigid":
+        yield "the model's constraints are taken as rigid: no log says how soft they are"
+    if constraints == "soft":
+        yield "the model's constraints are as soft as its file has them: it follows the log better so than rigid"
+    if count := rows_missing(fit_runs):
+        held = "are held until the next row: the model follows the log better so"
+        read = held if fit_runs.held_over_gaps else "are read on a straight line"
+        yield f"{count} rows seem to be missing in the log; commands that change across them {read}"
+    if fit_runs.idle_before:
+        yield (
+            "the log does not say what was commanded before a run's first row; no command at all is taken: had the "
+            "first row's command been given before, too, the model would follow the log less well"
+        )
 
 
 def commanded_at_once(measurement: Measurement) -> bool:

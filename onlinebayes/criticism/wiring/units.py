@@ -26,8 +26,8 @@ def unit_that_fits(
         follows: whether the base model does, with the runs read so; raises ``BadInput`` where it cannot be fitted.
     """
     measured = {signal.name for signal in measurement.signals}
-    of_one = (fault for fault in possible_faults(simulator, measurement) if isinstance(fault, Rescaled))
-    for unit in (*units_of_all(simulator, measured), *of_one):
+    every = (fault for fault in possible_faults(simulator, measurement) if isinstance(fault, Rescaled))
+    for unit in dict.fromkeys((*units_of_all(simulator, measured), *every)):
         if unit.kind != "signal" or unit.factor < 0:
             continue
         try:

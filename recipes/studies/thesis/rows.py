@@ -89,7 +89,7 @@ def add_goal(table: ResultTable, head: str, told: str, columns: Mapping[str, Seq
         goal, holds = f"0 within {UNKNOWABLE:g}", abs(ours) <= UNKNOWABLE
     elif CEILING in columns:
         most = statistics.median(columns[CEILING])
-        goal, holds = f"within {NEAR:g} of the ceiling", ours >= most - NEAR
+        goal, holds = f"at most {NEAR:g} below the ceiling", ours >= most - NEAR
     else:
         goal, holds = f"above {thesis:g}, the thesis's best", ours > thesis
     table.add(f"{head}: the filter's median", ours, unit="nats", goal=goal, holds=holds)
