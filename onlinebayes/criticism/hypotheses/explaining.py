@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import torch
 from jaxtyping import Float
 from torch import Tensor
 
@@ -28,6 +27,9 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch
 from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.identifiable import Identifiable
+
+NOISE_ALONE = 0.5 * math.log(2.0)
+"""A signal's part of the score where no more than noise is left [nats]."""
 
 PER_RUN = ("sensor_bias",)
 """Effects that are also tried with one size a run: an encoder finds another zero each time it is switched on."""
@@ -65,8 +67,6 @@ class Explanation:
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
-            if (windows.count, windows.rows) == (known.count, known.rows):
-                continue  # the search looked at all of them
             longer = best._over(windows, quieter=times > 1)
             if longer is None:
                 break
@@ -78,25 +78,40 @@ class Explanation:
 
         The base model comes last: it is not asked where the windows are refused.
         """
-        evaluator = replace(self.evaluator, windows=windows, known={})
-        most_left = _most_left(self.found) if quieter else None
-        wanted = math.inf if most_left is None else float((0.5 * torch.log1p(most_left.square())).sum())
-        found = evaluator.evaluate(self.found.hypothesis, [self.found.values], wanted=wanted)
-        if found is not None and found.fitted.score > wanted:
+        most = _most_left(self.found) if quieter else None
+        fitted = self._found_over(windows, math.inf if most is None else float(most.sum()))
+        if fitted is None:
             return None
-        if found is not None and (finer := evaluator.refined(found)) is not evaluator:
-            # Over a longer window a step errs by more.
-            evaluator, found = finer, finer.anew(found)
-        if found is not None and not evaluator.as_given:
-            evaluator, found = run_as_given(evaluator, found) or (evaluator, found)
-        if found is None or (most_left is not None and not bool((found.left[0].rms <= most_left).all())):
+        evaluator, found = fitted
+        if most is not None and not bool((found.left[0].by_signal <= most).all()):
             return None
+        if found is self.found:
+            return self
         if self.found is self.base:
             return replace(self, base=found, found=found, evaluator=evaluator)
         # Over longer windows a wrong model fits worse: it would be made out worse than it is.
-        most = 0 if quieter else MOST_STEPS
-        base = evaluator.evaluate(self.base.hypothesis, [self.base.values], most=most)
+        steps = 0 if quieter else MOST_STEPS
+        base = evaluator.evaluate(self.base.hypothesis, [self.base.values], most=steps)
         return None if base is None else replace(self, base=base, found=found, evaluator=evaluator)
+
+    def _found_over(self, windows: Windows, wanted: float) -> tuple[Evaluator, Evaluation] | None:
+        """What was found, fitted to other windows and integrated as these ask for; None above the wanted score."""
+        evaluator, found = self.evaluator, self.found
+        if windows.spans != evaluator.windows.spans:
+            evaluator = replace(evaluator, windows=windows, known={})
+            longer = evaluator.evaluate(found.hypothesis, [found.values], wanted=wanted)
+            if longer is None:
+                return None
+            found = longer
+        if (finer := evaluator.refined(found)) is not evaluator:
+            # Over a longer window a step errs by more.
+            again = finer.anew(found)
+            if again is None:
+                return None
+            evaluator, found = finer, again
+        if found.fitted.score > wanted:
+            return None
+        return (evaluator, found) if evaluator.as_given else run_as_given(evaluator, found) or (evaluator, found)
 
     @property
     def model(self) -> Identifiable:
@@ -110,12 +125,11 @@ class Explanation:
 
 
 def _most_left(before: Evaluation) -> Float[Tensor, " S"]:
-    """What longer windows may leave of each signal: no more than before, or too little for any addition.
+    """What longer windows may leave of each signal: no more than before, or too little for any addition [nats].
 
     A fit that long windows led astray leaves more, and its parameters are worth less than those of shorter ones.
     """
-    near = math.sqrt(2 * math.exp(2 * LEAST_GAIN) - 1)  # 1/2 log((1 + near^2) / 2) = the least gain
-    return before.left[0].rms.clamp_min(near)
+    return before.left[0].by_signal.clamp_min(NOISE_ALONE + LEAST_GAIN)
 
 
 def begun(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) -> Search:

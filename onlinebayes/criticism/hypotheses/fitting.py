@@ -99,7 +99,7 @@ def fit(
         starts: where the windows' starts begin; the smoothed ones when None.
         rough: the simulator by which derivatives are taken; the same when None.
         most: steps.
-        wanted: a score; the fit is given up where it would not come down to it at twice its pace.
+        wanted: a score; the fit is given up where the steps that are left would not come down to it at its pace.
 
     Raises:
         BadInput: the replay diverges where it begins.
@@ -113,7 +113,7 @@ def fit(
             "check the model, its time step and the bounds of its parameters, or shorten horizon_s",
         )
     fresh = True
-    for _ in range(most):
+    for left in reversed(range(most)):
         promise = _promise(windows, here)
         if promise + _start_promise(windows, here) < SETTLED:
             if fresh:
@@ -124,7 +124,7 @@ def fit(
         gained = here.score - there.score
         settled, fresh = fresh and gained < SETTLED, gained < max(SETTLED, PROMISE_KEPT * promise)
         here = there
-        if settled or here.score - 2 * (promise + gained) > wanted:
+        if settled or here.score - left * max(promise, gained) > wanted:
             break
         if fresh:  # old derivatives lead no further
             here = _linearised(*models, windows, here.theta, here.lin.starts) or here
