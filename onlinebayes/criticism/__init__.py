@@ -8,17 +8,13 @@ from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_thet
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.commands import compare, diagnose, refine
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, next_experiment
-from onlinebayes.criticism.hypotheses.additions import Addition, wider_bounds
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.criticism.hypotheses.additions import wider_bounds
 from onlinebayes.criticism.hypotheses.explaining import (
     SCALES_HORIZON,
     Explanation,
     additions,
     flexible,
 )
-from onlinebayes.criticism.hypotheses.fitting import fit
-from onlinebayes.criticism.hypotheses.held_out import held_out_errors
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.mixture import ModelMixture, worlds_of
@@ -39,6 +35,10 @@ from onlinebayes.criticism.results import (
 from onlinebayes.criticism.task import prepare
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
+from onlinebayes.identification.fitting.gauss_newton import fit
+from onlinebayes.identification.judging.evaluator import Evaluation
+from onlinebayes.identification.judging.held_out import held_out_errors
+from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
 from onlinebayes.identification.scope import Scope

@@ -16,9 +16,7 @@ from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.own_values import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
-from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
-from onlinebayes.criticism.hypotheses.hypothesis import build
 from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
@@ -40,6 +38,8 @@ from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, Evaluator
+from onlinebayes.identification.judging.hypothesis import build
 from onlinebayes.identification.replaying.ladder import Rung, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import Estimate, FittedModel

@@ -11,10 +11,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from onlinebayes.criticism.answer import answered
-from onlinebayes.criticism.hypotheses.evaluating import quiet
 from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, explanation_of, run
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
-from onlinebayes.criticism.hypotheses.skill import has_skill
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.reading import begun_as_read, better_read
@@ -22,6 +20,8 @@ from onlinebayes.criticism.results import Criticism, Question
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.wiring.units import unit_that_fits
+from onlinebayes.identification.judging.evaluator import quiet
+from onlinebayes.identification.judging.skill import has_skill
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement

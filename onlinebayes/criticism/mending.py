@@ -20,19 +20,19 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import begun
-from onlinebayes.criticism.hypotheses.fitting import score_of
 from onlinebayes.criticism.hypotheses.models import as_fit
-from onlinebayes.criticism.hypotheses.rule import equally_good, halves
-from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.outages import Sighting, sighted
 from onlinebayes.criticism.wiring.possible import possible_faults
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, Evaluator
+from onlinebayes.identification.judging.rule import equally_good, halves
+from onlinebayes.identification.judging.scoring import Gain
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement

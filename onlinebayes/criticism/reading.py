@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
 from onlinebayes.criticism.hypotheses.explaining import begun
-from onlinebayes.criticism.hypotheses.rule import preferred
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.mending import judged
 from onlinebayes.criticism.task import Task
+from onlinebayes.identification.judging.evaluator import Evaluation
+from onlinebayes.identification.judging.rule import preferred
 from onlinebayes.runs import Watch
 
 

@@ -3,7 +3,7 @@
     fall    = mean over signals of 1 - after / before,          held-out errors [of what the base model errs]
     share   = fall with what was accepted / fall with what dominates, fitted,             between 0 and 1
 
-Held-out errors are those of :mod:`onlinebayes.criticism.hypotheses.held_out`, for the base model, for each further
+Held-out errors are those of :mod:`onlinebayes.identification.judging.held_out`, for the base model, for each further
 addition in the order in which it was accepted, and for what dominates. An addition makes them worse where the mean over
 signals of after / before exceeds 1.02. Where what dominates takes away less than a third of the error of every signal,
 it does not dominate, and the case is counted in no row but the first two and the last.

@@ -9,7 +9,7 @@ from tensordict import TensorDict
 
 from onlinebayes.criticism import held_out_errors, prepare
 from onlinebayes.criticism.hypotheses import Explanation, begun, searched
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.identification.judging.evaluator import Evaluation
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace

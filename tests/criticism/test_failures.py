@@ -6,9 +6,9 @@ import pytest
 
 from onlinebayes.criticism import Criticism, answer, commands, compare, refine
 from onlinebayes.criticism.hypotheses import explaining
-from onlinebayes.criticism.hypotheses.evaluating import Evaluator
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.search import Search
+from onlinebayes.identification.judging.evaluator import Evaluator
+from onlinebayes.identification.judging.hypothesis import Hypothesis
 from onlinebayes.simulators.effects import EFFECTS, Scales
 from tests.criticism.rigs import measure, model
 

@@ -13,7 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.experiment.rivals import Size
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
+from onlinebayes.identification.judging.rule import LEAST_GAIN
 
 PARTED = 3.0
 

@@ -24,12 +24,12 @@ from torch import Tensor
 from onlinebayes.criticism.candidates.candidates import grown, propose, trials
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.play import FixedModel
-from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.criticism.results import Candidate, Criticism
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
 from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.identification.fitting.projection import Projected, project, signal_rms
+from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.replaying.clock import in_step
 from onlinebayes.identification.replaying.scoped import with_effect_values
 from onlinebayes.measurements import Measurement

@@ -12,9 +12,9 @@ from collections.abc import Iterator
 
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import laws
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
-from onlinebayes.criticism.hypotheses.skill import gains_with_skill, unskilled
 from onlinebayes.criticism.results import HeldOutError
+from onlinebayes.identification.judging.rule import LEAST_GAIN
+from onlinebayes.identification.judging.skill import gains_with_skill, unskilled
 
 
 def doubts(explanation: Explanation, error: HeldOutError) -> Iterator[str]:

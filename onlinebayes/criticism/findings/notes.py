@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.results import WeightedModel
 from onlinebayes.identification import quantities
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.results import Estimate, Numerics
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.simulators.effects import EFFECTS, Effect

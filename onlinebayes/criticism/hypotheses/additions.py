@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, runtime_checkable
 
 from onlinebayes.criticism.candidates.candidates import trials
+from onlinebayes.identification.judging.hypothesis import Start
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, effect_entries, unscoped
 from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.parameters import Parameter
@@ -30,49 +30,6 @@ ON_BOUND = 1e-6
 
 FARTHEST = 3.0
 """A linear prediction goes so many times as far as a finite starting value."""
-
-
-@dataclass(frozen=True)
-class Start:
-    """Where a fit of an addition may begin.
-
-    Args:
-        values: entries of the simulator's parameters -> value [SI].
-        sized: the entries that say how much of it there is, one, or one a run.
-        neutral: their value at which it is nothing [SI].
-        reach: by how much ``values`` differ from it [SI].
-        low, high: bounds of its size, in units of the reach.
-    """
-
-    values: Mapping[str, float]
-    sized: tuple[str, ...]
-    neutral: float
-    reach: float
-    low: float
-    high: float
-
-
-@runtime_checkable
-class Addition(Protocol):
-    """One addition; ``rank`` orders those that do equally well with equally many parameters, the lowest first."""
-
-    @property
-    def key(self) -> str:
-        """Its name, unlike that of every other addition."""
-        ...
-
-    @property
-    def rank(self) -> int:
-        """Own numbers go before effects, these before effects of one size a run."""
-        ...
-
-    def joined(self, simulator: Identifiable, runs: Sequence[str]) -> Identifiable:
-        """The simulator with it; raises :class:`BadInput` where it cannot carry it."""
-        ...
-
-    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
-        """Of the simulator with it; ``values``: of the fitted model that it joins, by name [SI]."""
-        ...
 
 
 @dataclass(frozen=True)

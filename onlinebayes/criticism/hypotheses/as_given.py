@@ -15,9 +15,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from onlinebayes.criticism.hypotheses.discretisation import Discretisation
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, STANDARD_ERRORS, halves
+from onlinebayes.identification.fitting.discretisation import Discretisation
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, halves
 from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.simulators.identifiable import Identifiable
 

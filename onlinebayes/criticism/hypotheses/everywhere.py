@@ -11,12 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.criticism.hypotheses.rule import halves
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, quiet
+from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
+from onlinebayes.identification.judging.rule import halves
 
 
 def law_of(addition: Addition) -> str | None:

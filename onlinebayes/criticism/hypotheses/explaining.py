@@ -10,18 +10,19 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, Addition, FreedNumber, OwnValues, wider_bounds
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber, OwnValues, wider_bounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
-from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, values_of
-from onlinebayes.criticism.hypotheses.lengths import all_windows, fit_base
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.identification.data.noise import measured_floors
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
+from onlinebayes.identification.fitting.gauss_newton import MOST_STEPS
+from onlinebayes.identification.fitting.theta import values_of
+from onlinebayes.identification.fitting.window_length import all_windows, fit_base
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, quiet
+from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis, build
+from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.scope import address_of
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import UNWATCHED, BadInput, Watch

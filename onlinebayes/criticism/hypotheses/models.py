@@ -9,15 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from onlinebayes.criticism.hypotheses.discretisation import NEGLIGIBLE, error_in_floors
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.hypothesis import build, theta_of
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.blocks import make_blocks
+from onlinebayes.identification.fitting.discretisation import NEGLIGIBLE, error_in_floors
 from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time
 from onlinebayes.identification.fitting.heldout import begun_best, replay_runs
 from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.identification.fitting.projection import project
+from onlinebayes.identification.fitting.theta import theta_of
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.hypothesis import build
 from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.identification.results import FittedModel, FlatDirection, Numerics
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from onlinebayes.criticism.hypotheses.additions import IN_EACH_RUN, AddedEffect, Addition, OwnValues
+from onlinebayes.criticism.hypotheses.additions import IN_EACH_RUN, AddedEffect, OwnValues
 from onlinebayes.criticism.hypotheses.explaining import Explanation
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.criticism.hypotheses.screening import Prediction
 from onlinebayes.criticism.results import MOVES_NOTHING, NOT_NEEDED, Candidate, Step
+from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
+from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.results import Estimate
 
 

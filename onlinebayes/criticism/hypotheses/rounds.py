@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from onlinebayes.criticism.hypotheses.additions import Addition
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
-from onlinebayes.criticism.hypotheses.scoring import Gain
 from onlinebayes.criticism.hypotheses.screening import Prediction
+from onlinebayes.identification.judging.evaluator import Evaluation
+from onlinebayes.identification.judging.hypothesis import Addition
+from onlinebayes.identification.judging.scoring import Gain
 
 
 @dataclass(frozen=True, eq=False)

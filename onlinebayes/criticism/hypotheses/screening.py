@@ -4,9 +4,9 @@
     (d, a) = argmin |r~ - C~ d - c~ a|^2      within the bounds of theta and of the candidate's size a
 
 The same least squares without each fold in turn predicts that fold, so that the prediction is the gain of
-:mod:`.scoring` to first order. It chooses what is refitted, and decides nothing. Where there are many candidates, all
-are looked at in the quarter of the windows that errs most first, where nothing is left out, and those that promise most
-in all of them.
+:mod:`.judging.scoring` to first order. It chooses what is refitted, and decides nothing. Where there are many
+candidates, all are looked at in the quarter of the windows that errs most first, where nothing is left out, and those
+that promise most in all of them.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.additions import Addition, Start
-from onlinebayes.criticism.hypotheses.fitting import Fitted, score_of
-from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
-from onlinebayes.criticism.hypotheses.rows import rms, taken_out
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
-from onlinebayes.criticism.hypotheses.scoring import Folds, LinearModel, left_out
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.gauss_newton import Fitted, score_of
+from onlinebayes.identification.fitting.rows import rms, taken_out
+from onlinebayes.identification.fitting.theta import theta_of, values_of
+from onlinebayes.identification.judging.hypothesis import Addition, Start
+from onlinebayes.identification.judging.rule import LEAST_GAIN
+from onlinebayes.identification.judging.scoring import Folds, LinearModel, left_out
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.runs import BadInput, Stopped

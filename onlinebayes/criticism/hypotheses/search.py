@@ -2,7 +2,8 @@
 
     h <- the preferred of { h + one candidate, h without one of its additions }      until none is preferred
 
-Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.evaluating`), the rule decides (:mod:`.rule`).
+Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.judging.evaluator`), the rule decides
+(:mod:`.judging.rule`).
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from onlinebayes.criticism.hypotheses.additions import Addition, WiderBounds
+from onlinebayes.criticism.hypotheses.additions import WiderBounds
 from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator, quiet
 from onlinebayes.criticism.hypotheses.everywhere import at_every_place
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN, equally_good, preferred, refusal
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, quiet
+from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
+from onlinebayes.identification.judging.rule import LEAST_GAIN, equally_good, preferred, refusal
 
 REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""

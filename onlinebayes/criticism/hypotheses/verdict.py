@@ -12,12 +12,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, OwnValues, WiderBounds
-from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR
 from onlinebayes.criticism.hypotheses.explaining import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
-from onlinebayes.criticism.hypotheses.rule import EXPLAINED, half_gone
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.judging.evaluator import AT_FLOOR
+from onlinebayes.identification.judging.rule import EXPLAINED, half_gone
 from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement
 

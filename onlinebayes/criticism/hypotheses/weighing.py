@@ -19,14 +19,14 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.additions import Addition, OwnValues
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation
+from onlinebayes.criticism.hypotheses.additions import OwnValues
 from onlinebayes.criticism.hypotheses.explaining import Explanation
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
 from onlinebayes.criticism.hypotheses.ranking import rivals
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.criticism.hypotheses.rule import SHARE_OF_GAINED, equally_good
-from onlinebayes.criticism.hypotheses.scoring import LeftOut, score_parts
+from onlinebayes.identification.judging.evaluator import Evaluation
+from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
+from onlinebayes.identification.judging.rule import SHARE_OF_GAINED, equally_good
+from onlinebayes.identification.judging.scoring import LeftOut, score_parts
 
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""

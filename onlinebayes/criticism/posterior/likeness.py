@@ -14,8 +14,8 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.rows import BANDS, band_counts, band_squares, left_of
 from onlinebayes.criticism.posterior.score import Score
+from onlinebayes.identification.fitting.rows import BANDS, band_counts, band_squares, left_of
 from onlinebayes.inference import Novelty
 
 SIMULATED = 200

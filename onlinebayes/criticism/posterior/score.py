@@ -18,13 +18,13 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.fitting import Fitted
 from onlinebayes.criticism.hypotheses.models import as_fit
-from onlinebayes.criticism.hypotheses.rows import left_of
 from onlinebayes.criticism.posterior.spread import Parts, Spread, spread_of
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import residual_correlation_time
+from onlinebayes.identification.fitting.gauss_newton import Fitted
+from onlinebayes.identification.fitting.rows import left_of
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.parameters import ParameterSpace

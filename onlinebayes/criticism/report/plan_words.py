@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from onlinebayes.criticism.experiment import Plan, Rivalry, Tried
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
+from onlinebayes.identification.judging.rule import LEAST_GAIN
 
 
 def headline(plan: Plan) -> str:

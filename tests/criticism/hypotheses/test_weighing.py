@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import torch
 
-from onlinebayes.criticism.hypotheses.scoring import Folds, LeftOut
 from onlinebayes.criticism.hypotheses.weighing import weights_of
+from onlinebayes.identification.judging.scoring import Folds, LeftOut
 
 FOLDS, BANDS = 8, 3
 

@@ -8,9 +8,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.fitting import Fitted, fit
 from onlinebayes.identification.data.start_priors import START_LOOSENESS, start_coordinates
 from onlinebayes.identification.data.windows import Windows, make_windows
+from onlinebayes.identification.fitting.gauss_newton import Fitted, fit
 from onlinebayes.measurements import KnownStart, Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput

@@ -19,11 +19,11 @@ import torch
 from jaxtyping import Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.hypothesis import room
-from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares, project, score_weights, start_shift
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.rows import Rows, band_counts, band_squares, project, score_weights, start_shift
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
+from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput

@@ -14,11 +14,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, cost
-from onlinebayes.criticism.hypotheses.fitting import Fitted, fit
-from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
+from onlinebayes.identification.fitting.discretisation import Discretisation, cheapest, cost
+from onlinebayes.identification.fitting.gauss_newton import Fitted, fit
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.replaying.ladder import Rung
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped

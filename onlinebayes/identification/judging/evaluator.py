@@ -10,11 +10,12 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.discretisation import Discretisation, cheapest, fine_enough
-from onlinebayes.criticism.hypotheses.fitting import MOST_STEPS, SETTLED, Fitted, best_theta, fit
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis, build, theta_of, values_of
-from onlinebayes.criticism.hypotheses.scoring import Folds, Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.discretisation import Discretisation, cheapest, fine_enough
+from onlinebayes.identification.fitting.gauss_newton import MOST_STEPS, SETTLED, Fitted, best_theta, fit
+from onlinebayes.identification.fitting.theta import theta_of, values_of
+from onlinebayes.identification.judging.hypothesis import Hypothesis, build
+from onlinebayes.identification.judging.scoring import Folds, Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 

@@ -27,11 +27,11 @@ import torch
 from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.fitting import Fitted
-from onlinebayes.criticism.hypotheses.hypothesis import room
-from onlinebayes.criticism.hypotheses.rows import Rows, band_counts, band_squares
 from onlinebayes.identification.data.windows import Span, Windows
 from onlinebayes.identification.fitting.blocks import MOST_BLOCKS
+from onlinebayes.identification.fitting.gauss_newton import Fitted
+from onlinebayes.identification.fitting.rows import Rows, band_counts, band_squares
+from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 
 FEWEST_RUNS = 4

@@ -7,15 +7,53 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
-import torch
-from jaxtyping import Float
-from torch import Tensor
-
-from onlinebayes.criticism.hypotheses.additions import Addition
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
-from onlinebayes.identification.scope import address_of
 from onlinebayes.simulators.identifiable import Identifiable
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a fit of an addition may begin.
+
+    Args:
+        values: entries of the simulator's parameters -> value [SI].
+        sized: the entries that say how much of it there is, one, or one a run.
+        neutral: their value at which it is nothing [SI].
+        reach: by how much ``values`` differ from it [SI].
+        low, high: bounds of its size, in units of the reach.
+    """
+
+    values: Mapping[str, float]
+    sized: tuple[str, ...]
+    neutral: float
+    reach: float
+    low: float
+    high: float
+
+
+@runtime_checkable
+class Addition(Protocol):
+    """One addition; ``rank`` orders those that do equally well with equally many parameters, the lowest first."""
+
+    @property
+    def key(self) -> str:
+        """Its name, unlike that of every other addition."""
+        ...
+
+    @property
+    def rank(self) -> int:
+        """Own numbers go before effects, these before effects of one size a run."""
+        ...
+
+    def joined(self, simulator: Identifiable, runs: Sequence[str]) -> Identifiable:
+        """The simulator with it; raises :class:`BadInput` where it cannot carry it."""
+        ...
+
+    def starts(self, simulator: Identifiable, values: Mapping[str, float]) -> tuple[Start, ...]:
+        """Of the simulator with it; ``values``: of the fitted model that it joins, by name [SI]."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -56,30 +94,3 @@ def build(base: Identifiable, hypothesis: Hypothesis, runs: Sequence[str]) -> Id
     for addition in hypothesis.additions:
         simulator = addition.joined(simulator, runs)
     return simulator
-
-
-def theta_of(simulator: Identifiable, values: Mapping[str, float]) -> Float[Tensor, " P"]:
-    """Known values by name, nominal ones for all other parameters, within the bounds [SI].
-
-    A run's own value that is not known is the one for all, and one for all is the mean of the runs' own.
-    """
-    own: dict[str, list[float]] = {}
-    for name, value in values.items():
-        own.setdefault(address_of(name), []).append(value)
-    theta = simulator.nominal.clone().to(torch.float64)
-    for i, name in enumerate(simulator.parameters):
-        if name in values:
-            theta[i] = values[name]
-        elif known := own.get(address_of(name)):
-            theta[i] = sum(known) / len(known)
-    return simulator.parameters.clamp(theta)
-
-
-def values_of(simulator: Identifiable, theta: Float[Tensor, " P"]) -> dict[str, float]:
-    """Theta by name [SI]."""
-    return dict(zip(simulator.parameters.names, theta.tolist(), strict=True))
-
-
-def room(simulator: Identifiable, theta: Float[Tensor, " P"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
-    """How far theta may go down and up within the simulator's bounds [SI]."""
-    return simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta

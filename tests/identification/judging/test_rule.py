@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from onlinebayes.criticism.hypotheses.rule import equally_good, preferred, refusal
-from onlinebayes.criticism.hypotheses.scoring import Gain
+from onlinebayes.identification.judging.rule import equally_good, preferred, refusal
+from onlinebayes.identification.judging.scoring import Gain
 
 NOTHING = Gain((0.0, 0.0), 0.0, 8, 0)
 

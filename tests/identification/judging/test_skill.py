@@ -6,12 +6,12 @@ from dataclasses import replace
 
 import torch
 
-from onlinebayes.criticism.hypotheses.discretisation import Discretisation
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.hypothesis import Hypothesis
-from onlinebayes.criticism.hypotheses.lengths import windows_of
-from onlinebayes.criticism.hypotheses.skill import gains_with_skill, naive_rms, unskilled
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.discretisation import Discretisation
+from onlinebayes.identification.fitting.window_length import windows_of
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.hypothesis import Hypothesis
+from onlinebayes.identification.judging.skill import gains_with_skill, naive_rms, unskilled
 from onlinebayes.identification.replaying.ladder import Rung
 from tests.criticism.rigs import NOISE, measure, model
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from onlinebayes.criticism.hypotheses.scoring import Gain, LeftOut, in_common
+from onlinebayes.identification.judging.scoring import Gain, LeftOut, in_common
 
 LEAST_GAIN = 0.05
 """Nats, the log of a factor: 0.05 is a twentieth of one signal's error."""

@@ -11,14 +11,15 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.evaluating import Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.hypothesis import build, room, theta_of
-from onlinebayes.criticism.hypotheses.lengths import windows_of
-from onlinebayes.criticism.hypotheses.rows import project, rms, score_weights, start_shift
-from onlinebayes.criticism.hypotheses.scoring import LinearModel
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.rows import project, rms, score_weights, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.fitting.theta import room, theta_of
+from onlinebayes.identification.fitting.window_length import windows_of
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.hypothesis import build
+from onlinebayes.identification.judging.scoring import LinearModel
 from onlinebayes.identification.scope import address_of
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable

@@ -10,11 +10,11 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.evaluating import AT_FLOOR, Evaluation, Evaluator
-from onlinebayes.criticism.hypotheses.rows import rms
-from onlinebayes.criticism.hypotheses.rule import LEAST_GAIN
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.rows import rms
+from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, Evaluator
+from onlinebayes.identification.judging.rule import LEAST_GAIN
 
 
 def unskilled(found: Evaluation, evaluator: Evaluator) -> tuple[str, ...]:

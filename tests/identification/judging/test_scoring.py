@@ -7,10 +7,10 @@ from dataclasses import replace
 import pytest
 import torch
 
-from onlinebayes.criticism.hypotheses.fitting import fit
-from onlinebayes.criticism.hypotheses.lengths import windows_of
-from onlinebayes.criticism.hypotheses.rows import band_counts, band_squares
-from onlinebayes.criticism.hypotheses.scoring import LinearModel, folds_of, gain, in_common, left_out, partitions
+from onlinebayes.identification.fitting.gauss_newton import fit
+from onlinebayes.identification.fitting.rows import band_counts, band_squares
+from onlinebayes.identification.fitting.window_length import windows_of
+from onlinebayes.identification.judging.scoring import LinearModel, folds_of, gain, in_common, left_out, partitions
 from onlinebayes.identification.replaying.ladder import Rung
 from tests.criticism.rigs import NOISE, measure, model
 

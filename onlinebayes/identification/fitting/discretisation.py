@@ -17,11 +17,11 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.fitting import Fitted
-from onlinebayes.criticism.hypotheses.hypothesis import theta_of, values_of
-from onlinebayes.criticism.hypotheses.rows import rms, taken_out
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.gauss_newton import Fitted
+from onlinebayes.identification.fitting.rows import rms, taken_out
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
+from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.replaying.ladder import Rung, adjustable, by_runge_kutta, first_order
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
