@@ -52,9 +52,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
             with Interrupt("onlinebayes: stopping; Ctrl-C again ends the step in hand at once") as interrupt:
                 plan = next_experiment(
                     result,
-                    problem.simulator,
                     fit_runs,
-                    candidates=problem.candidates,
                     allowed=allowed,
                     progress=_log,
                     interrupt=interrupt,

@@ -7,6 +7,7 @@ them until the model predicts held-out runs as well as it can. All take built ob
 from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_theta, propose, trials
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.commands import compare, diagnose, refine
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, next_experiment
 from onlinebayes.criticism.hypotheses.additions import wider_bounds
 from onlinebayes.criticism.hypotheses.explaining import (
@@ -21,7 +22,6 @@ from onlinebayes.criticism.mixture import ModelMixture, worlds_of
 from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.results import (
     Candidate,
-    Criticism,
     Failure,
     HeldOutError,
     ParameterChange,

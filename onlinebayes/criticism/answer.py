@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.left_over import rms_over_floor
@@ -24,7 +25,6 @@ from onlinebayes.criticism.hypotheses.weighing import weighted
 from onlinebayes.criticism.mending import Mended
 from onlinebayes.criticism.results import (
     Candidate,
-    Criticism,
     HeldOutError,
     Question,
     Remainder,
@@ -127,6 +127,7 @@ def answered(
         wiring=None if fault is None else _wiring(fault, base),
         mended=None if fault is None else made("the model of the mended table", lambda: _mended(fault, task), None),
         hypotheses=hypotheses,
+        explanation=explanation,
     )
 
 

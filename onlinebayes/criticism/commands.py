@@ -11,12 +11,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from onlinebayes.criticism.answer import answered
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, explanation_of, run
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.criticism.hypotheses.weighing import settled
 from onlinebayes.criticism.mending import Mended, mended, switched_off
 from onlinebayes.criticism.reading import begun_as_read, better_read
-from onlinebayes.criticism.results import Criticism, Question
+from onlinebayes.criticism.results import Question
 from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.wiring.units import unit_that_fits

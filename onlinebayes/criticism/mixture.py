@@ -20,7 +20,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import FittedModel
 from onlinebayes.identification.scope import address_of

@@ -56,15 +56,15 @@ def test_the_result_says_what_it_expects(done: tuple[Path, str]) -> None:
     """Every pair of rivals with the expected separation, every input tried; the page shows what they predict."""
     folder, printed = done
     found = json.loads((folder / "next.json").read_text())
-    assert found["schema"] == 1
+    assert found["schema"] == 2
     assert found["recordings"] >= 3
     assert found["start"].keys() == {"carriage"}
     assert found["chosen"] == found["tried"][0]
     assert len(found["tried"]) > 10
-    assert all(pair["structural"] == (pair["best"] < 3) for pair in found["rivalries"])
+    assert all(pair["structural"] == (pair["best"] < 4) for pair in found["rivalries"])
     for number, pair in enumerate(found["rivalries"]):
-        assert pair["decides"] == (pair["sigma"] >= 3 and pair["fall"] >= 0.05)
-        assert pair["fall"] == found["chosen"]["sigma"][number]["fall"]
+        assert pair["decides"] == (pair["sigma"] >= 4 and pair["gain"] >= 0.05)
+        assert pair["gain"] == found["chosen"]["sigma"][number]["gain"]
         assert not (pair["structural"] and pair["too_small"])
     page = (folder / "next.html").read_text()
     assert "ctrl.motor" in page

@@ -9,12 +9,14 @@ with the effect in it. Left at the value of that fit, it would be taken for a co
 from __future__ import annotations
 
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.fitting.projection import project, start_shift
+from onlinebayes.identification.fitting.gauss_newton import Fitted
+from onlinebayes.identification.fitting.rows import project, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -22,34 +24,28 @@ ROUNDS = 4
 
 
 def adapted(
-    simulator: Identifiable,
-    windows: Windows,
-    theta: Float[Tensor, " P"],
-    free: int,
-    starts: Float[Tensor, "W J2"],
-    weight: Float[Tensor, " S"],
+    simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], free: Bool[Tensor, " P"], fitted: Fitted
 ) -> Float[Tensor, " P"]:
-    """Theta whose first entries suit the present data while the others stay; as given where the replay diverges.
+    """Theta some of whose entries suit the present data while the others stay; as given where the replay diverges.
 
     Args:
-        simulator: with the effect, whose parameters come last.
+        simulator: with the effect.
         windows: of the present data.
         theta: where to begin [SI].
-        free: number of the entries that adapt.
-        starts: of the windows, where to begin.
-        weight: of each signal.
+        free: the entries that adapt.
+        fitted: the model without the effect: its starts and weights.
     """
-    low, high = simulator.parameters.low.to(theta)[:free], simulator.parameters.high.to(theta)[:free]
-    best, least = theta, torch.inf
+    best, least, starts = theta, torch.inf, fitted.lin.starts
     for _ in range(ROUNDS):
         lin = linearise(simulator, windows, theta, starts)
-        projected = project(windows, lin, weight)
-        if not lin.valid or projected.objective >= least:
+        rows = project(windows, lin, fitted.rows.weight)
+        if not lin.valid or rows.objective >= least:
             break
-        best, least = theta, projected.objective
-        C, r = projected.columns.flatten(0, 1)[:, :free], projected.residual.flatten()
-        moved = bounded_least_squares(C.T @ C, C.T @ r, low - theta[:free], high - theta[:free])
-        step = torch.cat([moved, theta.new_zeros(len(theta) - free)])
-        starts = starts + start_shift(windows, lin, projected, step)
+        best, least = theta, rows.objective
+        C, r = rows.columns.flatten(0, 1)[:, free], rows.residual.flatten()
+        low, high = (end[free] for end in room(simulator, theta))
+        step = torch.zeros_like(theta)
+        step[free] = bounded_least_squares(C.T @ C, C.T @ r, low, high)
+        starts = starts + start_shift(windows, lin, rows, step[None])[0]
         theta = theta + step
     return best

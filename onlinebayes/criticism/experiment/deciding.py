@@ -1,9 +1,11 @@
-"""When a recording decides: 3 sigma, and of an effect that is added the fall of the error that acceptance asks for.
+"""When a recording decides: where the rule that will judge it can be expected to prefer what is true.
 
-    strength = min(sigma, 3 (o(fall) / o(5 %))^(1/2)),     o(f) = 1 / (1 - f)^2 - 1 = E / S     (:mod:`.separation`)
+    gain >= 0.05 nats,      gain >= 2 se        (:mod:`.judging.rule`),      strength: how far both are reached, 1: just
 
-decides from 3 on. Both terms grow with the effect's size as that itself does, as far as its law is linear in it: a size
-3 / strength times as large would just be accepted.
+Where the other model misses x standard deviations (:mod:`.separation`), the log-likelihood gains x^2 / 2 with a
+standard error of x, so that two standard errors are x = 4. The gain is 1/2 log(1 + odds), and the odds go with the square of an
+effect's size, as x does with the size, as far as its law is linear in it: one 1 / strength times as large would just be
+accepted.
 """
 
 from __future__ import annotations
@@ -13,28 +15,29 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.experiment.rivals import Size
-from onlinebayes.identification.judging.rule import LEAST_GAIN
+from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS
 
-PARTED = 3.0
-
-
-def strength(sigma: Float[Tensor, "*batch"], fall: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """How far an input decides, 3 being enough; sigma alone where no effect is added (fall is nan)."""
-    asked = PARTED * (_odds(fall) / (1 / (1 - LEAST_GAIN) ** 2 - 1)).sqrt()
-    return torch.where(fall.isnan(), sigma, torch.minimum(sigma, asked))
+PARTED = 2 * STANDARD_ERRORS
+"""Standard deviations that the other model must miss."""
 
 
-def rescaled(fall: Float[Tensor, "*batch"], factor: float | Tensor) -> Float[Tensor, "*batch"]:
-    """The fall where the separation is so many times as large."""
-    return 1 - (1 + factor**2 * _odds(fall)).rsqrt()
+def strength(sigma: Float[Tensor, "*batch"], gain: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """How far an input decides, 1 being enough."""
+    asked = torch.tensor(LEAST_GAIN, dtype=gain.dtype, device=gain.device)
+    return torch.minimum(sigma / PARTED, (_odds(gain) / _odds(asked)).sqrt())
+
+
+def rescaled(gain: Float[Tensor, "*batch"], factor: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    """The gain where the separation is so many times as large."""
+    return 0.5 * (factor.square() * _odds(gain)).log1p()
 
 
 def accepted_from(size: Size | None, strong: float) -> float | None:
     """The size of an effect from which on it would be accepted; None where none is added, or nothing shows of it."""
     if size is None or not strong > 0:
         return None
-    return size.neutral + (size.value - size.neutral) * PARTED / strong
+    return size.neutral + (size.value - size.neutral) / strong
 
 
-def _odds(fall: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    return ((1 - fall).clamp_min(1e-12) ** -2 - 1).clamp_min(0.0)
+def _odds(gain: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
+    return torch.expm1(2 * gain.clamp_min(0.0))

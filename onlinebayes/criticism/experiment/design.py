@@ -2,10 +2,10 @@
 
     chosen = argmax over inputs u of  min over pairs of rivals (a, b) of  strength(a, b; u)
 
-Strength is the separation, the smaller of both ways round (whichever of the two is true, the other must go), and less
-where an effect would not be accepted for what it shows (:mod:`.deciding`). The inputs are compared to first order; the
-best few, and each pair's own best, with the models fitted anew. A pair that no input parts by 3 sigma is structural;
-one that no input decides takes no part in the choice, unless all are so. Atkinson and Fedorov (1975): designs that
+Strength says how far the rule that will judge the recording is reached (:mod:`.deciding`), the smaller of both ways
+round: whichever of the two is true, the other must go. The inputs are compared to first order; the best few, and each
+pair's own best, with the models fitted anew. A pair that no input parts by 4 sigma is structural; one that no input
+decides takes no part in the choice, unless all are so. Atkinson and Fedorov (1975): designs that
 discriminate between models (T-optimality), here with what the present data say as the prior.
 """
 
@@ -19,6 +19,7 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment.check import check_table
 from onlinebayes.criticism.experiment.deciding import PARTED, accepted_from, rescaled, strength
 from onlinebayes.criticism.experiment.inputs import Inputs, admissible_inputs
@@ -29,14 +30,11 @@ from onlinebayes.criticism.experiment.postures import postures
 from onlinebayes.criticism.experiment.remedies import loaded, loaded_pair, remedies
 from onlinebayes.criticism.experiment.rivals import Rivals, find_rivals
 from onlinebayes.criticism.experiment.separation import refitted, separations
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification.data.grid import row_step
 from onlinebayes.identification.data.windows import joint_names
 from onlinebayes.identification.fitting.blocks import BLOCK_CORRELATION_TIMES, FEWEST_BLOCKS
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
-from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.identifiable import Identifiable
 
 FEWEST_INPUTS, MOST_INPUTS = 12, 96
 WORK = 2e7  # integration steps that comparing the inputs may take: minutes for an arm of six joints
@@ -51,22 +49,20 @@ class _Trials:
     inputs: Inputs
     payload: Payload | None
     sigma: Float[Tensor, "N R"]
-    fall: Float[Tensor, "N R"]
+    gain: Float[Tensor, "N R"]
     refitted: Bool[Tensor, " N"]
 
     @property
     def strength(self) -> Float[Tensor, "N R"]:
         """See :mod:`.deciding`."""
-        return strength(self.sigma, self.fall)
+        return strength(self.sigma, self.gain)
 
 
 @one_torch_thread()
 def next_experiment(
     result: Criticism,
-    simulator: Identifiable,
     measurement: Measurement,
     *,
-    candidates: str | Sequence[str | Effect] = "all",
     allowed: Allowed | None = None,
     progress: Callable[[str], None] | None = None,
     interrupt: Interrupt | None = None,
@@ -75,9 +71,7 @@ def next_experiment(
 
     Args:
         result: what ``diagnose`` or ``refine`` found.
-        simulator: the base model that it criticised.
         measurement: the runs that it fitted, without those held out.
-        candidates: the effects that it tried.
         allowed: the user's own limits.
         progress: takes one line of text between stages.
         interrupt: ends the work at its next replay.
@@ -89,11 +83,11 @@ def next_experiment(
         BadInput: no actuators, a free or ball joint, no rivals, no posture that a command holds, or limits that
             admit no input at all.
     """
-    joint_names(simulator)  # refuses free and ball joints: postures are not drawn for them
+    joint_names(result.base.simulator)  # refuses free and ball joints: postures are not drawn for them
     watch = Watch(interrupt=interrupt) if progress is None else Watch(progress, interrupt)
     with watch.giving_up():
         watch.say("fitting the rivals")
-        rivals = find_rivals(result, simulator, measurement, candidates)
+        rivals = find_rivals(result)
         return None if watch.stopped else _proposed(result, rivals, measurement, allowed or Allowed(), watch)
     return None
 
@@ -148,32 +142,32 @@ def _least_seconds(rivals: Rivals) -> float:
 
 def _compared(rivals: Rivals, inputs: Inputs, payload: Payload | None, measurement: Measurement, plays: int) -> _Trials:
     pairs = [loaded_pair(pair, payload) for pair in rivals.pairs]
-    each = [separations(pair, inputs, rivals.windows, measurement.signals, plays=plays) for pair in pairs]
+    each = [separations(pair, inputs, measurement.signals, plays=plays) for pair in pairs]
     sigma = torch.stack([torch.stack([each[k].sigma for k in rivals.of(n)]).amin(0) for n in rivals.names], -1)
-    fall = torch.stack([torch.stack([each[k].fall for k in rivals.of(n)]).amin(0) for n in rivals.names], -1)
-    return _Trials(inputs, payload, sigma, fall, torch.zeros(inputs.count, dtype=torch.bool, device=sigma.device))
+    gain = torch.stack([torch.stack([each[k].gain for k in rivals.of(n)]).amin(0) for n in rivals.names], -1)
+    return _Trials(inputs, payload, sigma, gain, torch.zeros(inputs.count, dtype=torch.bool, device=sigma.device))
 
 
 def _confirmed(rivals: Rivals, trials: _Trials, measurement: Measurement, watch: Watch) -> _Trials:
     """The leading inputs with the models fitted anew, until it is interrupted."""
     order = _worth(trials.strength).argsort(descending=True)[:REFITTED].tolist()
     leading = dict.fromkeys([*order, *trials.strength.argmax(0).tolist()])
-    sigma, fall, done = trials.sigma.clone(), trials.fall.clone(), trials.refitted.clone()
+    sigma, gain, done = trials.sigma.clone(), trials.gain.clone(), trials.refitted.clone()
     for n in leading:
         if watch.stopped:
             break
         one = trials.inputs.select(torch.tensor([n], device=sigma.device))
-        each = [refitted(pair, one, rivals.windows, measurement.signals) for pair in rivals.pairs]
+        each = [refitted(pair, one, measurement.signals) for pair in rivals.pairs]
         sigma[n] = sigma.new_tensor([min(each[k] for k in rivals.of(names)) for names in rivals.names])
-        # The error falls by what the separation is made of.
-        fall[n] = rescaled(fall[n], sigma[n] / trials.sigma[n].clamp_min(1e-12))
+        # What is gained is what the separation is made of.
+        gain[n] = rescaled(gain[n], sigma[n] / trials.sigma[n].clamp_min(1e-12))
         done[n] = True
-    return replace(trials, sigma=sigma, fall=fall, refitted=done)
+    return replace(trials, sigma=sigma, gain=gain, refitted=done)
 
 
 def _worth(strong: Float[Tensor, "N R"]) -> Float[Tensor, " N"]:
     """The smallest strength of each input over the rivalries that some input decides; over all where none does."""
-    open_ = strong.amax(0) >= PARTED
+    open_ = strong.amax(0) >= 1
     return strong[:, open_].amin(-1) if bool(open_.any()) else strong.amin(-1)
 
 
@@ -184,16 +178,16 @@ def _plan(
     trials: Sequence[_Trials],
     measurement: Measurement,
 ) -> Plan:
-    sigma, fall = (torch.cat([getattr(part, name) for part in trials]) for name in ("sigma", "fall"))
+    sigma, gain = (torch.cat([getattr(part, name) for part in trials]) for name in ("sigma", "gain"))
     tried = [one for part in trials for one in _tried(part)]
-    worth = _worth(strength(sigma, fall))
-    # Where one was refitted, only those that were are compared: first order flatters what bends.
+    worth = _worth(strength(sigma, gain))
+    # Compare refitted inputs only: the linear prediction is too high for nonlinear models.
     eligible = torch.cat([part.refitted | (part.payload is not None) for part in trials])
     order = torch.where(eligible, worth, worth - 1e9).argsort(descending=True).tolist()
     best = order[0]
     part, row = (trials[0], best) if best < trials[0].inputs.count else (trials[1], best - trials[0].inputs.count)
     chosen = part.inputs.select(torch.tensor([row], device=sigma.device))
-    rivalries = _rivalries(rivals, limits, trials[0], sigma, fall, best, measurement)
+    rivalries = _rivalries(rivals, limits, trials[0], sigma, gain, best, measurement)
     time, command = _table(chosen, measurement)
     check_table(time, command, chosen.held[0], limits, rivals.hypotheses[0].simulator.commands)
     tracks = {h.name: _track(loaded(h, part.payload), chosen, rivals, time) for h in rivals.hypotheses}
@@ -221,13 +215,12 @@ def _tried(part: _Trials) -> list[Tried]:
         part.inputs.names,
         part.inputs.scale.tolist(),
         part.sigma.tolist(),
-        part.fall.tolist(),
+        part.gain.tolist(),
         part.refitted.tolist(),
         strict=True,
     )
     return [
-        Tried(name, scale, part.payload, tuple(sigma), tuple(None if math.isnan(f) else f for f in fall), done)
-        for name, scale, sigma, fall, done in rows
+        Tried(name, scale, part.payload, tuple(sigma), tuple(gain), done) for name, scale, sigma, gain, done in rows
     ]
 
 
@@ -236,19 +229,19 @@ def _rivalries(
     limits: Limits,
     bare: _Trials,
     sigma: Float[Tensor, "N R"],
-    fall: Float[Tensor, "N R"],
+    gain: Float[Tensor, "N R"],
     best: int,
     measurement: Measurement,
 ) -> tuple[Rivalry, ...]:
-    found, strong = [], strength(sigma, fall)
+    found, strong = [], strength(sigma, gain)
     for r, names in enumerate(rivals.names):
         most, pairs = float(sigma[:, r].max()), [rivals.pairs[k] for k in rivals.of(names)]
         structural = most < PARTED
         helps: tuple[Remedy, ...] = ()
         if structural:
             closest = bare.inputs.select(bare.sigma[:, r].argsort(descending=True)[:REFITTED])
-            helps = remedies(pairs, closest, limits, rivals.windows, measurement.signals)
-        added, asked = pairs[0].added, float(fall[best, r])
+            helps = remedies(pairs, closest, limits, measurement.signals)
+        added = pairs[0].added
         found.append(
             Rivalry(
                 names,
@@ -256,9 +249,9 @@ def _rivalries(
                 most,
                 structural,
                 helps,
-                fall=None if math.isnan(asked) else asked,
-                decides=float(strong[best, r]) >= PARTED,
-                too_small=not structural and float(strong[:, r].max()) < PARTED,
+                gain=float(gain[best, r]),
+                decides=float(strong[best, r]) >= 1,
+                too_small=not structural and float(strong[:, r].max()) < 1,
                 accepted_from=accepted_from(added, float(strong[best, r])),
                 unit=added.unit if added else "",
             )

@@ -20,7 +20,7 @@ class Tried:
         scale: share of the largest admissible command that the motion's limits left.
         payload: what was fixed to the model, or None.
         sigma: expected separation of each pair, in the plan's order, to first order or refitted.
-        fall: by which share it would lower the error if the effect is there, of each pair; None where none is added.
+        gain: by how much the truth predicts better, over the present data and the new recordings, of each pair [nats].
         refitted: whether the models were fitted anew for it.
     """
 
@@ -28,7 +28,7 @@ class Tried:
     scale: float
     payload: Payload | None
     sigma: tuple[float, ...]
-    fall: tuple[float | None, ...] = ()
+    gain: tuple[float, ...] = ()
     refitted: bool = False
 
 
@@ -48,13 +48,13 @@ class Rivalry:
         names: of the two.
         sigma: expected separation under the chosen input, the smaller of both ways round.
         best: the largest that any input tried would give.
-        structural: whether that is below 3, so that no admissible recording would part them.
+        structural: whether that is below 4, so that no admissible recording would part them.
         remedies: what would, best first; empty where nothing that was tried does, or nothing is needed.
-        fall: share by which the effect, if it is there, lowers the error under the chosen input; None where no effect
-            is added.
-        decides: whether the chosen input parts them by 3 sigma, and that fall is what acceptance asks for.
-        too_small: whether they are parted, but no admissible recording lowers the error by so much.
-        accepted_from: size from which on the effect would be accepted under the chosen input [``unit``]; None likewise.
+        gain: by how much the true one predicts better then, over the present data and the new recordings [nats].
+        decides: whether the chosen input parts them by 4 sigma, and the rule asks for no larger gain.
+        too_small: whether they are parted, but no admissible recording gains so much.
+        accepted_from: size from which on the effect would be accepted under the chosen input [``unit``]; None where no
+            effect is added.
         unit: of that size.
     """
 
@@ -63,7 +63,7 @@ class Rivalry:
     best: float
     structural: bool
     remedies: tuple[Remedy, ...] = ()
-    fall: float | None = None
+    gain: float = 0.0
     decides: bool = True
     too_small: bool = False
     accepted_from: float | None = None

@@ -20,7 +20,6 @@ from onlinebayes.criticism.experiment.plan import Remedy
 from onlinebayes.criticism.experiment.play import FixedModel, admissible, play
 from onlinebayes.criticism.experiment.rivals import Pair
 from onlinebayes.criticism.experiment.separation import separations
-from onlinebayes.identification.data.windows import Windows
 from onlinebayes.measurements import Signal
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -29,19 +28,16 @@ ACCURACY = 1e-3
 MOST_BODIES = 8
 
 
-def remedies(
-    pairs: Sequence[Pair], inputs: Inputs, limits: Limits, present: Windows, signals: Sequence[Signal]
-) -> tuple[Remedy, ...]:
-    """What would part the two by 3 sigma, best first.
+def remedies(pairs: Sequence[Pair], inputs: Inputs, limits: Limits, signals: Sequence[Signal]) -> tuple[Remedy, ...]:
+    """What would part the two by 4 sigma, best first.
 
     Args:
         pairs: the two rivals, one or both ways round.
         inputs: the few that come closest.
         limits: of the motion.
-        present: windows of the present data.
         signals: what is measured.
     """
-    found = [*_sensors(pairs, inputs, present, signals), *_payloads(pairs, inputs, limits, present, signals)]
+    found = [*_sensors(pairs, inputs, signals), *_payloads(pairs, inputs, limits, signals)]
     return tuple(sorted((r for r in found if r.sigma >= PARTED), key=lambda r: -r.sigma))
 
 
@@ -59,13 +55,13 @@ def loaded_pair(pair: Pair, payload: Payload | None) -> Pair:
 
 
 def weakest(
-    pairs: Sequence[Pair], inputs: Inputs, present: Windows, signals: Sequence[Signal], noise: Tensor | None = None
+    pairs: Sequence[Pair], inputs: Inputs, signals: Sequence[Signal], noise: Tensor | None = None
 ) -> Float[Tensor, " N"]:
     """The smaller of both ways round, under each input."""
-    return torch.stack([separations(pair, inputs, present, signals, noise).sigma for pair in pairs]).amin(0)
+    return torch.stack([separations(pair, inputs, signals, noise).sigma for pair in pairs]).amin(0)
 
 
-def _sensors(pairs: Sequence[Pair], inputs: Inputs, present: Windows, signals: Sequence[Signal]) -> list[Remedy]:
+def _sensors(pairs: Sequence[Pair], inputs: Inputs, signals: Sequence[Signal]) -> list[Remedy]:
     simulator, known = pairs[0].truth.simulator, {signal.name for signal in signals}
     read = simulator.read(play(pairs[0].truth, inputs)).abs().amax((0, 1))
     found = []
@@ -73,21 +69,20 @@ def _sensors(pairs: Sequence[Pair], inputs: Inputs, present: Windows, signals: S
         if name in known or float(read[column]) <= 0:
             continue
         sd = ACCURACY * float(read[column])
+        present = pairs[0].other.windows
         noise = torch.cat([present.noise, present.noise.new_tensor([sd])])
-        sigma = weakest(pairs, inputs, present, [*signals, Signal(name, sd=sd)], noise)
+        sigma = weakest(pairs, inputs, [*signals, Signal(name, sd=sd)], noise)
         found.append(Remedy(f"a sensor of {name} with sd {sd:.2g}", float(sigma.max())))
     return found
 
 
-def _payloads(
-    pairs: Sequence[Pair], inputs: Inputs, limits: Limits, present: Windows, signals: Sequence[Signal]
-) -> list[Remedy]:
+def _payloads(pairs: Sequence[Pair], inputs: Inputs, limits: Limits, signals: Sequence[Signal]) -> list[Remedy]:
     found = []
     for payload in _half_masses(pairs[0].truth.simulator):
         heavier = [loaded_pair(pair, payload) for pair in pairs]
         safe = admissible([h for pair in heavier for h in (pair.truth, pair.other.hypothesis)], inputs, limits)
         if safe.count:
-            sigma = float(weakest(heavier, safe, present, signals).max())
+            sigma = float(weakest(heavier, safe, signals).max())
             found.append(Remedy(f"a payload of {payload.mass:.3g} kg at body '{payload.body}'", sigma))
     return found
 

@@ -1,45 +1,54 @@
 """The hypotheses that the next recording must separate: each possible truth, and the models that could mimic it.
 
-    effects accepted    the final model, and the same with an accepted effect swapped for one that it cannot be told
-                        from, or where there is none for the next by score: each against each
-    nothing accepted    the base model with one effect, as large as the data leave possible, its other parameters
+    effects accepted    what was found, and the same with one addition swapped for one that it cannot be told from, or
+                        where there is none for the next by score: each against each
+    nothing accepted    the base model with one addition, as large as the data leave possible, its other parameters
                         adapted to the present data beside it (:mod:`.adapted`), against the base model
 
-What the present data say about a model's parameters goes with it:
-
-    I = (Delta / tau) C~' C~,     C~ the start-projected sensitivities of the present fit, in units of its residual
+They are evaluations of the search that a criticism made, or are fitted by its evaluator, to the same windows.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from onlinebayes.criticism.candidates.candidates import grown, propose, trials
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.play import FixedModel
-from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.ranking import contains, laws
+from onlinebayes.criticism.hypotheses.ranking import rivals as equals_of
+from onlinebayes.criticism.hypotheses.rounds import Round
+from onlinebayes.criticism.hypotheses.weighing import in_its_place
+from onlinebayes.criticism.results import Candidate
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
-from onlinebayes.identification.fitting.numerics import Grounds, settle
-from onlinebayes.identification.fitting.projection import Projected, project, signal_rms
-from onlinebayes.identification.fitting.theta import theta_of, values_of
-from onlinebayes.identification.replaying.clock import in_step
-from onlinebayes.identification.replaying.scoped import with_effect_values
-from onlinebayes.measurements import Measurement
+from onlinebayes.identification.fitting.fit import residual_correlation_time
+from onlinebayes.identification.fitting.gauss_newton import Fitted
+from onlinebayes.identification.fitting.rows import band_counts, band_of, band_squares
+from onlinebayes.identification.fitting.theta import theta_of
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.hypothesis import Addition, build
+from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.effects import Effect
-from onlinebayes.simulators.identifiable import Identifiable
 
 MOST_RIVALS = 4
+"""Models that are played, each against each."""
+
+NEXT_BY_SCORE = 2
+"""So many candidates are rivals of what was found where nothing is tied with it."""
+
 MOST_EXCLUDED = 6
-CARED_FOR = 0.1  # of the largest force in play: the size of an effect about which the data say nothing
+"""So many effects are tried against a model that lacks none."""
+
+CARED_FOR = 0.1
+"""Of its largest size: the size of an effect about which the data say nothing."""
+
 AS_IT_IS = "the model as it is"
 
 
@@ -50,19 +59,25 @@ class AdaptableModel:
     Args:
         hypothesis: the model at its mode.
         fitted: its fit to the present data.
-        information: what those say about theta, I [1 / SI^2].
+        windows: of these.
         tau: correlation time of its residual [s].
     """
 
     hypothesis: FixedModel
-    fitted: Fit
-    information: Float[Tensor, "P P"]
+    fitted: Fitted
+    windows: Windows
     tau: float
 
     @property
-    def weight(self) -> Float[Tensor, " S"]:
-        """Noise over the residual of each signal, at most 1."""
-        return self.fitted.projected.weight
+    def left(self) -> Float[Tensor, "W n S"]:
+        """Residual in the present data [noise]."""
+        return self.fitted.rows.in_noise(self.fitted.rows.residual)
+
+    @property
+    def noise(self) -> Float[Tensor, "n S"]:
+        """Mean square of what a new recording's bins will differ by for reasons that it does not know [noise^2]."""
+        squares, counts = band_squares(self.windows, self.left).sum(0), band_counts(self.windows).sum(0)
+        return (squares / counts.clamp_min(1)).clamp_min(1.0)[band_of(self.left.shape[1], squares.device)]
 
 
 @dataclass(frozen=True)
@@ -72,7 +87,7 @@ class Pair:
     Args:
         truth: what is true.
         other: what is to be ruled out.
-        added: where ``truth`` is ``other`` with one effect more, which must then be accepted: its size; else None.
+        added: where ``truth`` is ``other`` with one addition more, which must then be accepted: its size; else None.
     """
 
     truth: FixedModel
@@ -82,7 +97,7 @@ class Pair:
 
 @dataclass(frozen=True)
 class Size:
-    """Value of an effect's first parameter and the one at which it does nothing [``unit``]."""
+    """Value of an addition's first parameter and the one at which it does nothing [``unit``]."""
 
     value: float
     neutral: float
@@ -118,157 +133,105 @@ def _sorted(pair: Pair) -> tuple[str, str]:
     return (second, first) if first == AS_IT_IS else (first, second)
 
 
-def find_rivals(
-    result: Criticism,
-    simulator: Identifiable,
-    measurement: Measurement,
-    candidates: str | Sequence[str | Effect],
-) -> Rivals:
+def find_rivals(result: Criticism) -> Rivals:
     """The rivals that a criticism leaves.
 
     Args:
         result: of ``diagnose`` or ``refine``.
-        simulator: the base model that was criticised.
-        measurement: the runs that it was fitted on.
-        candidates: which effects were tried.
 
     Raises:
-        BadInput: the data have a fault, no effect is left that could be a rival, or a parameter differs between the
+        BadInput: the data have a fault, no candidate is left that could be a rival, or a parameter differs between the
             runs.
     """
     if result.wiring:
         mended = " ".join(result.wiring.lines.split())
         raise BadInput(f"the data have a fault: {result.wiring.fault}", f"put it right first: {mended}")
-    if result.changes:
+    explanation = result.explanation
+    if explanation is None:
+        raise BadInput("the criticism was read from a file", "plan with what diagnose or refine returns")
+    if isinstance(explanation.found.fitted.simulator, ScopedSimulator):
+        own = ", ".join(explanation.found.fitted.simulator.scope.per_run)
         raise BadInput(
-            f"{', '.join(change.parameter for change in result.changes)} differs between the runs, and an experiment "
-            "for such parameters is not planned by this version",
+            f"{own} differs between the runs, and an experiment for such parameters is not planned by this version",
             "plan with runs in which it is the same, or record again",
         )
-    simulator = in_step(simulator, measurement)
-    for name, wide in result.widened.items():
-        low, high = wide.after
-        simulator = simulator.with_bounds(name, replace(simulator.parameters[name], low=low, high=high))
-    accepted = [effect for effect in result.final.simulator.effects if effect.key in result.accepted]
-    model = grown(simulator, accepted)
-    noise = torch.tensor([result.sensor_sd[signal] for signal in result.signals]).to(result.final.theta)
-    begin = theta_of(model, values_of(result.final.simulator, result.final.theta))
-    grounds = settle(model, measurement, result.selection.horizon_s, noise, begin)
-    stepped = grounds.rung.of(simulator)
-    found = {effect.key: effect for effect in propose(stepped, grounds.windows, candidates)}
-    # Zeros of sensors are tried in an effect's place without being candidates.
-    tied = {key for row in result.candidates if row.accepted for key in row.indistinguishable_from} - set(found)
-    found |= {effect.key: effect for effect in propose(stepped, grounds.windows, sorted(tied))} if tied else {}
-    name = " + ".join(result.accepted) or AS_IT_IS
-    final = explanation(name, grounds.fitted, grounds.windows)
-    pairs = (
-        _swaps(result, simulator, grounds, final, accepted, found)
-        if accepted
-        else _excluded(result, grounds, final, found)
-    )
+    pairs = _swaps(result, explanation) if result.accepted else _excluded(result, explanation)
     if not pairs:
         raise BadInput("no other effect is a rival of what was found", "there is nothing to decide: use the model")
-    return Rivals(pairs, grounds.windows)
+    return Rivals(pairs, explanation.windows)
 
 
-def explanation(name: str, fitted: Fit, windows: Windows) -> AdaptableModel:
-    """A fit with what it knows, each signal weighed by its residual."""
-    weight = _refreshed_weight(windows, fitted)
-    fitted = fit(fitted.simulator, windows, fitted.theta, weight, fitted.lin.starts)
-    long = fitted.projected
-    correlation = residual_correlation_time(fitted, windows)
-    share = windows.bin_step / correlation
-    C = long.columns.flatten(0, 1)
-    return AdaptableModel(FixedModel(name, fitted.simulator, fitted.theta), fitted, share * (C.T @ C), correlation)
+def adaptable(evaluation: Evaluation, windows: Windows) -> AdaptableModel:
+    """An evaluation as a model that may adapt; its name is what was added."""
+    fitted = evaluation.fitted
+    name = " + ".join(laws(evaluation.hypothesis)) or AS_IT_IS
+    model = FixedModel(name, fitted.simulator, fitted.theta)
+    return AdaptableModel(model, fitted, windows, residual_correlation_time(windows, fitted.lin))
 
 
-def _swaps(
-    result: Criticism,
-    simulator: Identifiable,
-    grounds: Grounds,
-    final: AdaptableModel,
-    accepted: Sequence[Effect],
-    found: dict[str, Effect],
-) -> tuple[Pair, ...]:
-    rows = {candidate.effect: candidate for candidate in result.candidates}
-    swaps = [(k, other) for k, effect in enumerate(accepted) for other in rows[effect.key].indistinguishable_from]
-    if not swaps:
-        # What contains another candidate could only do as well as that one.
-        others = [
-            c.effect
-            for c in result.candidates
-            if c.rank is not None
-            and not c.accepted
-            and not (c.effect in found and _contained(found[c.effect]) & set(rows))
-        ]
-        swaps = [(0, other) for other in others[:2]]
-    models = [final]
-    for k, other in swaps[: MOST_RIVALS - 1]:
-        if other not in found:
-            continue
-        kept = [effect for effect in accepted if effect is not accepted[k]]
-        fitted = _fitted(simulator, grounds, final, kept, found[other])
-        if fitted is not None:
-            names = [found[other].key if j == k else effect.key for j, effect in enumerate(accepted)]
-            models.append(explanation(" + ".join(names), fitted, grounds.windows))
+def _swaps(result: Criticism, explanation: Explanation) -> tuple[Pair, ...]:
+    """What was found and its rivals, each against each."""
+    kept = explanation.found.hypothesis.additions
+    entered = [one for one in explanation.rounds if one.added is not None and one.added.addition in kept]
+    tied = [*explanation.rivals]
+    for found in entered[1:]:
+        tied += _in_place(explanation, found, equals_of(found))
+    if not tied and entered:
+        tied = _in_place(explanation, entered[0], _next_by_score(result, entered[0]))
+    models = [adaptable(one, explanation.windows) for one in (explanation.found, *tied[: MOST_RIVALS - 1])]
     return tuple(Pair(a.hypothesis, b) for a, b in itertools.permutations(models, 2))
 
 
-def _contained(effect: Effect) -> set[str]:
-    """Keys of the simpler effects that this one becomes for some of its values."""
-    return {f"{name}@{effect.element}" for name in effect.contains}
+def _in_place(explanation: Explanation, found: Round, rivals: tuple[Addition, ...]) -> list[Evaluation]:
+    fitted = (in_its_place(explanation, found, rival) for rival in rivals)
+    return [one for one in fitted if one is not None and not isinstance(one.fitted.simulator, ScopedSimulator)]
 
 
-def _fitted(
-    simulator: Identifiable, grounds: Grounds, final: AdaptableModel, kept: Sequence[Effect], effect: Effect
-) -> Fit | None:
-    """The best of the fits from each point where screening would try the effect; None where all diverge."""
-    model = grounds.rung.of(grown(simulator, [*kept, effect]))
-    theta = theta_of(model, values_of(final.hypothesis.simulator, final.hypothesis.theta))
-    fits = []
-    for trial in trials([effect]):
-        begin = with_effect_values(model, theta, effect, trial.values)
-        try:
-            fits.append(fit(model, grounds.windows, begin, final.weight, final.fitted.lin.starts))
-        except BadInput:
-            continue
-    return min(fits, key=lambda fitted: fitted.projected.objective, default=None)
+def _next_by_score(result: Criticism, found: Round) -> tuple[Addition, ...]:
+    """The candidates that come next; what contains another one could only do as well as that one."""
+    assert found.added is not None
+    screened = {one.addition.key: one.addition for one in found.screened}
+    tried = [screened[row.effect] for row in result.candidates if row.effect in screened]
+    free = {row.effect for row in result.candidates if row.rank is not None and not row.accepted}
+    every = [*tried, found.added.addition]
+    simple = [one for one in tried if one.key in free and not any(contains(one, other) for other in every)]
+    return tuple(simple[:NEXT_BY_SCORE])
 
 
-def _excluded(result: Criticism, grounds: Grounds, base: AdaptableModel, found: dict[str, Effect]) -> tuple[Pair, ...]:
-    """The base model against each effect at the size that the data leave possible."""
-    open_ = [c for c in result.candidates if c.effect in found and not c.confounded_with]
+def _excluded(result: Criticism, explanation: Explanation) -> tuple[Pair, ...]:
+    """The base model against each addition at the size that the data leave possible."""
+    base, evaluator = adaptable(explanation.base, explanation.windows), explanation.evaluator
+    screened = {one.addition.key: one.addition for found in explanation.rounds for one in found.screened}
+    rows = [row for row in result.candidates if row.effect in screened and not row.confounded_with]
     pairs = []
-    for candidate in open_[:MOST_EXCLUDED]:
-        effect = found[candidate.effect]
-        values = _possible(effect, candidate)
-        model = grown(grounds.fitted.simulator, [effect])
-        begin = torch.cat([base.hypothesis.theta, base.hypothesis.theta.new_tensor(values)])
-        free = len(base.hypothesis.theta)
-        theta = adapted(model, grounds.windows, begin, free, base.fitted.lin.starts, base.weight)
-        added = Size(values[0], effect.neutral[effect.magnitude], effect.parameters[effect.magnitude].unit)
-        name = f"{effect.key} = {added.value:.3g} {added.unit}".rstrip()
-        pairs.append(Pair(FixedModel(name, model, theta), base, added))
+    for row in rows[:MOST_EXCLUDED]:
+        pair = _possible(base, explanation.base, evaluator, screened[row.effect], row)
+        pairs += [] if pair is None else [pair]
     return tuple(pairs)
 
 
-def _possible(effect: Effect, candidate: Candidate) -> list[float]:
-    """The effect's parameters at its exclusion limit; at a tenth of what its bounds allow where there is none."""
-    first = effect.magnitude
-    bounds, neutral = effect.parameters[first], effect.neutral[first]
-    reach = bounds.high - neutral if bounds.high > neutral else bounds.low - neutral
-    limit = candidate.exclusion_limit
+def _possible(
+    base: AdaptableModel, evaluation: Evaluation, evaluator: Evaluator, addition: Addition, row: Candidate
+) -> Pair | None:
+    """The base model with an addition at its exclusion limit; at a tenth of what its bounds allow where there is none.
+
+    None where it has a size in every run.
+    """
+    way = evaluator.discretisation.values.of(evaluator.given)
+    model = build(way, evaluation.hypothesis.plus(addition), evaluator.runs)
+    known = evaluation.values
+    start = addition.starts(model, known)[0]
+    if isinstance(model, ScopedSimulator) or len(start.sized) > 1:
+        return None
+    reach = start.reach * (start.high if start.high > 0 else start.low)
+    limit = row.exclusion_limit
     size = CARED_FOR * abs(reach) if limit is None or not math.isfinite(limit) else min(limit, abs(reach))
-    values = {**effect.neutral, **(effect.starts[0] if effect.starts else {})}
-    values[first] = neutral + math.copysign(size, reach)
-    return [values[name] for name in effect.parameters]
-
-
-def rows_of(projected: Projected, index: Tensor) -> tuple[Tensor, Tensor]:
-    """Residual and columns of some windows as one vector and one matrix."""
-    return projected.residual[index].flatten(), projected.columns[index].flatten(0, 1)
-
-
-def _refreshed_weight(windows: Windows, fitted: Fit) -> Float[Tensor, " S"]:
-    """Each signal's weight for the next fit: noise / max(RMS of the current residual, noise)."""
-    return 1 / signal_rms(project(windows, fitted.lin)).clamp_min(1.0)
+    (entry,) = start.sized
+    value = start.neutral + math.copysign(size, reach)
+    values = {**start.values, entry: value}
+    begin = theta_of(model, {**known, **values})
+    free = torch.tensor([name not in values for name in model.parameters.names])
+    theta = adapted(model, base.windows, begin, free, base.fitted)
+    added = Size(value, start.neutral, model.parameters[entry].unit)
+    name = f"{addition.key} = {added.value:.3g} {added.unit}".rstrip()
+    return Pair(FixedModel(name, model, theta), base, added)

@@ -1,20 +1,15 @@
-"""By how many standard deviations a recording would rule out one model if another is true.
+"""What a recording would say against one model if another is true.
 
-    x^2 = min over d of  (Delta / tau) |r~ - C~ d|^2 + d' I d,      theta + d within the bounds,      separation = x
+    d = argmin of |C~ d|^2 over the present data + |r~ - C~ d|^2 over the new ones,       theta + d within the bounds
+    x^2 = (Delta / tau) sum over both of missed^2 / m            separation x [standard deviations], by one recording
+    gain = S(m + missed^2) - S(m)       in the score of :mod:`.judging.scoring`, over the present data and n recordings
 
 r~ is what the true model would measure under the input less the other one's replay, cut into windows, their starts
-projected out; C~ the other one's sensitivities under the same input; I what the present data say about its parameters
-(see ``rivals``). Noise counts as the present residual, correlated over tau, not as the sensor's best.
+projected out; C~ the other one's sensitivities under the same input; missed is what d leaves of the first and spoils of
+the second, in sensor noise; m the mean square of what the present fit leaves, at least 1, correlated over tau.
 
 Linear in d, this is a screening: a model may bend further than its tangent, or less far. :func:`refitted` lets the
-other model fit the present data and the predicted ones together, and counts what that costs,
-
-    x^2 = (Delta / tau) (min over theta of |r~|^2 over both  -  min over theta of |r~|^2 over the present data)
-
-An effect is accepted only where it also lowers the error by 5 % (``hypotheses.rule``), over the present data and n
-new recordings together:
-
-    fall = 1 - sqrt(S / (S + E)),     S what noise leaves of both,  E what the other one's d for all of them adds
+other model fit the present data and the predicted ones together, and counts what that costs.
 """
 
 from __future__ import annotations
@@ -28,12 +23,13 @@ from torch import Tensor
 
 from onlinebayes.criticism.experiment.inputs import Inputs
 from onlinebayes.criticism.experiment.play import predicted
-from onlinebayes.criticism.experiment.rivals import AdaptableModel, Pair, rows_of
+from onlinebayes.criticism.experiment.rivals import AdaptableModel, Pair
 from onlinebayes.identification.data.windows import MEMORY, Windows, make_windows
-from onlinebayes.identification.fitting.descent import difference_steps
-from onlinebayes.identification.fitting.fit import fit
-from onlinebayes.identification.fitting.projection import Projected, project
+from onlinebayes.identification.fitting.gauss_newton import fit
+from onlinebayes.identification.fitting.rows import Rows, band_counts, band_squares, project
 from onlinebayes.identification.fitting.sensitivities import linearise
+from onlinebayes.identification.fitting.theta import room
+from onlinebayes.identification.judging.scoring import score_parts
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.measurements import Signal
 from onlinebayes.runs import BadInput
@@ -45,18 +41,16 @@ class Separation:
 
     Args:
         sigma: expected separation by one recording.
-        fall: share by which the effect that is true lowers the error, over the present data and all new recordings; nan
-            for a pair that no added effect makes.
+        gain: by how much the truth predicts the present data and all new recordings better [nats].
     """
 
     sigma: Float[Tensor, " N"]
-    fall: Float[Tensor, " N"]
+    gain: Float[Tensor, " N"]
 
 
 def separations(
     pair: Pair,
     inputs: Inputs,
-    present: Windows,
     signals: Sequence[Signal],
     noise: Float[Tensor, " S"] | None = None,
     plays: int = 1,
@@ -66,77 +60,79 @@ def separations(
     Args:
         pair: who is true, and who is to be ruled out.
         inputs: N of them.
-        present: windows of the present data.
-        signals: what is measured under the inputs.
+        signals: what is measured under the inputs: the present ones, and some more.
         noise: floor of each of them [SI]; the present data's where they are the same signals.
-        plays: recordings that are fitted, for the fall of the error.
+        plays: recordings that are judged, for the gain.
     """
     other = pair.other
-    windows = predicted_windows(pair, inputs, present, signals, present.noise if noise is None else noise)
-    lin = linearise(
-        other.hypothesis.simulator,
-        windows,
-        other.hypothesis.theta,
-        windows.start,
-        difference_steps(other.fitted.projected),
-    )
-    nothing = inputs.command.new_zeros(inputs.count)
-    unasked = torch.full_like(nothing, torch.nan)
-    if not lin.valid:
-        return Separation(nothing, unasked if pair.added is None else nothing)
-    extra = len(signals) - len(other.weight)
-    weight = torch.cat([other.weight, other.weight.new_ones(extra)])
-    projected = project(windows, lin, weight)
-    share = windows.bin_step / max(other.tau, windows.bin_step)
-    sigma, falls = [], []
-    for n in range(inputs.count):
-        mine = (windows.run == n).nonzero()[:, 0]
-        r, C = rows_of(projected, mine)
-        step = _step(r, C, share, other)
-        square = share * (r - C @ step).square().sum() + step @ other.information @ step
-        sigma.append(square.clamp_min(0.0).sqrt())
-        falls.append(unasked[0] if pair.added is None or extra else _fall(projected, mine, share, other, plays))
-    return Separation(torch.stack(sigma), torch.stack(falls))
-
-
-def _step(
-    r: Float[Tensor, " m"], C: Float[Tensor, "m P"], share: float, other: AdaptableModel, plays: int = 1
-) -> Float[Tensor, " P"]:
-    """How the other model's parameters adapt to so many equal recordings, kept by what the present data say."""
-    space, theta = other.hypothesis.simulator.parameters, other.hypothesis.theta
-    normal, gradient = plays * share * (C.T @ C) + other.information, plays * share * (C.T @ r)
-    return bounded_least_squares(normal, gradient, space.low.to(theta) - theta, space.high.to(theta) - theta)
-
-
-def _fall(
-    new: Projected, mine: Int[Tensor, " V"], share: float, other: AdaptableModel, plays: int
-) -> Float[Tensor, ""]:
-    """Fall of the error, in noise units as acceptance takes it: what the other model misses beyond noise goes."""
-    r, C = rows_of(new, mine)
-    step, old = _step(r, C, share, other, plays), other.fitted.projected
-
-    def square(projected: Projected, rows: Float[Tensor, "V m"]) -> Float[Tensor, ""]:
-        return (projected.measured_rows(rows) / projected.weight).square().sum()
-
-    # Each new window is as noisy as the present ones are on average; what adapting costs there counts, too.
-    noise = square(old, old.residual) * (1 + plays * len(mine) / len(old.residual))
-    missed = plays * square(new, new.residual[mine] - new.columns[mine] @ step) + square(old, old.columns @ step)
-    return 1 - (noise / (noise + missed)).sqrt()
-
-
-def refitted(pair: Pair, inputs: Inputs, present: Windows, signals: Sequence[Signal]) -> float:
-    """Separation under one input, the other model fitted anew to the present data and the predicted ones together."""
-    other = pair.other
-    new = predicted_windows(pair, inputs, present, signals, present.noise)
-    both = _joined(present, new)
-    starts = torch.cat([other.fitted.lin.starts, new.start])
+    new = predicted_windows(pair, inputs, other.windows, signals, other.windows.noise if noise is None else noise)
     model = other.hypothesis
+    lin = linearise(model.simulator, new, model.theta, new.start)
+    if not lin.valid:
+        nothing = inputs.command.new_zeros(inputs.count)
+        return Separation(nothing, nothing)
+    rows = project(new, lin, _with_more(other, other.fitted.rows.weight, len(signals)))
+    each = [(new.run == n).nonzero()[:, 0] for n in range(inputs.count)]
+    sigma = [_sigma(other, *_missed(other, rows, mine, 1)) for mine in each]
+    gain = [_gain(other, new.select(mine), *_missed(other, rows, mine, plays), plays) for mine in each]
+    return Separation(torch.stack(sigma), torch.stack(gain))
+
+
+def _with_more(other: AdaptableModel, weight: Float[Tensor, "n S"], signals: int) -> Float[Tensor, "n S2"]:
+    """The weights, and for signals that are not measured yet those of a residual that is noise."""
+    more = (2.0 * other.windows.count * len(weight)) ** -0.5
+    return torch.cat([weight, weight.new_full((len(weight), signals - weight.shape[1]), more)], dim=1)
+
+
+def _missed(
+    other: AdaptableModel, new: Rows, mine: Int[Tensor, " V"], plays: int
+) -> tuple[Float[Tensor, "V n S2"], Float[Tensor, "W n S"]]:
+    """What the other model leaves of a recording when it adapts to so many of them, and spoils of the present data."""
+    old, model = other.fitted.rows, other.hypothesis
+    C, r, kept = new.columns[mine].flatten(0, 1), new.residual[mine].flatten(), old.columns.flatten(0, 1)
+    normal, gradient = plays * (C.T @ C) + kept.T @ kept, plays * (C.T @ r)
+    step = bounded_least_squares(normal, gradient, *room(model.simulator, model.theta))
+    return new.in_noise(new.residual[mine] - new.columns[mine] @ step), old.in_noise(old.columns @ step)
+
+
+def _sigma(other: AdaptableModel, missed: Float[Tensor, "V n S2"], spoilt: Float[Tensor, "W n S"]) -> Float[Tensor, ""]:
+    noise = other.noise
+    more = torch.cat([noise, noise.new_ones(len(noise), missed.shape[2] - noise.shape[1])], dim=1)
+    return (_share(other) * ((missed.square() / more).sum() + (spoilt.square() / noise).sum())).sqrt()
+
+
+def _share(other: AdaptableModel) -> float:
+    """How many independent values a bin is worth: Delta / tau, at most 1."""
+    return other.windows.bin_step / max(other.tau, other.windows.bin_step)
+
+
+def _gain(
+    other: AdaptableModel,
+    new: Windows,
+    missed: Float[Tensor, "V n S2"],
+    spoilt: Float[Tensor, "W n S"],
+    plays: int,
+) -> Float[Tensor, ""]:
+    """By how much worse the score is for what is missed and spoilt; of the signals that are measured now."""
+    S = spoilt.shape[2]
+    squares, counts = band_squares(other.windows, other.left).sum(0), band_counts(other.windows).sum(0)
+    mean, more = squares / counts.clamp_min(1), plays * band_counts(new).sum(0)[:, :S]
+    noise, counts = squares + mean * more, counts + more
+    worse = plays * band_squares(new, missed).sum(0)[:, :S] + band_squares(other.windows, spoilt).sum(0)
+    return (score_parts(noise + worse, counts) - score_parts(noise, counts)).sum()
+
+
+def refitted(pair: Pair, inputs: Inputs, signals: Sequence[Signal]) -> float:
+    """Separation under one input, the other model fitted anew to the present data and the predicted ones together."""
+    other, model, W = pair.other, pair.other.hypothesis, pair.other.windows.count
+    new = predicted_windows(pair, inputs, other.windows, signals, other.windows.noise)
+    both, starts = joined(other.windows, new), torch.cat([other.fitted.lin.starts, new.start])
     try:
-        fitted = fit(model.simulator, both, model.theta, other.weight, starts)
+        found = fit(model.simulator, both, model.theta, starts, rough=other.fitted.rough)
     except BadInput:
         return 0.0
-    share = new.bin_step / max(other.tau, new.bin_step)
-    return (share * max(0.0, fitted.projected.objective - other.fitted.projected.objective)) ** 0.5
+    left, noise = found.rows.in_noise(found.rows.residual).square() / other.noise, other.left.square() / other.noise
+    return (_share(other) * max(0.0, float(left[W:].sum() + left[:W].sum() - noise.sum()))) ** 0.5
 
 
 def predicted_windows(
@@ -162,7 +158,7 @@ def _rows_apart(windows: Windows) -> Int[Tensor, " S"]:
     return (1 / share.clamp_min(1 / windows.rows)).round().long()
 
 
-def _joined(present: Windows, new: Windows) -> Windows:
+def joined(present: Windows, new: Windows) -> Windows:
     """Windows of both, the new runs numbered after the present ones."""
 
     def both(name: str) -> Tensor:

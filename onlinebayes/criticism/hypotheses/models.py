@@ -39,7 +39,7 @@ def numerics_of(evaluation: Evaluation, evaluator: Evaluator) -> Numerics:
 
 def flat_of(fit: Fit, windows: Windows) -> tuple[FlatDirection, ...]:
     """The combinations of parameters that the fit runs do not determine."""
-    return flat_directions(fit, residual_correlation_time(fit, windows), windows.bin_step)
+    return flat_directions(fit, residual_correlation_time(windows, fit.lin), windows.bin_step)
 
 
 def fitted_model(
@@ -58,7 +58,7 @@ def fitted_model(
         windows: of runs, and whether these were held out.
     """
     fit = as_fit(evaluation, evaluator)
-    blocks = make_blocks(evaluator.windows, residual_correlation_time(fit, evaluator.windows), folds)
+    blocks = make_blocks(evaluator.windows, residual_correlation_time(evaluator.windows, fit.lin), folds)
     model = rung.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
     quick = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, evaluator.runs)
     theta = theta_of(model, evaluation.values)

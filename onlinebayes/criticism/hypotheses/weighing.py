@@ -56,7 +56,7 @@ def settled(explanation: Explanation) -> Explanation:
             continue
         gone = set[str]()
         for rival in rivals(found)[:MOST]:
-            evaluation = _in_its_place(explanation, found, rival)
+            evaluation = in_its_place(explanation, found, rival)
             if evaluation is None or not _as_good(explanation, evaluation):
                 gone.add(rival.key)
             else:
@@ -97,8 +97,14 @@ def _scores(left: LeftOut, u: Float[Tensor, "D F"]) -> Float[Tensor, " D"]:
     return score_parts(squares, counts).sum(-1)
 
 
-def _in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Evaluation | None:
-    """What was found with a rival in the place of what a round added; None where it cannot be followed."""
+def in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Evaluation | None:
+    """What was found with a rival in the place of what a round added; None where it cannot be followed.
+
+    Args:
+        explanation: whose evaluator fits it.
+        found: a round that added something which is kept.
+        rival: one that this round screened.
+    """
     assert found.added is not None
     tried = {trial.addition.key: trial.evaluation.values for trial in found.tried}
     screened = {one.addition.key: one.begun for one in found.screened}

@@ -18,7 +18,6 @@ import torch
 from jaxtyping import Bool, Float
 from torch import Tensor
 
-from onlinebayes.criticism.hypotheses.models import as_fit
 from onlinebayes.criticism.posterior.spread import Parts, Spread, spread_of
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.fit import residual_correlation_time
@@ -108,7 +107,7 @@ def score_of(evaluation: Evaluation, evaluator: Evaluator, folds: int | None = N
     U, S, Vh = torch.linalg.svd(columns.flatten(0, 1), full_matrices=False)
     kept = torch.gt(S, NOTHING * float(S[:1].sum()))
     basis, slope = U[:, kept].unflatten(0, columns.shape[:2]), S[kept, None] * Vh[kept]
-    tau = residual_correlation_time(as_fit(evaluation, evaluator), windows)
+    tau = residual_correlation_time(windows, evaluation.fitted.lin)
     white = torch.einsum("wmk,wm,wml->kl", basis, rows.residual.square(), basis) * _lost(windows, len(space))
     parts = Parts(torch.einsum("wm,wmk->wk", rows.residual, basis), basis.mT @ basis)
     runs_differ = isinstance(fitted.simulator, ScopedSimulator)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report.phrases import capitalised, effects_in_words, listing, plain
-from onlinebayes.criticism.results import MOVES_NOTHING, Candidate, Criticism
+from onlinebayes.criticism.results import MOVES_NOTHING, Candidate
 
 
 def in_order(result: Criticism) -> list[Candidate]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from onlinebayes.criticism import region_words
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import candidate_words, phrases, words
-from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.criticism.results import Candidate
 from onlinebayes.identification import quantities
 
 SHOWN = 15

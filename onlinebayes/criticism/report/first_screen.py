@@ -11,9 +11,10 @@ import math
 from collections.abc import Iterator, Mapping
 
 from onlinebayes.criticism import region_words
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.candidate_words import tie_members
-from onlinebayes.criticism.results import Candidate, Criticism, Step
+from onlinebayes.criticism.results import Candidate, Step
 from onlinebayes.identification import quantities
 
 NAMED = 3

@@ -8,11 +8,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Final
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import words
 from onlinebayes.criticism.report.markup import Html, chapter, join, tag, text
 from onlinebayes.criticism.report.sections import accuracy, errors, parameters, ranking, summary, usage, where
 from onlinebayes.criticism.report.style import stylesheet
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs import Attempts
 
 Part = tuple[str, Callable[[], Html]]

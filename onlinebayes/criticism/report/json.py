@@ -12,7 +12,8 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from onlinebayes.criticism.results import Candidate, Criticism, ParameterChange, WeightedModel
+from onlinebayes.criticism.criticism import Criticism
+from onlinebayes.criticism.results import Candidate, ParameterChange, WeightedModel
 from onlinebayes.identification.results import Estimate
 from onlinebayes.runs.results import machine, versions
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import arrows, geometry, replays, words
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 from onlinebayes.identification.replaying.forces import effect_forces
 

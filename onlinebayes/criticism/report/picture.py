@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import replays, words
 from onlinebayes.criticism.report.replays import Trace
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 from onlinebayes.runs import atomic_path
 

@@ -15,7 +15,7 @@ from onlinebayes.criticism.report.plan_page import to_page
 from onlinebayes.runs import write_atomic
 from onlinebayes.runs.results import versions
 
-SCHEMA = 1
+SCHEMA = 2
 FILES = ("next.csv", "next.html", "next.json")
 
 
@@ -68,7 +68,7 @@ def to_dict(plan: Plan) -> dict[str, Any]:
 
 def _tried(plan: Plan, tried: Tried) -> dict[str, Any]:
     sigma = [
-        {"names": rivalry.names, "sigma": value, "fall": fall}
-        for rivalry, value, fall in zip(plan.rivalries, tried.sigma, tried.fall, strict=True)
+        {"names": rivalry.names, "sigma": value, "gain": gain}
+        for rivalry, value, gain in zip(plan.rivalries, tried.sigma, tried.gain, strict=True)
     ]
-    return {**{key: value for key, value in asdict(tried).items() if key != "fall"}, "sigma": sigma}
+    return {**{key: value for key, value in asdict(tried).items() if key != "gain"}, "sigma": sigma}

@@ -56,14 +56,14 @@ def _rivalries(plan: Plan) -> Html:
     ]
     note = (
         "How surely a recording rules out one model if the other is true, its parameters and the windows' starts "
-        "having adapted. Below 3 under every input the two are structurally alike. An effect is accepted only where it "
-        "lowers the error, over the present runs and the new ones, by enough, too."
+        "having adapted. Below 4 under every input the two are structurally alike. A model is preferred only where it "
+        "predicts the present runs and the new ones better by enough, too."
     )
     return section(
         "What is open",
         table(
             "Rivals, and how surely a recording parts them",
-            ("rivals", "sigma, this input", "sigma, best input", "if the effect is there", "what would part them"),
+            ("rivals", "sigma, this input", "sigma, best input", "what that gains", "what would part them"),
             rows,
         ),
         note=note,

@@ -44,17 +44,14 @@ def expected(rivalry: Rivalry) -> str:
     if rivalry.too_small:
         return f"{first} or {second}: {rivalry.sigma:.3g} sigma, but {acceptance(rivalry)}"
     weak = "" if rivalry.decides else f", not enough (another input gives {rivalry.best:.3g})"
-    asked = f"; {acceptance(rivalry)}" if rivalry.fall is not None else ""
-    return f"{first} or {second}: {rivalry.sigma:.3g} sigma{weak}{asked}"
+    return f"{first} or {second}: {rivalry.sigma:.3g} sigma{weak}; {acceptance(rivalry)}"
 
 
 def acceptance(rivalry: Rivalry) -> str:
-    """Whether an effect would be accepted for what it shows, and from which size on; empty where none is added."""
-    if rivalry.fall is None:
-        return ""
+    """Whether the true one would be preferred for what it shows; of an effect that is added, from which size on."""
     size = f"{rivalry.accepted_from:.3g} {rivalry.unit}".rstrip() if rivalry.accepted_from is not None else ""
     return (
-        f"it would lower the error by {100 * rivalry.fall:.2g} %, and {100 * LEAST_GAIN:g} % are asked"
+        f"the true one would gain {rivalry.gain:.2g} nats, and {LEAST_GAIN:g} are asked"
         f"{f': accepted from about {size} on' if size else ''}"
     )
 

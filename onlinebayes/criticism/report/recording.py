@@ -23,10 +23,10 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import arrows, documents, geometry, layout
 from onlinebayes.criticism.report.colours import COLOURS, EFFECTS
 from onlinebayes.criticism.report.geometry import Colour
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification.replaying.forces import EffectForce, effect_forces
 from onlinebayes.identification.replaying.wrapper import unwrap
 from onlinebayes.identification.results import ReplayedRun

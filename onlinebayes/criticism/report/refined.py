@@ -20,10 +20,11 @@ from typing import Any
 
 import mujoco
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.hypotheses.weighing import MOST
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.mending import mended
-from onlinebayes.criticism.results import Criticism, WeightedModel, WidenedBounds
+from onlinebayes.criticism.results import WeightedModel, WidenedBounds
 from onlinebayes.identification import quantities
 from onlinebayes.identification.replaying.scoped import physical
 from onlinebayes.identification.replaying.wrapper import unwrap

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.identification.results import ReplayedRun
 
 Array = NDArray[np.float64]

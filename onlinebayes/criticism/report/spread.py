@@ -15,7 +15,7 @@ from html import escape
 
 import numpy as np
 
-from onlinebayes.criticism.results import Criticism
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.identification import quantities
 
 WIDTH, LEFT, RIGHT, ROW, BOTTOM = 540, 8, 532, 58, 46

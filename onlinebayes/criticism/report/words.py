@@ -10,11 +10,11 @@ import math
 from collections.abc import Mapping, Sequence
 
 from onlinebayes.criticism import region_words
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.doubts import held_out_gain
 from onlinebayes.criticism.report.candidate_words import tie_members
 from onlinebayes.criticism.report.mending import keys_of
 from onlinebayes.criticism.report.phrases import better, effects_in_words, estimate, listing, times_floor
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.scope import address_of

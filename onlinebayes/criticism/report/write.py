@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.json import to_json
 from onlinebayes.criticism.report.recording import write_recording
 from onlinebayes.criticism.report.refined import left_out, noted, write_refined
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.runs import Attempts, write_atomic
 
 FILES = ("report.html", "run.rrd", "report.json")

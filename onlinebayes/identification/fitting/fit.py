@@ -127,9 +127,9 @@ def improve(begun: Fit, windows: Windows, hopeless: float = math.inf) -> Fit:
     return _descended(found, windows, hopeless, patience=MOST_STEPS)[0] if crept and found.converged else found
 
 
-def residual_correlation_time(fitted: Fit, windows: Windows) -> float:
-    """Correlation time tau of this fit's start-projected residual [s]; see :func:`.data.noise.correlation_time`."""
-    long = project(windows, fitted.lin)
+def residual_correlation_time(windows: Windows, lin: Linearisation) -> float:
+    """Correlation time tau of a fit's start-projected residual [s]; see :func:`.data.noise.correlation_time`."""
+    long = project(windows, lin)
     return correlation_time(long.measured_rows(long.residual), long.seen(), windows.bin_step)
 
 

@@ -7,7 +7,7 @@ Per window, in units of sensor noise, each row times the weight of its signal an
 
 so that least squares on the rows is least squares over theta and all starts (Golub and Pereyra 1973).
 
-The weights make that least squares a step towards the smallest score (see :mod:`.judging.scoring`): a signal counts by the
+The weights make that least squares a step towards the smallest score (:mod:`.judging.scoring`): a signal counts by the
 share of its error that is explained, above the noise, and so does each band of time since the window's start.
 
     w^2 = 1 / (count (mean square + 1))      of its signal and band

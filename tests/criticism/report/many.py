@@ -6,8 +6,9 @@ import dataclasses
 
 import torch
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.profiles import profiles
-from onlinebayes.criticism.results import Candidate, Criticism, Failure, HeldOutError, Remainder
+from onlinebayes.criticism.results import Candidate, Failure, HeldOutError, Remainder
 from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.heldout import window_errors
 from onlinebayes.identification.results import Estimate, FittedModel

@@ -14,17 +14,9 @@ from numpy.typing import NDArray
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.profiles import profiles
-from onlinebayes.criticism.results import (
-    Candidate,
-    Criticism,
-    Failure,
-    HeldOutError,
-    ParameterChange,
-    Remainder,
-    Step,
-    Wiring,
-)
+from onlinebayes.criticism.results import Candidate, Failure, HeldOutError, ParameterChange, Remainder, Step, Wiring
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError
 from onlinebayes.identification.fitting.heldout import window_errors

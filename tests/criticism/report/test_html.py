@@ -10,10 +10,11 @@ from html.parser import HTMLParser
 import pytest
 import torch
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.report.html import to_html
 from onlinebayes.criticism.report.sections.summary import sizes
-from onlinebayes.criticism.results import MOVES_NOTHING, Criticism, HeldOutError, Remainder
+from onlinebayes.criticism.results import MOVES_NOTHING, HeldOutError, Remainder
 from onlinebayes.identification.results import Estimate, FlatDirection
 from tests.criticism.report.synthetic import SIGNAL, changed, criticism
 

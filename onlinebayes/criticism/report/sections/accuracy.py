@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import phrases, spread, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
 from onlinebayes.criticism.report.sections.summary import legend
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 
 SIGNALS_SHOWN = 6

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from onlinebayes.criticism import region_words
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, folded, join, section, table, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 
 RUNS_SHOWN, RUNS_OPEN, ROWS_SHOWN = 6, 2, 8

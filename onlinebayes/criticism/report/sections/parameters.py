@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import phrases
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag, text
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 from onlinebayes.identification.results import Estimate, FlatDirection
 from onlinebayes.identification.scope import address_of

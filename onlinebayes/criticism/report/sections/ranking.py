@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from typing import Literal
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import candidate_words, phrases, words
 from onlinebayes.criticism.report.markup import Html, bar, breakable, folded, join, section, table, tag
 from onlinebayes.criticism.report.sections.summary import sizes
-from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.criticism.results import Candidate
 from onlinebayes.identification import quantities
 from onlinebayes.simulators.effects import EFFECTS, Scales
 

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from onlinebayes.criticism import region_words
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import candidate_words, phrases, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, bar, join, prose, tag, wide
-from onlinebayes.criticism.results import Candidate, Criticism
+from onlinebayes.criticism.results import Candidate
 from onlinebayes.identification import quantities
 
 SIZES = 5

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import phrases, words
 from onlinebayes.criticism.report.markup import Html, folded, join, section, table, tag
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 from onlinebayes.runs.results import machine, versions
 

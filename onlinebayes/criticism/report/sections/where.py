@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.report import multiples, replays, svg, words
 from onlinebayes.criticism.report.markup import Html, folded, join, prose, section, tag, wide
 from onlinebayes.criticism.report.sections.summary import legend
-from onlinebayes.criticism.results import Criticism
 from onlinebayes.identification import quantities
 from onlinebayes.identification.detail import HorizonError
 

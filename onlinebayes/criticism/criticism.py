@@ -1,0 +1,111 @@
+"""The answer of ``compare``, ``diagnose`` and ``refine`` as one frozen value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.results import (
+    Candidate,
+    Failure,
+    HeldOutError,
+    ParameterChange,
+    Question,
+    Remainder,
+    Step,
+    Verdict,
+    WeightedModel,
+    WidenedBounds,
+    Wiring,
+)
+from onlinebayes.criticism.timing import Timing
+from onlinebayes.identification.detail import Detail
+from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, Selection
+
+
+@dataclass(frozen=True)
+class Criticism:
+    """The answer of ``compare``, ``diagnose`` or ``refine``; the fields up to ``numerics`` are report.json's.
+
+    Args:
+        command: which of the three made this.
+        verdict: what is wrong; from ``compare``, which tries no effect, ``unexplained`` where the model errs.
+        accepted: keys of the effects added, in order (those added by hand belong to the base model).
+        remainder: what the final model leaves in the fit runs.
+        heldout_error: of both models over the held-out runs.
+        steps: the acceptances, in order.
+        candidates: every effect that was tried, ranked ones first.
+        candidates_tried: how many these were.
+        holdout_looks: how often the held-out runs have been opened; a command opens them once.
+        failures: where the base model's error concentrates, the worst regions of each signal first.
+        parameters: address -> estimate, of the final model.
+        flat_directions: combinations of the final model's parameters that the fit runs do not determine.
+        numerics: whether the final model's integration step is fine enough.
+        base, final: the base model refitted and the accepted one (the same object where nothing was accepted).
+        signals: names of the S signals that were compared, in the order of the replays' columns.
+        commands: names of the U actuators, in the order of the replays' commands.
+        units: signal -> unit.
+        sensor_sd: signal -> sensor noise used, given or estimated [the signal's unit].
+        selection: how effects were judged, with the horizon that was used in the end.
+        what_to_record: with ``insufficient_data``, what would decide; else empty.
+        interrupted: whether the search was stopped before its end.
+        notes: what else a reader should know, a sentence each.
+        widened: parameter -> bounds, with ``bounds_exclude_truth``; ``final`` is then the model within the wider ones.
+        detail: the held-out error window by window and over time, and how the error spreads over what the machine did.
+        timings: the stages of the work and how long each took, up to the result.
+        wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
+        changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
+        mended: with ``data_problem``, the base model fitted to the mended table, without replays.
+        hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
+        failed: what failed in the work, a line each; the answer is the best that was known without it.
+        explanation: the evaluations that it stands on, for :func:`~onlinebayes.criticism.next_experiment`.
+    """
+
+    command: Question
+    verdict: Verdict
+    accepted: tuple[str, ...]
+    remainder: Remainder
+    heldout_error: HeldOutError
+    steps: tuple[Step, ...]
+    candidates: tuple[Candidate, ...]
+    candidates_tried: int
+    holdout_looks: int
+    failures: tuple[Failure, ...]
+    parameters: Mapping[str, Estimate]
+    flat_directions: tuple[FlatDirection, ...]
+    numerics: Numerics
+    base: FittedModel
+    final: FittedModel
+    signals: tuple[str, ...]
+    commands: tuple[str, ...]
+    units: Mapping[str, str]
+    sensor_sd: Mapping[str, float]
+    selection: Selection
+    what_to_record: str = ""
+    interrupted: bool = False
+    notes: tuple[str, ...] = ()
+    widened: Mapping[str, WidenedBounds] = field(default_factory=dict)
+    detail: Detail = field(default_factory=Detail)
+    timings: tuple[Timing, ...] = ()
+    wiring: Wiring | None = None
+    changes: tuple[ParameterChange, ...] = ()
+    mended: FittedModel | None = None
+    hypotheses: tuple[WeightedModel, ...] = ()
+    failed: tuple[str, ...] = ()
+    explanation: Explanation | None = field(default=None, repr=False, compare=False)
+
+    @property
+    def only_compared(self) -> bool:
+        """Whether the model errs and nobody has asked why."""
+        return self.command == "compare" and self.verdict == "unexplained"
+
+    @property
+    def changed(self) -> bool:
+        """Whether the final model is another than the base model."""
+        return self.final is not self.base
+
+    @property
+    def held_out_runs(self) -> tuple[str, ...]:
+        """Names of the runs that were kept for the reported error."""
+        return tuple(replay.run for replay in self.final.replays if replay.held_out)
