@@ -3,9 +3,9 @@
     gain >= 0.05 nats,      gain >= 2 se        (:mod:`.judging.rule`),      strength: how far both are reached, 1: just
 
 Where the other model misses x standard deviations (:mod:`.separation`), the log-likelihood gains x^2 / 2 with a
-standard error of x, so that two standard errors are x = 4. The gain is 1/2 log(1 + odds), and the odds go with the square of an
-effect's size, as x does with the size, as far as its law is linear in it: one 1 / strength times as large would just be
-accepted.
+standard error of x, so that two standard errors are x = 4. The gain is 1/2 log(1 + odds). The odds go with the square
+of an effect's size, as x does with the size, as far as its law is linear in it: one 1 / strength times as large would
+just be accepted.
 """
 
 from __future__ import annotations

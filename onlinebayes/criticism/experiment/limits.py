@@ -117,7 +117,7 @@ def find_limits(
     if seconds < 2 * windows.horizon:
         raise BadInput(
             f"a recording of {seconds:g} s is shorter than two windows of {windows.horizon:g} s",
-            "give more seconds under [next], or a shorter horizon_s",
+            "give more seconds under [next]",
         )
     return Limits(
         *command, _rates(simulator, measurement, allowed, *command), *_motion(simulator, windows, allowed), seconds

@@ -5,7 +5,8 @@
     nothing accepted    the base model with one addition, as large as the data leave possible, its other parameters
                         adapted to the present data beside it (:mod:`.adapted`), against the base model
 
-They are evaluations of the search that a criticism made, or are fitted by its evaluator, to the same windows.
+They are evaluations of the search that a criticism made, or are fitted by its evaluator, to the windows of the search:
+it will choose such windows again when the recording is there.
 """
 
 from __future__ import annotations
@@ -155,10 +156,11 @@ def find_rivals(result: Criticism) -> Rivals:
             f"{own} differs between the runs, and an experiment for such parameters is not planned by this version",
             "plan with runs in which it is the same, or record again",
         )
-    pairs = _swaps(result, explanation) if result.accepted else _excluded(result, explanation)
+    searched = explanation.shorter or explanation
+    pairs = _swaps(result, explanation, searched) if result.accepted else _excluded(result, searched)
     if not pairs:
         raise BadInput("no other effect is a rival of what was found", "there is nothing to decide: use the model")
-    return Rivals(pairs, explanation.windows)
+    return Rivals(pairs, searched.windows)
 
 
 def adaptable(evaluation: Evaluation, windows: Windows) -> AdaptableModel:
@@ -169,16 +171,19 @@ def adaptable(evaluation: Evaluation, windows: Windows) -> AdaptableModel:
     return AdaptableModel(model, fitted, windows, residual_correlation_time(windows, fitted.lin))
 
 
-def _swaps(result: Criticism, explanation: Explanation) -> tuple[Pair, ...]:
-    """What was found and its rivals, each against each."""
-    kept = explanation.found.hypothesis.additions
+def _swaps(result: Criticism, explanation: Explanation, searched: Explanation) -> tuple[Pair, ...]:
+    """What was found and its rivals, each against each.
+
+    Args:
+        result, explanation: which rivals are open.
+        searched: by whose windows they are fitted.
+    """
+    kept = searched.found.hypothesis.additions
     entered = [one for one in explanation.rounds if one.added is not None and one.added.addition in kept]
-    tied = [*explanation.rivals]
-    for found in entered[1:]:
-        tied += _in_place(explanation, found, equals_of(found))
+    tied = [one for found in entered for one in _in_place(searched, found, equals_of(found))]
     if not tied and entered:
-        tied = _in_place(explanation, entered[0], _next_by_score(result, entered[0]))
-    models = [adaptable(one, explanation.windows) for one in (explanation.found, *tied[: MOST_RIVALS - 1])]
+        tied = _in_place(searched, entered[0], _next_by_score(result, entered[0]))
+    models = [adaptable(one, searched.windows) for one in (searched.found, *tied[: MOST_RIVALS - 1])]
     return tuple(Pair(a.hypothesis, b) for a, b in itertools.permutations(models, 2))
 
 
@@ -198,14 +203,14 @@ def _next_by_score(result: Criticism, found: Round) -> tuple[Addition, ...]:
     return tuple(simple[:NEXT_BY_SCORE])
 
 
-def _excluded(result: Criticism, explanation: Explanation) -> tuple[Pair, ...]:
+def _excluded(result: Criticism, searched: Explanation) -> tuple[Pair, ...]:
     """The base model against each addition at the size that the data leave possible."""
-    base, evaluator = adaptable(explanation.base, explanation.windows), explanation.evaluator
-    screened = {one.addition.key: one.addition for found in explanation.rounds for one in found.screened}
+    base, evaluator = adaptable(searched.base, searched.windows), searched.evaluator
+    screened = {one.addition.key: one.addition for found in searched.rounds for one in found.screened}
     rows = [row for row in result.candidates if row.effect in screened and not row.confounded_with]
     pairs = []
     for row in rows[:MOST_EXCLUDED]:
-        pair = _possible(base, explanation.base, evaluator, screened[row.effect], row)
+        pair = _possible(base, searched.base, evaluator, screened[row.effect], row)
         pairs += [] if pair is None else [pair]
     return tuple(pairs)
 

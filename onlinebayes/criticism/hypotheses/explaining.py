@@ -49,6 +49,7 @@ class Explanation:
         rounds: of the search.
         evaluator: by which both were fitted and judged.
         rivals: what was found with another law in the place of its first addition, as good beside all else.
+        shorter: the same over the windows of the search, where longer ones took their place.
     """
 
     base: Evaluation
@@ -56,6 +57,7 @@ class Explanation:
     rounds: tuple[Round, ...]
     evaluator: Evaluator
     rivals: tuple[Evaluation, ...] = ()
+    shorter: Explanation | None = None
 
     def on_all_windows(self, fit_runs: Measurement) -> Explanation:
         """With both fitted once more to all windows, where the search looked at a part of them.
@@ -72,7 +74,7 @@ class Explanation:
             if longer is None:
                 break
             best = longer
-        return best
+        return best if best is self else replace(best, shorter=self)
 
     def _over(self, windows: Windows, *, quieter: bool) -> Explanation | None:
         """With both fitted to other windows; None where one diverges, or what was found has to leave no more and does.

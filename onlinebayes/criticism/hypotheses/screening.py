@@ -179,10 +179,11 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
         scaled = {name: start.neutral + size * start.reach for name, size in zip(start.sized, sizes, strict=True)}
         left = column.flatten() - bench.basis @ (bench.basis.T @ column.flatten())
         confounded = float(left.square().sum()) < CONFOUNDED * float(column.square().sum())
+        predicted = ({**start.values, **scaled},) if any(sizes) else ()  # at size 0 nothing has a slope but the size
         yield Prediction(
             addition,
             # A finite starting value may stand where linear prediction means little: it is tried as it is, too.
-            ({**start.values, **scaled}, start.values),
+            (*predicted, start.values),
             bench.gain(grown),
             left / left.norm().clamp_min(1e-300),
             _imitators(fitted, column) if confounded else (),
