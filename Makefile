@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals versus-peers effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
+.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals versus-sysid effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -66,9 +66,9 @@ cost: setup      ## seconds and memory of refine, and how they grow -> docs/resu
 	$(BIN)/python -m recipes.studies.cost
 goals: setup     ## which goals the studies hold and miss, read off their tables -> docs/results/goals.md
 	$(BIN)/python -m recipes.studies.goals
-versus-peers: setup  ## refine against three peers (hours; goes on where it was stopped) -> docs/results/versus-peers.json
+versus-sysid: setup  ## refine and its fit against mujoco.sysid (hours; goes on where it was stopped) -> docs/results/versus-sysid.json
 	@$(PIP) -e '.[peers]'
-	$(BIN)/python -m recipes.studies.peers --out $(OUT)/versus_peers
+	$(BIN)/python -m recipes.studies.versus_sysid --out $(OUT)/versus_sysid
 online: setup    ## online learning beside a posterior first, the prior and an oracle (hours; goes on where it was stopped) -> docs/results/online.json
 	$(BIN)/python -m recipes.studies.online --out $(OUT)/online
 

@@ -18,7 +18,7 @@ from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.own_values import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
 from onlinebayes.criticism.hypotheses.explaining import Explanation
-from onlinebayes.criticism.hypotheses.models import as_fit, fitted_model, flat_of, numerics_of
+from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
@@ -37,10 +37,10 @@ from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import Detail
-from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.fit import Fit, weighed_by_noise
 from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.identification.judging.hypothesis import build
-from onlinebayes.identification.replaying.ladder import Rung, reported
+from onlinebayes.identification.replaying.integration import Integration, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.results import Estimate, FittedModel
 from onlinebayes.measurements import Measurement
@@ -70,7 +70,8 @@ def answered(
     explanation = explanation if fault is None else replace(explanation, found=explanation.base)
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
-    windows, base_fit, fit = explanation.windows, as_fit(base, evaluator), as_fit(found, evaluator)
+    windows = explanation.windows
+    base_fit, fit = (weighed_by_noise(one.fitted, windows) for one in (base, found))
     numerics = numerics_of(found, evaluator)
     before, after = (rms_over_floor(one, windows, numerics) for one in (base_fit, fit))
     asked = what_to_record(windows, task.fit_runs, task.selection.horizon_s)
@@ -141,8 +142,8 @@ def _wiring(fault: Mended, base: Evaluation) -> Wiring:
 def _mended(fault: Mended, task: Task) -> FittedModel:
     """The base model fitted to the table put right, without replays."""
     evaluation, evaluator = fault.evaluation, fault.evaluator
-    rung = _shown(evaluator, evaluator.given, evaluation)
-    return fitted_model(evaluation, evaluator, task.selection.folds, rung, ())
+    way = _shown(evaluator, evaluator.given, evaluation)
+    return fitted_model(evaluation, evaluator, task.selection.folds, way, ())
 
 
 def _hypotheses(explanation: Explanation, task: Task, final: FittedModel) -> tuple[WeightedModel, ...]:
@@ -168,15 +169,15 @@ def _opened(
     Runs that cannot be replayed are left out.
     """
     evaluator, selection, base, found = explanation.evaluator, task.selection, explanation.base, explanation.found
-    rung = _shown(evaluator, task.simulator, base, found)
-    shown = rung.of(build(evaluator.given, found.hypothesis, evaluator.runs))
+    way = _shown(evaluator, task.simulator, base, found)
+    shown = way.of(build(evaluator.given, found.hypothesis, evaluator.runs))
 
     def windows(runs: Measurement) -> Windows:
         return windows_to_replay(shown, runs, found.fitted.theta, selection.horizon_s, explanation.windows.noise)
 
     def models(*parts: tuple[Windows, bool]) -> tuple[FittedModel, FittedModel]:
-        before = fitted_model(base, evaluator, selection.folds, rung, parts)
-        return before, before if found is base else fitted_model(found, evaluator, selection.folds, rung, parts)
+        before = fitted_model(base, evaluator, selection.folds, way, parts)
+        return before, before if found is base else fitted_model(found, evaluator, selection.folds, way, parts)
 
     with attempts.attempt("replaying all runs"):
         held = windows(task.held_runs)
@@ -197,7 +198,7 @@ def _held_out(
     return HeldOutError(unknown, unknown, unknown, unknown), Detail()
 
 
-def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Rung:
+def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Integration:
     """How models are run that are reported: no more coarsely than the user's, unless the log follows just that."""
     if evaluator.as_given:
         return evaluator.discretisation.values

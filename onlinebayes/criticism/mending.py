@@ -21,20 +21,17 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.explaining import begun
-from onlinebayes.criticism.hypotheses.models import as_fit
 from onlinebayes.criticism.wiring.faults import AsItStands, Fault
 from onlinebayes.criticism.wiring.outages import Sighting, sighted
 from onlinebayes.criticism.wiring.possible import possible_faults
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.gauss_newton import score_of
-from onlinebayes.identification.fitting.numerics import Grounds
 from onlinebayes.identification.fitting.projection import per_noise
 from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, Evaluator
 from onlinebayes.identification.judging.rule import equally_good, halves
 from onlinebayes.identification.judging.scoring import Gain
 from onlinebayes.identification.replaying.replay import replay_binned
-from onlinebayes.identification.results import Numerics
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
@@ -205,13 +202,13 @@ def _sightings(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     if not evaluator.given.commands:
         return
     windows, way = evaluator.windows, evaluator.discretisation.values
-    fitted, shift = as_fit(base, evaluator), torch.zeros_like(base.fitted.theta)
-    grounds = Grounds(windows, fitted, Numerics(way.timestep, 0.0, True), way, shift)
     simulator = way.of(evaluator.given)
     shortest, long = OUTAGE_WINDOWS
     for horizon in dict.fromkeys((max(shortest, windows.horizon), long)):
         try:
-            found = sighted(grounds, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise))
+            found = sighted(
+                base.fitted.theta, simulator, make_windows(simulator, measurement, horizon, 0.0, windows.noise)
+            )
         except Stopped:
             raise
         except BadInput:

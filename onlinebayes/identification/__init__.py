@@ -17,17 +17,17 @@ from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
 from onlinebayes.identification.fitting.closed_loops import completed, follow
-from onlinebayes.identification.fitting.descent import LEAST_PROMISE
-from onlinebayes.identification.fitting.fit import Fit, fit, residual_correlation_time
+from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time, weighed_by_noise
+from onlinebayes.identification.fitting.gauss_newton import SETTLED, Fitted, fit
 from onlinebayes.identification.fitting.heldout import begun_best, replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.identification.fitting.horizon import steady
 from onlinebayes.identification.fitting.identifiability import estimates, flat_directions
-from onlinebayes.identification.fitting.numerics import Grounds, settle
 from onlinebayes.identification.fitting.projection import Projected, noise_rows, project, signal_rms
 from onlinebayes.identification.fitting.sensitivities import columns, linearise
+from onlinebayes.identification.fitting.window_length import fit_base
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
-from onlinebayes.identification.replaying.ladder import reported
+from onlinebayes.identification.replaying.integration import reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
 from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
@@ -36,14 +36,14 @@ from onlinebayes.identification.splitting import split
 
 __all__ = [
     "FEWEST_BLOCKS",
-    "LEAST_PROMISE",
     "MEMORY",
+    "SETTLED",
     "Detail",
     "Estimate",
     "Fit",
+    "Fitted",
     "FittedModel",
     "FlatDirection",
-    "Grounds",
     "HorizonError",
     "Numerics",
     "Profile",
@@ -61,6 +61,7 @@ __all__ = [
     "completed",
     "estimates",
     "fit",
+    "fit_base",
     "flat_directions",
     "follow",
     "in_step",
@@ -81,12 +82,12 @@ __all__ = [
     "run_grids",
     "seen_by",
     "sensor_readings",
-    "settle",
     "signal_rms",
     "split",
     "start_coordinates",
     "start_floor",
     "start_spread",
     "steady",
+    "weighed_by_noise",
     "windows_to_replay",
 ]

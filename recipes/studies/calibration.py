@@ -32,7 +32,7 @@ from recipes.studies.exact import coverage_error
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
 from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.ringing import SIZES as EFFECT_SIZES
-from recipes.studies.ringing import rung
+from recipes.studies.ringing import way
 
 Part = Literal["amortised", "alarm"]
 NOISE, SIMULATIONS, THETAS, COMBINED_BY, SIZES = 0.01, 1000, 500, 64, (1, 6, 30)
@@ -79,7 +79,7 @@ def jobs_of(study: Study) -> dict[str, Callable[[], dict[str, Any]]]:
         if "amortised" in study.parts:
             jobs |= {f"{task}, {name}": partial(amortised, task, name) for name in study.estimators}
         if "alarm" in study.parts and task in EFFECT_SIZES:
-            jobs[f"{task}, alarm"] = partial(rung, task, SEED, NOISE)
+            jobs[f"{task}, alarm"] = partial(way, task, SEED, NOISE)
     return jobs
 
 

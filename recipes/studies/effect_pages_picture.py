@@ -19,7 +19,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.criticism.report import Curve, Panel, chart, stylesheet
-from onlinebayes.identification import Fit, Windows, fit, replay, signal_rms
+from onlinebayes.identification import Fitted, Windows, fit, replay, signal_rms, weighed_by_noise
 from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
 
@@ -55,7 +55,9 @@ def fingerprint(simulator: Identifiable, windows: Windows, recording: Recording)
     fitted = fit(simulator, windows, simulator.nominal)
     time, residual = _residual(fitted, windows)
     velocity, angle, command, torque = _missing(fitted, recording)
-    return Fingerprint(float(signal_rms(fitted.projected)), time, residual, velocity, angle, command, torque)
+    return Fingerprint(
+        float(signal_rms(weighed_by_noise(fitted, windows).projected)), time, residual, velocity, angle, command, torque
+    )
 
 
 def draw(found: Fingerprint, title: str) -> str:
@@ -80,7 +82,7 @@ def draw(found: Fingerprint, title: str) -> str:
     return _file("".join(parts), TALL + 8 + LOW, title)
 
 
-def _residual(fitted: Fit, windows: Windows) -> tuple[Array, Array]:
+def _residual(fitted: Fitted, windows: Windows) -> tuple[Array, Array]:
     signals, _ = replay(fitted.simulator, windows, fitted.theta[None], fitted.lin.starts[None])
     wrong = (windows.value - signals[0])[..., 0].masked_fill(~windows.observed[..., 0], float("nan"))
     mine = torch.nonzero(windows.run == 0).flatten()
@@ -91,7 +93,7 @@ def _residual(fitted: Fit, windows: Windows) -> tuple[Array, Array]:
     return torch.nn.functional.pad(time, (0, 1), value=float("nan")).flatten().numpy(), broken.numpy()
 
 
-def _missing(fitted: Fit, recording: Recording) -> tuple[Array, Array, Array, Array]:
+def _missing(fitted: Fitted, recording: Recording) -> tuple[Array, Array, Array, Array]:
     q, u = recording.exact[:SHOWN_RUNS], recording.command[:SHOWN_RUNS]
     v = (q[:, 2:] - q[:, :-2]) / (2 * STEP)
     a = (v[:, 1:] - v[:, :-1]) / STEP
@@ -104,7 +106,7 @@ def _missing(fitted: Fit, recording: Recording) -> tuple[Array, Array, Array, Ar
 
 
 def _acceleration(
-    fitted: Fit, q: Float[Tensor, " K"], v: Float[Tensor, " K"], u: Float[Tensor, " K"]
+    fitted: Fitted, q: Float[Tensor, " K"], v: Float[Tensor, " K"], u: Float[Tensor, " K"]
 ) -> Float[Tensor, " K"]:
     """Mean over one time step [rad/s2]."""
     state = TensorDict({"qpos": q[:, None], "qvel": v[:, None]}, [len(q)])

@@ -40,7 +40,7 @@ SIZES: dict[str, tuple[Effect, ...]] = {
 """Hidden effects of each system, with sizes up to a part of the motor's force and a few steps."""
 
 
-def rung(task: str, seed: int, noise: float) -> dict[str, Any]:
+def way(task: str, seed: int, noise: float) -> dict[str, Any]:
     """For each measurement: by how many standard deviations the effect moves the posterior, and whether it rings."""
     draw = begun(seed)
     one = OneRound.of(task, seed, noise)

@@ -78,7 +78,7 @@ def test_nothing_is_missing_where_nothing_is_hidden() -> None:
 def test_fitted_starts_are_the_true_ones() -> None:
     """Sharper than the smoothed ones: the model knows how the block goes on."""
     simulator, turned = charted(model(), measure(Block(), runs=4, seconds=2.0))
-    grounds = ground(simulator, turned, Selection())
+    grounds = ground(simulator, turned)
     windows, lin = grounds.windows, grounds.fitted.lin
     _, poses, _ = fly(Block(), 4, 2.0, 0)
     path = rollout(grounds.fitted.simulator, windows, grounds.fitted.theta[None], lin.starts[None])[0]

@@ -10,7 +10,7 @@ import torch
 
 from onlinebayes.criticism import Criticism, refine
 from onlinebayes.criticism.wiring.faults import Offset
-from onlinebayes.identification.fitting import numerics
+from onlinebayes.identification.fitting import discretisation
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -71,7 +71,7 @@ def test_a_slow_torque_that_nothing_explains_is_unexplained() -> None:
 @pytest.mark.long
 def test_both_models_are_replayed_row_beside_row(monkeypatch: pytest.MonkeyPatch) -> None:
     # Numerics this strict ask for a finer step once friction stands in the model; 5 ms are no whole number of 2 ms.
-    monkeypatch.setattr(numerics, "STEP_ERROR_SHARE", 0.001)
+    monkeypatch.setattr(discretisation, "NEGLIGIBLE", 0.001)
     result = judge(measured(friction=0.5, seconds=12.0, step=0.005))
     assert result.accepted == ("dry_friction@j",)
     assert result.numerics.timestep < 0.002

@@ -53,10 +53,10 @@ def test_each_is_one_by_one(alarm: Alarm) -> None:
 
 def test_several_trajectories_do_not_make_it_ring_more_often(alarm: Alarm) -> None:
     generator = torch.Generator().manual_seed(3)
-    rung = 0
+    way = 0
     for theta in PRIOR.sample((100,), generator):
-        rung += bool(alarm.check(simulate(theta.expand(6, -1), generator)))
-    assert rung <= 12  # five in a hundred expected at most; three standard errors more
+        way += bool(alarm.check(simulate(theta.expand(6, -1), generator)))
+    assert way <= 12  # five in a hundred expected at most; three standard errors more
 
 
 def test_few_simulations_are_refused() -> None:

@@ -60,7 +60,7 @@ def test_a_sample_of_what_runs_one_by_one() -> None:
 def test_the_alarm_rings_where_an_effect_misleads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ringing, "MEASUREMENTS", 20)
     monkeypatch.setattr(ringing, "SIMULATIONS", 400)
-    result = ringing.rung("pendulum", 521, 0.01)
+    result = ringing.way("pendulum", 521, 0.01)
     moved = [ring for ring, away in zip(result["rings"], result["away"], strict=True) if away > 2]
     # Sixty of each kind, .05 expected on clean ones: a seventh would be 3.5 standard errors away.
     assert sum(result["clean"]) / len(result["clean"]) < 1 / 7

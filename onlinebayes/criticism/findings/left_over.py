@@ -5,8 +5,8 @@ from __future__ import annotations
 import torch
 
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.identification.fitting.best_starts import best_starts
 from onlinebayes.identification.fitting.fit import Fit
-from onlinebayes.identification.fitting.outlying_starts import best_starts
 from onlinebayes.identification.fitting.projection import row_weights, start_shift
 from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.identification.results import Numerics

@@ -18,7 +18,7 @@ from dataclasses import replace
 from onlinebayes.identification.fitting.discretisation import Discretisation
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, halves
-from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.simulators.identifiable import Identifiable
 
 
@@ -31,8 +31,8 @@ def run_as_given(evaluator: Evaluator, here: Evaluation) -> tuple[Evaluator, Eva
     if _above_noise(here) < LEAST_GAIN:
         return None
     found = []
-    for rung in _ways(evaluator.given, evaluator.discretisation.values):
-        other = replace(evaluator, discretisation=Discretisation(rung, rung), known={}, as_given=True)
+    for way in _ways(evaluator.given, evaluator.discretisation.values):
+        other = replace(evaluator, discretisation=Discretisation(way, way), known={}, as_given=True)
         evaluation = other.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
         if evaluation is not None and _far_better(evaluation, here):
             found.append((other, evaluation))
@@ -50,9 +50,9 @@ def _far_better(other: Evaluation, here: Evaluation) -> bool:
     return certain and halves(here.left[0], other.left[0])
 
 
-def _ways(given: Identifiable, judged: Rung) -> Iterator[Rung]:
+def _ways(given: Identifiable, judged: Integration) -> Iterator[Integration]:
     """Its own step, also by a method of first order; soft friction where it has dry one; denser bodies."""
-    own = Rung(given.timestep)
+    own = Integration(given.timestep)
     if own != judged:
         yield own
     if given.with_first_order() is not given:

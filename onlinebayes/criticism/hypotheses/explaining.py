@@ -220,8 +220,15 @@ def _base(given: Identifiable, fit_runs: Measurement, watch: Watch) -> tuple[Eva
     )
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
-    # A valley that shorter windows led into need not be the deepest.
-    return evaluator, evaluator.evaluate(Hypothesis(), [{}]) or base
+    # A valley that shorter windows led into need not be the deepest. An effect that was added by hand may do nothing
+    # where its bounds begin.
+    added = [
+        {**values, **start.values}
+        for values in ({}, base.values)
+        for effect in given.effects
+        for start in AddedEffect(effect).starts(given, values)
+    ]
+    return evaluator, evaluator.evaluate(Hypothesis(), [{}, *added]) or base
 
 
 def additions(

@@ -12,21 +12,14 @@ from collections.abc import Sequence
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.blocks import make_blocks
 from onlinebayes.identification.fitting.discretisation import NEGLIGIBLE, error_in_floors
-from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time
+from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time, weighed_by_noise
 from onlinebayes.identification.fitting.heldout import begun_best, replay_runs
 from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
-from onlinebayes.identification.fitting.projection import project
 from onlinebayes.identification.fitting.theta import theta_of
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.hypothesis import build
-from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.identification.results import FittedModel, FlatDirection, Numerics
-
-
-def as_fit(evaluation: Evaluation, evaluator: Evaluator) -> Fit:
-    """The hypothesis at its mode, every signal weighed by its noise alone: what is left is compared with that."""
-    fitted = evaluation.fitted
-    return Fit(fitted.simulator, fitted.lin, project(evaluator.windows, fitted.lin), True)
 
 
 def numerics_of(evaluation: Evaluation, evaluator: Evaluator) -> Numerics:
@@ -46,7 +39,7 @@ def fitted_model(
     evaluation: Evaluation,
     evaluator: Evaluator,
     folds: int | None,
-    rung: Rung,
+    way: Integration,
     windows: Sequence[tuple[Windows, bool]],
 ) -> FittedModel:
     """A hypothesis with its replays of all runs.
@@ -54,12 +47,12 @@ def fitted_model(
     Args:
         evaluation, evaluator: the hypothesis, and by what it was fitted.
         folds: number of blocks asked for.
-        rung: how it is run.
+        way: how it is run.
         windows: of runs, and whether these were held out.
     """
-    fit = as_fit(evaluation, evaluator)
+    fit = weighed_by_noise(evaluation.fitted, evaluator.windows)
     blocks = make_blocks(evaluator.windows, residual_correlation_time(evaluator.windows, fit.lin), folds)
-    model = rung.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
+    model = way.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
     quick = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, evaluator.runs)
     theta = theta_of(model, evaluation.values)
     covariance = covariance_of(fit, blocks)

@@ -21,7 +21,7 @@ from torch import Tensor
 
 from onlinebayes.criticism.wiring.replay_rms import replay_rms
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.simulators.identifiable import Identifiable
 
 GRID = 0.08  # of a window: the first moves

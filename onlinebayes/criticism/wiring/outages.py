@@ -23,8 +23,7 @@ from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.criticism.wiring.outage_edges import Stretch, settled
 from onlinebayes.criticism.wiring.replay_rms import replay_rms
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.identification.fitting.fit import fit, unfitted
-from onlinebayes.identification.fitting.numerics import Grounds
+from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -120,15 +119,15 @@ class Sighting:
         return Outage(names, tuple(sorted(longest))) if longest else None
 
 
-def sighted(base: Grounds, coarse: Identifiable, windows: Windows) -> Sighting | None:
+def sighted(fitted: Float[Tensor, " P"], coarse: Identifiable, windows: Windows) -> Sighting | None:
     """The outage that the windows speak for; None where no few of them stand out, or being off explains none.
 
     Args:
-        base: the base model fitted.
-        coarse: the same on the coarsest rung.
-        windows: the fit windows on that rung's rows.
+        fitted: theta of the base model [SI].
+        coarse: that model in the steps in which it is replayed.
+        windows: of the fit runs.
     """
-    starts, windows = _starts(base, coarse), _moving(windows)
+    starts, windows = _starts(fitted, coarse), _moving(windows)
     if not any(_some_stand_out(_errors(coarse, windows, theta)) for theta in starts):
         return None  # before anything is fitted
     theta = _robust(starts, coarse, windows)
@@ -158,9 +157,9 @@ def _moving(windows: Windows) -> Windows:
     return windows.select(torch.nonzero(windows.moving)[:, 0])
 
 
-def _starts(base: Grounds, coarse: Identifiable) -> tuple[Float[Tensor, " P"], ...]:
+def _starts(fitted: Float[Tensor, " P"], coarse: Identifiable) -> tuple[Float[Tensor, " P"], ...]:
     """The fitted theta and the nominal one."""
-    return base.fitted.theta, coarse.parameters.clamp(coarse.nominal.to(base.fitted.theta))
+    return fitted, coarse.parameters.clamp(coarse.nominal.to(fitted))
 
 
 def _some_stand_out(errors: Float[Tensor, " W"]) -> bool:
@@ -185,9 +184,9 @@ def _robust(starts: Sequence[Float[Tensor, " P"]], coarse: Identifiable, windows
 def _misfit(coarse: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:
     """Squared residual of each window with its start projected out; infinite where the model diverges."""
     whole = torch.nonzero(_errors(coarse, windows, theta).isfinite())[:, 0]
-    fitted = unfitted(coarse, windows.select(whole), theta)
-    misfit = fitted.projected.residual.new_full((windows.count,), math.inf)
-    return misfit.index_copy(0, whole, fitted.projected.residual.square().sum(1))
+    rows = fit(coarse, windows.select(whole), theta, most=0).rows
+    left = rows.in_noise(rows.residual).square().sum((1, 2))
+    return left.new_full((windows.count,), math.inf).index_copy(0, whole, left)
 
 
 def _errors(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Float[Tensor, " W"]:

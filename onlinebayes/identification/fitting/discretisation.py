@@ -22,7 +22,7 @@ from onlinebayes.identification.fitting.gauss_newton import Fitted
 from onlinebayes.identification.fitting.rows import rms, taken_out
 from onlinebayes.identification.fitting.sensitivities import Linearisation, linearise
 from onlinebayes.identification.fitting.theta import theta_of, values_of
-from onlinebayes.identification.replaying.ladder import Rung, adjustable, by_runge_kutta, first_order
+from onlinebayes.identification.replaying.integration import Integration, adjustable, by_runge_kutta, first_order
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
@@ -45,37 +45,37 @@ FEW = 15
 class Discretisation:
     """How a model is integrated, and how where only its derivatives are asked for."""
 
-    values: Rung
-    derivatives: Rung
+    values: Integration
+    derivatives: Integration
 
 
-def ways(simulator: Identifiable, row: float) -> list[Rung]:
+def ways(simulator: Identifiable, row: float) -> list[Integration]:
     """Ways to integrate a log with rows ``row`` [s] apart, the cheapest first; the own one where the step is fixed."""
     own = simulator.timestep
     if not adjustable(simulator):
-        return [Rung(own)]
+        return [Integration(own)]
     parts = max(1, round(row / own))
     steps = [row / n for n in range(1, parts + 1) if parts % n == 0] + [own / 2, own / 4, own / 16]
     methods = ["own", "runge_kutta"] if first_order(simulator) else ["own"]
     if by_runge_kutta(simulator) and simulator.with_first_order() is not simulator:
         methods.append("first_order")
-    found = [Rung(step, method) for step in steps for method in methods]  # type: ignore[arg-type]
+    found = [Integration(step, method) for step in steps for method in methods]  # type: ignore[arg-type]
     return sorted(found, key=lambda discretisation: cost(simulator, discretisation, row))
 
 
-def cost(simulator: Identifiable, discretisation: Rung, row: float) -> float:
+def cost(simulator: Identifiable, discretisation: Integration, row: float) -> float:
     """Evaluations of the forces for one row."""
     fourth = discretisation.method == "runge_kutta" or (discretisation.method == "own" and by_runge_kutta(simulator))
     return row / discretisation.timestep * (EVALUATIONS if fourth else 1)
 
 
-def finest(simulator: Identifiable) -> Rung:
+def finest(simulator: Identifiable) -> Integration:
     """What the others are compared with."""
     if not adjustable(simulator):
-        return Rung(simulator.timestep)
+        return Integration(simulator.timestep)
     if first_order(simulator) or by_runge_kutta(simulator):
-        return Rung(simulator.timestep / 4, "runge_kutta" if first_order(simulator) else "own")
-    return Rung(simulator.timestep / 16)
+        return Integration(simulator.timestep / 4, "runge_kutta" if first_order(simulator) else "own")
+    return Integration(simulator.timestep / 16)
 
 
 def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
@@ -121,11 +121,11 @@ def _in_few(fitted: Fitted, windows: Windows) -> tuple[Fitted, Windows]:
     return fitted.of(some), windows.select(some)
 
 
-def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Rung:
+def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Integration:
     best = finest(given)
     exact = _replayed(best, given, fitted, windows)
     if exact is None:
-        return Rung(given.timestep)
+        return Integration(given.timestep)
     admissible = _admissible(fitted, windows)
     for way in ways(given, windows.step):
         shown = _replayed(way, given, fitted, windows)
@@ -134,7 +134,7 @@ def _values(fitted: Fitted, given: Identifiable, windows: Windows) -> Rung:
     return best
 
 
-def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Rung) -> Rung:
+def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: Integration) -> Integration:
     dear = cost(given, values, windows.step)
     cheaper = [way for way in ways(given, windows.step) if cost(given, way, windows.step) < dear]
     exact = _linearised(values, given, fitted, windows) if cheaper else None
@@ -146,7 +146,7 @@ def _derivatives(fitted: Fitted, given: Identifiable, windows: Windows, values: 
     return values
 
 
-def _linearised(way: Rung, given: Identifiable, fitted: Fitted, windows: Windows) -> Linearisation | None:
+def _linearised(way: Integration, given: Identifiable, fitted: Fitted, windows: Windows) -> Linearisation | None:
     """At the fit's parameters and starts; None where that way diverges."""
     try:
         simulator = way.of(given)
@@ -168,7 +168,7 @@ def _alike(windows: Windows, fitted: Fitted, rough: Linearisation, exact: Linear
 
 
 def _replayed(
-    discretisation: Rung, given: Identifiable, fitted: Fitted, windows: Windows
+    discretisation: Integration, given: Identifiable, fitted: Fitted, windows: Windows
 ) -> Float[Tensor, "W n S"] | None:
     """The replay of the fit's parameters and starts; None where that way diverges."""
     try:

@@ -23,7 +23,7 @@ from torch import Tensor
 from onlinebayes.identification.data.chart import POSE
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import HorizonError, WindowError
-from onlinebayes.identification.fitting.outlying_starts import best_starts
+from onlinebayes.identification.fitting.best_starts import best_starts
 from onlinebayes.identification.fitting.per_run_values import held_out_model
 from onlinebayes.identification.fitting.projection import project, row_weights, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise_starts

@@ -20,7 +20,8 @@ from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.blocks import Blocks
-from onlinebayes.identification.fitting.fit import Fit, fit
+from onlinebayes.identification.fitting.fit import Fit
+from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.identification.scope import Scope, own_name
 from onlinebayes.identification.splitting import HALVES

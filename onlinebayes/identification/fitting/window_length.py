@@ -19,7 +19,7 @@ from onlinebayes.identification.fitting.discretisation import Discretisation, ch
 from onlinebayes.identification.fitting.gauss_newton import Fitted, fit
 from onlinebayes.identification.fitting.projection import per_noise
 from onlinebayes.identification.fitting.theta import theta_of, values_of
-from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
@@ -74,7 +74,7 @@ def fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor,
     """
     row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
     horizon = SHORTEST_ROWS * row
-    own = Rung(given.timestep)
+    own = Integration(given.timestep)
     first = _fitted(given, measurement, noise, horizon, Discretisation(own, own))
     best = _fitted(given, measurement, noise, horizon, cheapest(first.fitted, given, first.windows))
     while horizon < max(measurement.durations):
@@ -110,7 +110,11 @@ def _fitted(
 
 
 def windows_of(
-    given: Identifiable, measurement: Measurement, horizon: float, noise: Float[Tensor, " S"], discretisation: Rung
+    given: Identifiable,
+    measurement: Measurement,
+    horizon: float,
+    noise: Float[Tensor, " S"],
+    discretisation: Integration,
 ) -> Windows:
     """Windows of one length, thinned to the budget of evaluations."""
     windows = all_windows(given, measurement, horizon, noise)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from onlinebayes.identification.data.grid import row_step
-from onlinebayes.identification.replaying.ladder import adjustable
+from onlinebayes.identification.replaying.integration import adjustable
 from onlinebayes.measurements import Measurement
 from onlinebayes.simulators.identifiable import Identifiable
 

@@ -22,7 +22,7 @@ from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism import SCALES_HORIZON, compare, grown, propose
 from onlinebayes.identification import (
     MEMORY,
-    Fit,
+    Fitted,
     begun_best,
     fit,
     make_windows,
@@ -81,7 +81,7 @@ def base_error(problem: Problem) -> float:
     return in_floors(error.before, error.noise_floor)
 
 
-def held_error(problem: Problem, fitted: Fit, noise: Float[Tensor, " S"], floor: Mapping[str, float]) -> float:
+def held_error(problem: Problem, fitted: Fitted, noise: Float[Tensor, " S"], floor: Mapping[str, float]) -> float:
     """RMS over the held-out windows of a fitted model, as the report counts it [floors].
 
     Args:

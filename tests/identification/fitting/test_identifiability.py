@@ -2,7 +2,8 @@ import torch
 
 from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.identification.fitting.blocks import make_blocks
-from onlinebayes.identification.fitting.fit import fit
+from onlinebayes.identification.fitting.fit import weighed_by_noise
+from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
 from onlinebayes.parameters import Parameter, ParameterSpace
 from tests.criticism.rigs import FREE, TRUTH, measure, model
@@ -10,7 +11,7 @@ from tests.criticism.rigs import FREE, TRUTH, measure, model
 
 def test_what_the_data_determine_has_no_flat_direction() -> None:
     windows = make_windows(model(), measure(), 1.0)
-    fitted = fit(model(), windows, torch.tensor([4.0, 0.5]).double())
+    fitted = weighed_by_noise(fit(model(), windows, torch.tensor([4.0, 0.5]).double()), windows)
     assert flat_directions(fitted, windows.bin_step, windows.bin_step) == ()
     blocks = make_blocks(windows, 0.05)
     found = estimates(fitted, covariance_of(fitted, blocks), blocks.count, ())
@@ -24,7 +25,7 @@ def test_what_the_data_determine_has_no_flat_direction() -> None:
 def test_mass_damping_and_gear_together_are_one_too_many() -> None:
     space = ParameterSpace({**dict(FREE), "actuator.motor.gear[0]": Parameter(0.3, 3.0, "")})
     windows = make_windows(model(space), measure(), 1.0)
-    fitted = fit(model(space), windows, torch.tensor([4.0, 0.5, 1.5]).double())
+    fitted = weighed_by_noise(fit(model(space), windows, torch.tensor([4.0, 0.5, 1.5]).double()), windows)
     (flat,) = flat_directions(fitted, windows.bin_step, windows.bin_step)
     assert "gear" in flat.description
     blocks = make_blocks(windows, 0.05)
@@ -38,6 +39,6 @@ def test_mass_damping_and_gear_together_are_one_too_many() -> None:
 def test_no_parameters_no_directions() -> None:
     nothing = ParameterSpace()
     windows = make_windows(model(nothing), measure(truth=(), parameters=nothing), 1.0)
-    fitted = fit(model(nothing), windows, torch.zeros(0).double())
+    fitted = weighed_by_noise(fit(model(nothing), windows, torch.zeros(0).double()), windows)
     assert flat_directions(fitted, 0.1, 0.01) == ()
     assert estimates(fitted, torch.zeros(0, 0).double(), 5, ()) == {}

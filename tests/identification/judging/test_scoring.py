@@ -11,11 +11,11 @@ from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.identification.fitting.rows import band_counts, band_squares
 from onlinebayes.identification.fitting.window_length import windows_of
 from onlinebayes.identification.judging.scoring import LinearModel, folds_of, gain, in_common, left_out, partitions
-from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.integration import Integration
 from tests.criticism.rigs import NOISE, measure, model
 
 SIMULATOR, MEASUREMENT = model(), measure(runs=6, seconds=1.5)
-WINDOWS = windows_of(SIMULATOR, MEASUREMENT, 0.5, torch.tensor([NOISE], dtype=torch.float64), Rung(0.01))
+WINDOWS = windows_of(SIMULATOR, MEASUREMENT, 0.5, torch.tensor([NOISE], dtype=torch.float64), Integration(0.01))
 BY_RUN, BY_POSITION = partitions(WINDOWS)
 
 
@@ -85,13 +85,13 @@ def test_other_folds_or_windows_cannot_be_compared() -> None:
     with pytest.raises(ValueError, match="different folds"):
         gain(replace(left, folds=BY_POSITION), left)
     noise = torch.tensor([NOISE], dtype=torch.float64)
-    longer = windows_of(SIMULATOR, MEASUREMENT, 1.0, noise, Rung(0.01))
+    longer = windows_of(SIMULATOR, MEASUREMENT, 1.0, noise, Integration(0.01))
     other = left_out(LinearModel.of(fit(SIMULATOR, longer, SIMULATOR.nominal)), longer, partitions(longer)[0])
     with pytest.raises(ValueError, match="no window in common"):
         in_common(other, left)
 
 
 def test_windows_of_another_step_lie_where_they_lay() -> None:
-    finer = windows_of(SIMULATOR.with_timestep(0.005), MEASUREMENT, 0.5, WINDOWS.noise, Rung(0.005))
+    finer = windows_of(SIMULATOR.with_timestep(0.005), MEASUREMENT, 0.5, WINDOWS.noise, Integration(0.005))
     assert finer.spans == WINDOWS.spans
     assert WINDOWS.spans[:2] == (("run0", 0.0, 0.5), ("run0", 0.5, 1.0))

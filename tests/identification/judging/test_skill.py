@@ -12,10 +12,10 @@ from onlinebayes.identification.fitting.window_length import windows_of
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.hypothesis import Hypothesis
 from onlinebayes.identification.judging.skill import gains_with_skill, naive_rms, unskilled
-from onlinebayes.identification.replaying.ladder import Rung
+from onlinebayes.identification.replaying.integration import Integration
 from tests.criticism.rigs import NOISE, measure, model
 
-OWN = Rung(0.01)
+OWN = Integration(0.01)
 SIMULATOR = model()
 WINDOWS = windows_of(SIMULATOR, measure(runs=6, seconds=1.5), 0.5, torch.tensor([NOISE], dtype=torch.float64), OWN)
 

@@ -26,7 +26,7 @@ import mujoco
 from onlinebayes.criticism import target_scales
 from onlinebayes.identification import joint_names
 from onlinebayes.runs import BadInput
-from recipes.studies.peers.task import Claim, Task
+from recipes.studies.versus_sysid.task import Claim, Task
 
 Setter = Callable[[mujoco.MjSpec, float], None]
 

@@ -15,9 +15,9 @@ from torch import Tensor
 
 from onlinebayes.identification import start_floor, start_spread
 from recipes.studies.job import Job
-from recipes.studies.peers.cases import Case, make
-from recipes.studies.peers.record import COST, Outcome, scored
-from recipes.studies.peers.task import Fitted, Task, rms
+from recipes.studies.versus_sysid.cases import Case, make
+from recipes.studies.versus_sysid.record import COST, Outcome, scored
+from recipes.studies.versus_sysid.task import Fitted, Task, rms
 
 
 @final
@@ -51,7 +51,7 @@ class Judge:
         case = make(trial.job)
         found = Outcome(trial.job.name, trial.method, case.hidden, code=self.code)
         if trial.method == COST:
-            from recipes.studies.peers import cost
+            from recipes.studies.versus_sysid import cost
 
             ours, free, documented, by_hand = cost.seconds(case.task)
             return replace(found, seconds=ours, starts_free=free, reference=documented, by_hand=by_hand)

@@ -7,12 +7,11 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.criticism import Selection, refine
-from onlinebayes.identification.fitting.projection import misfit
+from onlinebayes.criticism import refine
+from onlinebayes.criticism.hypotheses.explaining import begun
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.identification.grounding import ground
 
 NOISE, ROW = 3e-4, 0.01  # [rad], [s]
 ARM = """<mujoco><option timestep="0.01" integrator="RK4"/><worldbody>
@@ -58,10 +57,10 @@ def model() -> MujocoSimulator:
 @pytest.mark.parametrize("denser", [True, False])
 def test_the_log_decides_whether_moments_follow_the_mass(denser: bool) -> None:
     machine = model().with_scaled_moments() if denser else model()
-    grounds = ground(model(), recorded(machine), Selection())
-    assert grounds.rung.scaled_moments == denser
-    assert misfit(grounds.fitted.projected) < 1.1
-    assert grounds.fitted.theta.tolist() == pytest.approx(TRUTH.tolist(), rel=0.01)
+    search = begun(model(), recorded(machine))
+    assert search.evaluator.discretisation.values.scaled_moments == denser
+    assert float(search.base.left[0].rms.max()) < 1.1
+    assert search.base.fitted.theta.tolist() == pytest.approx(TRUTH.tolist(), rel=0.01)
 
 
 @pytest.mark.long

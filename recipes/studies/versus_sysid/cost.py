@@ -2,18 +2,20 @@
 
 | which                | what it does                                                                              |
 |----------------------|-------------------------------------------------------------------------------------------|
-| ours                 | ``criticism.fit``: the parameters and the start of every window (projected out)           |
+| ours                 | ``identification.fit``: the parameters and the start of every window (projected out)      |
 | sysid, starts free   | the same unknowns: :mod:`.free_starts`, all windows in one rollout                        |
 | sysid, as documented | fewer: ``ModelSequences``, ``build_residual_fn``: a rollout a window, starts as measured  |
 | sysid, by hand       | fewer: the residual of :mod:`.sysid`, all windows in one rollout, starts as measured      |
 
-All on one thread, residuals in sensor noise, one after the other. Ours stops when a step promises less than 1e-5 of the
-objective; sysid's clock stops at the first iterate whose objective is within 1e-5 of its last one, though it goes on.
+All on one thread, one after the other, residuals in sensor noise (ours weighs signals and times by the share of their
+error). Ours stops where a step promises less than .002 nats of the score; sysid's clock stops at the first iterate
+whose objective is within as much of its last one, e^.004, though it goes on.
 """
 
 from __future__ import annotations
 
 import io
+import math
 import time
 from typing import Any
 
@@ -21,11 +23,11 @@ import mujoco
 import numpy as np
 from mujoco import sysid
 
-from onlinebayes.identification import LEAST_PROMISE, fit
-from recipes.studies.peers.free_starts import FreeStarts
-from recipes.studies.peers.sysid import Problem
-from recipes.studies.peers.sysid_parameters import Freed, setter
-from recipes.studies.peers.task import Task
+from onlinebayes.identification import SETTLED, fit
+from recipes.studies.versus_sysid.free_starts import FreeStarts
+from recipes.studies.versus_sysid.sysid import Problem
+from recipes.studies.versus_sysid.sysid_parameters import Freed, setter
+from recipes.studies.versus_sysid.task import Task
 
 
 def seconds(task: Task) -> tuple[float, float, float, float]:
@@ -121,5 +123,5 @@ def _to_tolerance(parameters: sysid.ParameterDict, residual: Any) -> float:
         iter_callback=lambda log: marks.append((time.process_time() - began, float(log[-1].objective))),
     )
     # An entry is written after the step that leaves its point: that point was reached when the entry before was.
-    near = next(k for k, (_, objective) in enumerate(marks) if objective <= marks[-1][1] * (1 + LEAST_PROMISE))
+    near = next(k for k, (_, objective) in enumerate(marks) if objective <= marks[-1][1] * math.exp(2 * SETTLED))
     return marks[max(near - 1, 0)][0]

@@ -12,7 +12,7 @@ from torch import Tensor
 from onlinebayes.criticism import Criticism, refine
 from onlinebayes.identification import Windows, rollout, sensor_readings
 from onlinebayes.simulators.identifiable import Identifiable
-from recipes.studies.peers.task import Claim, Fitted, Task
+from recipes.studies.versus_sysid.task import Claim, Fitted, Task
 
 
 @final

@@ -12,9 +12,9 @@ from typing import final
 
 from recipes.studies.blind_rigs.names import Answer
 from recipes.studies.json_line import parsed
-from recipes.studies.peers.task import Claim
+from recipes.studies.versus_sysid.task import Claim
 
-METHODS = ("base", "ours", "pysindy", "sysid", "neural")
+METHODS = ("base", "ours", "sysid")
 COST = "cost"
 """No method: the same parameters fitted to the same windows by criticism and by ``mujoco.sysid``."""
 

@@ -1,10 +1,10 @@
-"""``make versus-peers``: ours against pysindy, mujoco.sysid and a neural residual, same data, one run.
+"""``make versus-sysid``: ours against mujoco.sysid, same data, one run.
 
 Every judged trial (a method on a case) is a file of its own, written at once: a study that was stopped goes on. Its
 table, of the cases that all methods were tried on so far, says of how many.
 
-    python -m recipes.studies.peers                    60 blind cases and EMPS -> docs/results/versus-peers.json
-    python -m recipes.studies.peers --cases 6 --processes 1 --results /tmp/peers
+    python -m recipes.studies.versus_sysid                    60 blind cases and EMPS -> docs/results/versus-sysid.json
+    python -m recipes.studies.versus_sysid --cases 6 --processes 1 --results /tmp/sysid
 """
 
 from __future__ import annotations
@@ -17,19 +17,19 @@ from pathlib import Path
 
 import envs.rigs
 import onlinebayes
-import recipes.studies.peers
+import recipes.studies.versus_sysid
 from onlinebayes.runs import BadInput, Progress, write_atomic
 from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.json_line import line
-from recipes.studies.peers.cases import jobs
-from recipes.studies.peers.judging import Judge, Trial, unanswered
-from recipes.studies.peers.record import COST, METHODS, Outcome, from_json
-from recipes.studies.peers.table import tabulate
 from recipes.studies.resumable import code_mark, commit_of, kept, print_rows
+from recipes.studies.versus_sysid.cases import jobs
+from recipes.studies.versus_sysid.judging import Judge, Trial, unanswered
+from recipes.studies.versus_sysid.record import COST, METHODS, Outcome, from_json
+from recipes.studies.versus_sysid.table import tabulate
 
-NEEDED = ("pysindy", "colorama", "tabulate", "yaml", "imageio", "plotly")
+NEEDED = ("colorama", "tabulate", "yaml", "imageio", "plotly")
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Study:
     cases: int = 60
     processes: int = 2
     minutes: float = 10.0
-    out: Path = Path("out/versus_peers")
+    out: Path = Path("out/versus_sysid")
     results: Path = Path("docs/results")
 
     @property
@@ -68,7 +68,7 @@ def main(study: Study) -> int:
         raise BadInput(f"{', '.join(missing)} not installed", "pip install -c constraints.txt -e '.[peers]'")
     if study.processes < 1 or study.cases < 0:
         raise BadInput(f"{study.processes} processes, {study.cases} cases", "use one process or more, no case or more")
-    wanted, code = study.trials, code_mark((onlinebayes, envs.rigs, recipes.studies.peers))
+    wanted, code = study.trials, code_mark((onlinebayes, envs.rigs, recipes.studies.versus_sysid))
     found = kept(study.kept, (trial.name for trial in wanted), from_json)
     print(f"{len(wanted)} trials, {len(found)} of them judged before (in {study.kept})", file=sys.stderr)
     if old := sum(outcome.code != code for outcome in found.values()):
@@ -80,7 +80,7 @@ def main(study: Study) -> int:
         print(f"stopped; {len(found)} of {len(wanted)} trials are kept; the same command goes on", file=sys.stderr)
         stopped = True
     whole = study.cases == Study.cases
-    command = "make versus-peers" if whole else f"python -m recipes.studies.peers --cases {study.cases}"
+    command = "make versus-sysid" if whole else f"python -m recipes.studies.versus_sysid --cases {study.cases}"
     table = tabulate(list(found.values()), command, len({trial.job.name for trial in wanted}))
     table.commit = commit_of((outcome.code for outcome in found.values()), code)
     print_rows(table)
@@ -91,7 +91,7 @@ def main(study: Study) -> int:
 def judge_all(study: Study, todo: list[Trial], found: dict[str, Outcome], code: str) -> None:
     """Judge the trials, each kept as soon as it is known; ``found`` grows."""
     spent = 0.0
-    with Progress("versus peers", len(todo) + len(found)) as progress:
+    with Progress("versus sysid", len(todo) + len(found)) as progress:
         tried = work(todo, Judge(code), study.processes, 60 * study.minutes)
         for number, done in enumerate(tried, 1):
             outcome = done.result or unanswered(done.job, done.problem, done.seconds, code)

@@ -1,4 +1,4 @@
-"""The comparison with peers: each finds a planted truth, names are scored alike for all, a study goes on."""
+"""The comparison with mujoco.sysid: it finds a planted truth, names are scored alike for all, a study goes on."""
 
 from __future__ import annotations
 
@@ -10,26 +10,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 from mujoco import sysid as mujoco_sysid
 
-import recipes.studies.peers.__main__ as study_module
+import recipes.studies.versus_sysid.__main__ as study_module
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import QuadraticDrag
 from recipes.studies.blind_rigs.names import Answer, answer
 from recipes.studies.blind_rigs.workers import Done
 from recipes.studies.json_line import line
-from recipes.studies.peers import base, neural
-from recipes.studies.peers.__main__ import Study, main
-from recipes.studies.peers.cases import EMPS, FIRST, RIGS, jobs
-from recipes.studies.peers.judging import Judge, Trial
-from recipes.studies.peers.motion import _kernel
-from recipes.studies.peers.record import COST, METHODS, Outcome, from_json, scored
-from recipes.studies.peers.sysid_parameters import setter
-from recipes.studies.peers.table import tabulate
-from recipes.studies.peers.task import Fitted, Task, rms
-from recipes.studies.peers.worlds import course, simulate
+from recipes.studies.versus_sysid import base
+from recipes.studies.versus_sysid.__main__ import Study, main
+from recipes.studies.versus_sysid.cases import EMPS, FIRST, RIGS, jobs
+from recipes.studies.versus_sysid.judging import Judge, Trial
+from recipes.studies.versus_sysid.record import COST, METHODS, Outcome, from_json, scored
+from recipes.studies.versus_sysid.sysid_parameters import setter
+from recipes.studies.versus_sysid.table import tabulate
+from recipes.studies.versus_sysid.task import Fitted, Task, rms
 from tests.criticism.rigs import TRUTH, measure, model
 
 DRAG = 1.0
@@ -51,26 +48,13 @@ def error(task: Task, fitted: Fitted) -> float:
     return float(rms(task.held_windows, fitted.predict(task.held_windows)))
 
 
-# --- each finds a planted truth --------------------------------------------------------------------------------------
-
-
-@unchecked
-def test_pysindy_finds_the_term_and_its_size(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("pysindy", reason="pip install -e '.[peers]'")
-    from recipes.studies.peers import pysindy
-
-    monkeypatch.setattr(pysindy, "SMOOTHING", (0.12,))
-    found = pysindy.fit(task)
-    term = next(k for k, term in enumerate(found.made.terms) if HIDDEN in term.claim)
-    assert frozenset({HIDDEN}) in found.claims
-    assert found.xi[term] == pytest.approx(DRAG, rel=0.05)
-    assert error(task, found) < 0.1 * error(task, base.fit(task))
+# --- it finds a planted truth --------------------------------------------------------------------------------------
 
 
 @unchecked
 @needs_sysid
 def test_sysid_finds_the_parameter_and_its_size(task: Task) -> None:
-    from recipes.studies.peers import sysid
+    from recipes.studies.versus_sysid import sysid
 
     found = sysid.fit(task)
     values = dict(zip([freed.name for freed in found.problem.freed], found.x, strict=True))
@@ -79,20 +63,10 @@ def test_sysid_finds_the_parameter_and_its_size(task: Task) -> None:
     assert error(task, found) < 0.1 * error(task, base.fit(task))
 
 
-@pytest.mark.long
-@unchecked
-def test_the_network_learns_the_force_and_names_nothing(task: Task, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(neural, "SMOOTHING", (0.12,))
-    found = neural.fit(task)
-    assert found.claims == ()
-    assert found.net is not None
-    assert error(task, found) < 0.5 * error(task, base.fit(task))
-
-
 @unchecked
 @needs_sysid
 def test_the_cost_is_measured_on_the_same_problem(task: Task) -> None:
-    from recipes.studies.peers import cost
+    from recipes.studies.versus_sysid import cost
 
     problem, measured = cost.own_problem(task), task.fit_windows.measured.numpy()
     x = np.array(TRUTH)
@@ -105,8 +79,8 @@ def test_the_cost_is_measured_on_the_same_problem(task: Task) -> None:
 @unchecked
 @needs_sysid
 def test_sysid_with_free_starts_solves_what_ours_solves(task: Task) -> None:
-    from recipes.studies.peers import cost
-    from recipes.studies.peers.free_starts import FreeStarts
+    from recipes.studies.versus_sysid import cost
+    from recipes.studies.versus_sysid.free_starts import FreeStarts
 
     problem = cost.own_problem(task)
     free = FreeStarts(problem)
@@ -122,36 +96,6 @@ def test_sysid_with_free_starts_solves_what_ours_solves(task: Task) -> None:
 
 
 # --- what they stand on ----------------------------------------------------------------------------------------------
-
-
-@unchecked
-def test_with_no_force_the_worlds_are_the_simulators(task: Task) -> None:
-    windows, theta = task.held_windows, task.simulator.nominal
-    none = np.zeros(1)
-    driven = course(windows, none, none, none + 1, none + 1)
-    moved = simulate(
-        task.simulator, np.tile(theta.numpy(), (windows.count, 1)), windows, lambda q, v, now: 0 * q, driven
-    )
-    replayed = base.replayed(task.simulator, theta, windows)
-    assert torch.allclose(moved, replayed, atol=1e-9)  # they step by 1 ms, the simulator by 10
-
-
-@unchecked
-def test_a_dead_time_and_a_lag_are_taken_from_before_the_window(task: Task) -> None:
-    windows = task.fit_windows
-    late = course(windows, np.array([0.02]), np.array([0.0]), np.array([1.0]), np.array([4.0]))
-    before = windows.history[..., 0].numpy()
-    np.testing.assert_allclose(late.late[:, 0, 0], before[:, -2])
-    np.testing.assert_allclose(late.late[:, 2:, 0], windows.command[:, :-2, 0].numpy())
-    np.testing.assert_allclose(late.lagged, windows.command.numpy())
-    assert (late.heat >= 0).all()
-
-
-@pytest.mark.parametrize("order", [1, 2])
-def test_the_smoothing_kernel_has_the_polynomials_derivative(order: int) -> None:
-    kernel = _kernel(11, order)
-    assert kernel.sum() == pytest.approx(1.0)
-    np.testing.assert_allclose(kernel, kernel[::-1], atol=1e-12)
 
 
 def test_addresses_are_written_where_mujoco_reads_them(task: Task) -> None:
@@ -202,11 +146,11 @@ def outcomes(case: str, errors: dict[str, float | None], hidden: tuple[str, ...]
 
 
 def test_the_table_says_where_ours_leads_and_where_it_does_not() -> None:
-    leads = {"base": 3.0, "ours": 1.0, "pysindy": 2.0, "sysid": 1.01, "neural": 2.0}
+    leads = {"base": 3.0, "ours": 1.0, "sysid": 1.01}
     found = outcomes("swing-effect-1000", leads, ("dry_friction@hinge",))
     found += [Outcome("swing-effect-1000", COST, seconds=1.0, reference=4.0, starts_free=9.0)]
     found += [Outcome("swing-effect-1003", "ours", error=9.0)]  # not all methods yet: left out
-    rows = {row.name: row for row in tabulate(found, "make versus-peers", 2).rows}
+    rows = {row.name: row for row in tabulate(found, "make versus-sysid", 2).rows}
     assert (rows["cases compared"].value, rows["cases compared"].holds) == (1, False)
     assert rows["held-out error, median: onlinebayes refine"].holds
     assert rows["smallest error, within 2 %: mujoco.sysid"].value == 1
@@ -215,7 +159,7 @@ def test_the_table_says_where_ours_leads_and_where_it_does_not() -> None:
     assert next(row for name, row in rows.items() if "as documented" in name).value == 4.0
     assert "swing-effect-1003" not in rows
     behind = outcomes("swing-effect-1000", {**leads, "ours": None}, ("dry_friction@hinge",))
-    rows = {row.name: row for row in tabulate(behind, "make versus-peers", 1).rows}
+    rows = {row.name: row for row in tabulate(behind, "make versus-sysid", 1).rows}
     assert rows["held-out error, median: onlinebayes refine"].holds is False
     assert rows["held-out error, median: onlinebayes refine"].value == math.inf
 
@@ -230,7 +174,7 @@ def test_a_study_goes_on_from_its_finished_trials(
 
     def work(todo: Sequence[Trial], do: Judge, processes: int, limit: float) -> Iterator[Done[Trial, Outcome]]:
         for trial in todo:
-            if len(asked) == 4:
+            if len(asked) == 2:
                 asked.append(trial)
                 raise KeyboardInterrupt
             asked.append(trial)
@@ -244,15 +188,15 @@ def test_a_study_goes_on_from_its_finished_trials(
     monkeypatch.delenv("ONLINEBAYES_DATA", raising=False)
     study = Study(cases=2, out=tmp_path, results=tmp_path / "results")
     assert main(study) == 130
-    assert "4 of 12 trials are kept" in capsys.readouterr().err
-    part = json.loads((study.results / "versus-peers.json").read_text())["rows"][0]
+    assert "2 of 8 trials are kept" in capsys.readouterr().err
+    part = json.loads((study.results / "versus-sysid.json").read_text())["rows"][0]
     assert (part["value"], part["goal"], part["holds"]) == (0, "2", False)
     assert main(study) == 0
-    assert len(asked) == 13  # all, and the one that was interrupted
+    assert len(asked) == 9  # all, and the one that was interrupted
     text = capsys.readouterr()
-    assert "12 trials, 4 of them judged before" in text.err
+    assert "8 trials, 2 of them judged before" in text.err
     assert "cases without an answer: mujoco.sysid: 2" in text.out
-    rows = json.loads((study.results / "versus-peers.json").read_text())["rows"]
+    rows = json.loads((study.results / "versus-sysid.json").read_text())["rows"]
     assert rows[0] | {"name": "cases compared", "value": 2} == rows[0]
 
 

@@ -9,8 +9,8 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification import Windows
-from recipes.studies.peers.ours import replayed
-from recipes.studies.peers.task import Claim, Fitted, Task
+from recipes.studies.versus_sysid.ours import replayed
+from recipes.studies.versus_sysid.task import Claim, Fitted, Task
 
 
 @final

@@ -6,7 +6,7 @@
 | smallest error      | cases in which the method's error is within 2 % of the smallest of all                      |
 | right names         | hidden effects that were named, twins of the rig included                                   |
 | false names         | claims that name nothing hidden, over all cases and over those that hide nothing            |
-| processor time      | median of the fit, without making the case and without the base fit that the peers are given |
+| processor time      | median of the fit, without making the case and without the base fit that sysid is given |
 """
 
 from __future__ import annotations
@@ -16,14 +16,12 @@ import statistics
 from collections.abc import Callable, Mapping, Sequence
 
 from onlinebayes.runs import ResultTable
-from recipes.studies.peers.record import COST, METHODS, Outcome
+from recipes.studies.versus_sysid.record import COST, METHODS, Outcome
 
 TITLES: Mapping[str, str] = {
     "base": "engineer's model, fitted",
     "ours": "onlinebayes refine",
-    "pysindy": "pysindy",
     "sysid": "mujoco.sysid",
-    "neural": "neural residual",
 }
 COMPETING = tuple(method for method in METHODS if method != "base")
 CLOSE = 1.02
@@ -44,7 +42,7 @@ def tabulate(found: Sequence[Outcome], command: str, wanted: int) -> ResultTable
     for outcome in found:
         by_case.setdefault(outcome.case, {})[outcome.method] = outcome
     cases = {name: tried for name, tried in by_case.items() if tried.keys() >= set(METHODS)}
-    table = ResultTable("versus-peers", command, sorted({int(name.rsplit("-", 1)[1]) for name in cases}))
+    table = ResultTable("versus-sysid", command, sorted({int(name.rsplit("-", 1)[1]) for name in cases}))
     nulls = sum(not _hidden(tried) for tried in cases.values())
     table.add("cases compared", len(cases), unit=f"{nulls} hide nothing", goal=str(wanted), holds=len(cases) == wanted)
     if cases:
@@ -86,14 +84,12 @@ def _names(table: ResultTable, cases: Cases) -> None:
     hidden = sum(len(_hidden(tried)) for tried in cases.values())
     right = {m: sum(tried[m].right for tried in cases.values()) for m in COMPETING}
     false = {m: sum(tried[m].false for tried in cases.values()) for m in COMPETING}
-    # A method that names nothing has no false names: it does not compete for the fewest.
-    naming = {m: count for m, count in false.items() if m != "neural"}
     for method in COMPETING:
         _lead(table, f"right names: {TITLES[method]}", method, right, f"of {hidden}", "most of all", max)
     for method in COMPETING:
         nulls = sum(tried[method].false for tried in cases.values() if not _hidden(tried))
         name, unit = f"false names: {TITLES[method]}", f"claims, {nulls} of them where nothing is hidden"
-        _lead(table, name, method, naming if method in naming else false, unit, "fewest of those that name", min)
+        _lead(table, name, method, false, unit, "fewest", min)
 
 
 def _times(table: ResultTable, cases: Cases) -> None:
@@ -138,7 +134,7 @@ def _cost(table: ResultTable, found: Sequence[Outcome]) -> None:
 
 def _case(table: ResultTable, name: str, tried: Mapping[str, Outcome]) -> None:
     errors = ", ".join(f"{method} {error_of(tried[method]):.3g}" for method in METHODS)
-    said = "; ".join(f"{method}: {_said(tried[method])}" for method in COMPETING if method != "neural")
+    said = "; ".join(f"{method}: {_said(tried[method])}" for method in COMPETING)
     table.add(name, ", ".join(_hidden(tried)) or "nothing", spread=errors, unit=said)
 
 

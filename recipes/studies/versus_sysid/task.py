@@ -22,12 +22,12 @@ from onlinebayes.criticism import Selection
 from onlinebayes.identification import (
     MEMORY,
     Windows,
+    fit_base,
     make_windows,
     measured_floors,
     noise_floors,
     row_step,
     run_grids,
-    settle,
     split,
     steady,
 )
@@ -93,10 +93,8 @@ class Task:
 
     @cached_property
     def base_theta(self) -> Float[Tensor, " P"]:
-        """The engineer's model fitted by criticism, nothing added: where the peers begin [SI]."""
-        return settle(
-            self.simulator, self.fit_runs, self.steadied.horizon_s, measured_floors(self.fit_runs)
-        ).fitted.theta
+        """The engineer's model fitted by criticism, nothing added: where sysid begins [SI]."""
+        return fit_base(self.simulator, self.fit_runs, measured_floors(self.fit_runs)).fitted.theta
 
     def _windows(self, runs: Measurement) -> Windows:
         horizon = self.steadied.horizon_s

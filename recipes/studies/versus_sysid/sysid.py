@@ -25,8 +25,8 @@ from torch import Tensor
 
 from onlinebayes.identification import Windows
 from onlinebayes.simulators.mujoco.model import quiet
-from recipes.studies.peers.sysid_parameters import Freed, every_parameter, prepared
-from recipes.studies.peers.task import Claim, Fitted, Task
+from recipes.studies.versus_sysid.sysid_parameters import Freed, every_parameter, prepared
+from recipes.studies.versus_sysid.task import Claim, Fitted, Task
 
 SD = 3.0
 ITERATIONS = 60

@@ -4,7 +4,7 @@
 
 Each start's 2 J numbers are a parameter of sysid's. Its differences are dense: a column for each number of each start,
 all windows in one rollout of every column (see :mod:`.sysid`), where ours moves all windows' starts at once and solves
-for each apart (`onlinebayes.identification.fitting.projection`).
+for each apart (`onlinebayes.identification.fitting.rows`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import torch
 from mujoco import sysid
 from numpy import ndarray
 
-from recipes.studies.peers.sysid import Problem
+from recipes.studies.versus_sysid.sysid import Problem
 
 REACH = 100.0  # how far a start may move [spread of the measured starts]: no bound is in its way
 

@@ -20,7 +20,7 @@ from recipes.studies import blind_data, emps
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import Answer, answer, spelt
 from recipes.studies.job import Job
-from recipes.studies.peers.task import Task
+from recipes.studies.versus_sysid.task import Task
 
 PENDULUM, EMPS = "driven_pendulum", "emps"
 RIGS = ("thrown_ball", "swing", PENDULUM, "position_servo", "slide_drive", "cart_pole")
