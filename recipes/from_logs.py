@@ -14,12 +14,10 @@ from time import monotonic as clock
 import torch
 
 from envs.driven_pendulum import Protocol
-from onlinebayes.cli.problem import load_problem
-from onlinebayes.cli.refined import load_refined
-from onlinebayes.cli.work import criticise
-from onlinebayes.criticism.report import write_report
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
+from onlinebayes.problems import criticise, load_problem, load_refined
+from onlinebayes.report import write_report
 from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Journal, Policy

@@ -20,12 +20,11 @@ from torch import Tensor
 
 from envs.measured import FOLDER
 from envs.measured.skid_steer import SkidSteer, Warthog
-from onlinebayes.cli.problem import Problem, load_problem
-from onlinebayes.cli.work import criticise
 from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.report import write_report
 from onlinebayes.identification import Windows, make_windows, replay
 from onlinebayes.measurements import Measurement
+from onlinebayes.problems import ProblemFile, criticise, load_problem
+from onlinebayes.report import write_report
 from onlinebayes.simulators.identifiable import Identifiable
 from recipes.command import status
 from recipes.common import Options, place_of
@@ -58,7 +57,7 @@ class Miss:
         return f"{self.position:.3f} m, {self.yaw:.3f} rad"
 
 
-def load(vehicle: str) -> Problem:
+def load(vehicle: str) -> ProblemFile:
     """The problem of one robot.
 
     Raises:
@@ -141,7 +140,7 @@ def main(settings: Settings) -> int:
     return 0 if limited and even and closer else 1
 
 
-def sampled(problem: Problem, every: int) -> Problem:
+def sampled(problem: ProblemFile, every: int) -> ProblemFile:
     """The problem with one calibration step of so many."""
     runs = [run for run in problem.measurement.runs if calibration_step(run) % every == 0]
     some = replace(problem, measurement=problem.measurement.select(runs))

@@ -19,12 +19,11 @@ import torch
 
 from envs.driven_pendulum import BalanceTask, DrivenPendulumRig, Encoder, MeasuredSet
 from envs.driven_pendulum.sets import drive
-from onlinebayes.cli.problem import load_problem
-from onlinebayes.cli.work import criticise
 from onlinebayes.criticism import ModelMixture, worlds_of
-from onlinebayes.criticism.report import write_report
 from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import PPO
+from onlinebayes.problems import criticise, load_problem
+from onlinebayes.report import write_report
 from onlinebayes.runs import generator, seed_everything
 from onlinebayes.trainers import Journal, Problem, collector_of, improve
 from onlinebayes.transforms import Distribution, ParameterRandomization

@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.cli.draft_text import cure, doubt
-from onlinebayes.cli.first_draft import draft
 from onlinebayes.cli.outputs import check_apart
+from onlinebayes.problems.drafting import cure, doubt, draft
 from onlinebayes.runs import BadInput, one_line, write_atomic
 
 

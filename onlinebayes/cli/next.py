@@ -7,14 +7,12 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
-from onlinebayes.cli.limits import read_allowed
 from onlinebayes.cli.outputs import check_apart, writable
-from onlinebayes.cli.problem import load_problem, read_toml
-from onlinebayes.cli.section import Section
-from onlinebayes.cli.work import criticise, title_of
+from onlinebayes.cli.work import title_of
 from onlinebayes.criticism import Plan, next_experiment
-from onlinebayes.criticism.report import PLAN_FILES, plan_words, write_plan
 from onlinebayes.identification import split
+from onlinebayes.problems import allowed_in, criticise, load_problem
+from onlinebayes.report import PLAN_FILES, plan_words, write_plan
 from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
 
 WIDTH, COLUMN = 80, 12
@@ -41,7 +39,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
             'leave out [runs], [effects.scope] and scope = "per_run", or plan for one run\'s constants',
             where=problem_file,
         )
-    allowed = read_allowed(Section(read_toml(problem.path), problem_file), problem.simulator)
+    allowed = allowed_in(problem)
     check_apart([Path(out) / name for name in PLAN_FILES], problem.inputs)
     with writable(Path(out)) as folder:
         try:

@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from onlinebayes.criticism.report import REFINED_FILES, REPORT_FILES
+from onlinebayes.report import REFINED_FILES, REPORT_FILES
 from onlinebayes.runs import BadInput
 
 NAMES = (*REPORT_FILES, *REFINED_FILES)

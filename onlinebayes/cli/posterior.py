@@ -14,10 +14,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart, writable
-from onlinebayes.cli.problem import Problem, load_problem
-from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.work import title_of
-from onlinebayes.criticism.posterior import (
+from onlinebayes.posterior import (
     MOST_MODELS,
     SHOWN,
     LogPosterior,
@@ -27,7 +25,8 @@ from onlinebayes.criticism.posterior import (
     side_by_side,
     write_posterior,
 )
-from onlinebayes.runs import BadInput, Interrupt, Stopped, one_line
+from onlinebayes.problems import ProblemFile, load_problem
+from onlinebayes.runs import BadInput, Interrupt, Stages, Stopped, one_line
 
 WIDTH, COLUMN, LINES = 80, 11, 10
 
@@ -91,7 +90,7 @@ def models_of(path: Path) -> tuple[list[Path], list[float]]:
     return files, weights
 
 
-def _inferred(problem: Problem) -> LogPosterior:
+def _inferred(problem: ProblemFile) -> LogPosterior:
     stopping = "onlinebayes: stopping; Ctrl-C again ends the step in hand at once"
     with Interrupt(stopping) as interrupt, Stages() as say:
         return posterior_of_log(

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.report import first_screen, left_out, words
+from onlinebayes.report import first_screen, left_out, words
 
 WIDTH = 80
 

@@ -9,18 +9,16 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart, clear, names_of, writable
-from onlinebayes.cli.problem import Problem, load_problem, read_toml
-from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import summary
-from onlinebayes.cli.wiring_lines import composed
-from onlinebayes.criticism import Criticism, compare, diagnose, refine
-from onlinebayes.criticism.report import noted, write_report
-from onlinebayes.runs import Attempts, BadInput, Interrupt, Stopped, one_line
+from onlinebayes.criticism import Question
+from onlinebayes.problems import criticise, load_problem
+from onlinebayes.report import noted, write_report
+from onlinebayes.runs import Attempts, BadInput, Stopped, one_line
 
 FAILED = "the report holds all that was found without it"
 
 
-def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
+def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()) -> int:
     """Do one command and write its files; returns the exit status: 1 where a part of the work failed.
 
     Args:
@@ -61,49 +59,6 @@ def work(command: str, problem_file: str, out: str, add: Sequence[str] = ()) -> 
         _log("stopped before its end; the report holds what was found until then")
         return 130
     return 1 if failed else 0
-
-
-def criticise(command: str, problem: Problem) -> Criticism:
-    """The command's result on a loaded problem; one that is stopped gives what it has found until then."""
-    result, attempts = _criticised(command, problem), Attempts()
-    result = attempts.made("the lines for this problem file", lambda: _with_lines_of(problem, result), result)
-    return dataclasses.replace(result, failed=(*result.failed, *attempts.failed))
-
-
-def _with_lines_of(problem: Problem, result: Criticism) -> Criticism:
-    """The result whose lines that mend a fault of the log go with what the problem file says already."""
-    if result.wiring is None:
-        return result
-    content, found = read_toml(problem.path), result.wiring
-    others = tuple((fault, composed(lines, content)) for fault, lines in found.alternatives)
-    mended = dataclasses.replace(found, lines=composed(found.lines, content), alternatives=others)
-    return dataclasses.replace(result, wiring=mended)
-
-
-def _criticised(command: str, problem: Problem) -> Criticism:
-    model, data, how = problem.simulator, problem.measurement, problem.selection
-    stopping = "onlinebayes: stopping with what is known; Ctrl-C again ends the step in hand at once"
-    with Interrupt(stopping) as interrupt, Stages() as say:
-        if command == "compare":
-            return compare(
-                model,
-                data,
-                holdout=problem.holdout,
-                selection=how,
-                scope=problem.scope,
-                progress=say,
-                interrupt=interrupt,
-            )
-        return {"diagnose": diagnose, "refine": refine}[command](
-            model,
-            data,
-            holdout=problem.holdout,
-            selection=how,
-            scope=problem.scope,
-            candidates=problem.candidates,
-            progress=say,
-            interrupt=interrupt,
-        )
 
 
 def title_of(path: Path) -> str:

@@ -8,23 +8,29 @@ from onlinebayes.criticism.candidates.candidates import Trial, grown, grown_thet
 from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.criticism.commands import compare, diagnose, refine
 from onlinebayes.criticism.criticism import Criticism
-from onlinebayes.criticism.experiment import Allowed, Payload, Plan, next_experiment
+from onlinebayes.criticism.experiment import Allowed, Payload, Plan, Rivalry, Tried, next_experiment
+from onlinebayes.criticism.findings.doubts import held_out_gain
 from onlinebayes.criticism.hypotheses.additions import wider_bounds
-from onlinebayes.criticism.hypotheses.explaining import (
+from onlinebayes.criticism.hypotheses.explanation import (
     SCALES_HORIZON,
     Explanation,
     additions,
+    explanation_of,
     flexible,
 )
 from onlinebayes.criticism.hypotheses.ranking import equals, same_as
 from onlinebayes.criticism.hypotheses.search import Search
+from onlinebayes.criticism.hypotheses.weighing import MOST_HYPOTHESES
 from onlinebayes.criticism.mixture import ModelMixture, worlds_of
+from onlinebayes.criticism.prepared_log import PreparedLog, prepare
 from onlinebayes.criticism.reading import begun_as_read
 from onlinebayes.criticism.results import (
+    MOVES_NOTHING,
     Candidate,
     Failure,
     HeldOutError,
     ParameterChange,
+    Question,
     Remainder,
     Step,
     Verdict,
@@ -32,7 +38,6 @@ from onlinebayes.criticism.results import (
     WidenedBounds,
     Wiring,
 )
-from onlinebayes.criticism.task import prepare
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.gauss_newton import fit
@@ -44,6 +49,8 @@ from onlinebayes.identification.results import Estimate, FittedModel, FlatDirect
 from onlinebayes.identification.scope import Scope
 
 __all__ = [
+    "MOST_HYPOTHESES",
+    "MOVES_NOTHING",
     "SCALES_HORIZON",
     "Addition",
     "Allowed",
@@ -64,15 +71,19 @@ __all__ = [
     "ParameterChange",
     "Payload",
     "Plan",
+    "PreparedLog",
     "Profile",
+    "Question",
     "Remainder",
     "ReplayedRun",
+    "Rivalry",
     "Scope",
     "Search",
     "Selection",
     "Step",
     "Timing",
     "Trial",
+    "Tried",
     "Verdict",
     "WeightedModel",
     "WidenedBounds",
@@ -83,11 +94,13 @@ __all__ = [
     "compare",
     "diagnose",
     "equals",
+    "explanation_of",
     "fit",
     "flexible",
     "grown",
     "grown_theta",
     "held_out_errors",
+    "held_out_gain",
     "next_experiment",
     "prepare",
     "propose",

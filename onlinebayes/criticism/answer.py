@@ -12,17 +12,18 @@ from dataclasses import replace
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
-from onlinebayes.criticism.findings.left_over import rms_over_floor
 from onlinebayes.criticism.findings.localise import failures
 from onlinebayes.criticism.findings.notes import notes_on, weights
-from onlinebayes.criticism.findings.own_values import parameter_changes
+from onlinebayes.criticism.findings.remainder import rms_over_floor
+from onlinebayes.criticism.findings.values_per_run import parameter_changes
 from onlinebayes.criticism.hypotheses.additions import FreedNumber, WiderBounds
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numerics_of
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
-from onlinebayes.criticism.mending import Mended
+from onlinebayes.criticism.log_faults import CorrectedLog
+from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.results import (
     Candidate,
     HeldOutError,
@@ -33,7 +34,6 @@ from onlinebayes.criticism.results import (
     WidenedBounds,
     Wiring,
 )
-from onlinebayes.criticism.task import Task
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import Detail
@@ -50,9 +50,9 @@ from onlinebayes.simulators.identifiable import Identifiable
 
 def answered(
     question: Question,
-    task: Task,
+    task: PreparedLog,
     explanation: Explanation,
-    fault: Mended | None,
+    fault: CorrectedLog | None,
     stopwatch: Stopwatch,
     attempts: Attempts,
 ) -> Criticism:
@@ -93,6 +93,7 @@ def answered(
     candidates: tuple[Candidate, ...] = made(
         "ranking the candidates", lambda: ranked(explanation, final_model.parameters), ()
     )
+    corrected = None if fault is None else made("the corrected table", lambda: _corrected(fault, task), None)
     nothing = Remainder("structured", after, "")
     return Criticism(
         command=question,
@@ -126,27 +127,27 @@ def answered(
         timings=stopwatch.timings(),
         changes=made("what differs between runs", lambda: parameter_changes(explanation, final_model.parameters), ()),
         wiring=None if fault is None else _wiring(fault, base),
-        mended=None if fault is None else made("the model of the mended table", lambda: _mended(fault, task), None),
+        corrected=corrected,
         hypotheses=hypotheses,
         explanation=explanation,
     )
 
 
-def _wiring(fault: Mended, base: Evaluation) -> Wiring:
+def _wiring(fault: CorrectedLog, base: Evaluation) -> Wiring:
     """The fault in words, and what mends it."""
-    before, after = (float(one.left[0].rms.square().mean().sqrt()) for one in (base, fault.evaluation))
+    before, after = (float(one.left_out[0].rms.square().mean().sqrt()) for one in (base, fault.evaluation))
     alternatives = tuple((other.says, other.lines) for other in fault.equals)
     return Wiring(fault.fault.says, fault.fault.lines, before, after, alternatives)
 
 
-def _mended(fault: Mended, task: Task) -> FittedModel:
+def _corrected(fault: CorrectedLog, task: PreparedLog) -> FittedModel:
     """The base model fitted to the table put right, without replays."""
     evaluation, evaluator = fault.evaluation, fault.evaluator
     way = _shown(evaluator, evaluator.given, evaluation)
     return fitted_model(evaluation, evaluator, task.selection.folds, way, ())
 
 
-def _hypotheses(explanation: Explanation, task: Task, final: FittedModel) -> tuple[WeightedModel, ...]:
+def _hypotheses(explanation: Explanation, task: PreparedLog, final: FittedModel) -> tuple[WeightedModel, ...]:
     """The final model, and those that the data cannot tell from it."""
     evaluator, (found, *others) = explanation.evaluator, weighted(explanation)
     models = [
@@ -162,7 +163,7 @@ def _hypotheses(explanation: Explanation, task: Task, final: FittedModel) -> tup
 
 
 def _opened(
-    task: Task, explanation: Explanation, attempts: Attempts
+    task: PreparedLog, explanation: Explanation, attempts: Attempts
 ) -> tuple[FittedModel, FittedModel, Windows | None]:
     """Both models replayed over all runs, in the same windows, and those of the held-out runs.
 
@@ -200,7 +201,7 @@ def _held_out(
 
 def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Integration:
     """How models are run that are reported: no more coarsely than the user's, unless the log follows just that."""
-    if evaluator.as_given:
+    if evaluator.original_integrator:
         return evaluator.discretisation.values
     return reported(given, *(evaluation.fitted.simulator for evaluation in evaluations))
 

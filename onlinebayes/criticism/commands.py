@@ -12,16 +12,16 @@ from functools import partial
 
 from onlinebayes.criticism.answer import answered
 from onlinebayes.criticism.criticism import Criticism
-from onlinebayes.criticism.hypotheses.explaining import Explanation, begun, explanation_of, run
+from onlinebayes.criticism.hypotheses.explanation import Explanation, explanation_of, run_search, start_search
 from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS, Search
 from onlinebayes.criticism.hypotheses.weighing import settled
-from onlinebayes.criticism.mending import Mended, mended, switched_off
+from onlinebayes.criticism.log_faults import CorrectedLog, find_fault, switched_off
+from onlinebayes.criticism.prepared_log import PreparedLog, prepare
 from onlinebayes.criticism.reading import begun_as_read, better_read
 from onlinebayes.criticism.results import Question
-from onlinebayes.criticism.task import Task, prepare
 from onlinebayes.criticism.timing import Stopwatch
 from onlinebayes.criticism.wiring.units import unit_that_fits
-from onlinebayes.identification.judging.evaluator import quiet
+from onlinebayes.identification.judging.evaluator import at_noise_floor
 from onlinebayes.identification.judging.skill import has_skill
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
@@ -130,9 +130,9 @@ class Found:
         fault: of the log, where that explains as much.
     """
 
-    task: Task
+    task: PreparedLog
     explanation: Explanation
-    fault: Mended | None = None
+    fault: CorrectedLog | None = None
 
 
 def _asked(
@@ -143,7 +143,7 @@ def _asked(
     scope: Scope | None,
     progress: Say | None,
     interrupt: Interrupt | None,
-) -> tuple[Stopwatch, Task]:
+) -> tuple[Stopwatch, PreparedLog]:
     """The model and the runs made ready, and what has timed that."""
     stopwatch = Stopwatch(progress)
     with Watch(stopwatch, interrupt).heeded():
@@ -152,7 +152,7 @@ def _asked(
 
 def _answered(
     question: Question,
-    task: Task,
+    task: PreparedLog,
     candidates: Candidates,
     most: int,
     stopwatch: Stopwatch,
@@ -176,7 +176,7 @@ def _answered(
     return replace(result, interrupted=stopped and not spent, notes=notes, failed=tuple(attempts.failed))
 
 
-def _begun(task: Task, watch: Watch) -> tuple[Task, Search]:
+def _begun(task: PreparedLog, watch: Watch) -> tuple[PreparedLog, Search]:
     """The base model fitted, the log read as it asks.
 
     Where it cannot follow the log, what is said names the unit with which it could.
@@ -197,32 +197,34 @@ def _begun(task: Task, watch: Watch) -> tuple[Task, Search]:
 
 def _followed(simulator: Identifiable, fit_runs: Measurement) -> bool:
     """Whether the base model follows the runs better than a line through each window does."""
-    search = begun(simulator, fit_runs)
+    search = start_search(simulator, fit_runs)
     return has_skill(search.base, search.evaluator)
 
 
 def _answers(
-    task: Task, search: Search, candidates: Candidates, most: int, watch: Watch, attempts: Attempts, faults: bool
+    task: PreparedLog, search: Search, candidates: Candidates, most: int, watch: Watch, attempts: Attempts, faults: bool
 ) -> list[Found]:
     """One answer after the other, each better than the one before it; the first is the base model."""
     answers, fault = [Found(task, explanation_of(search))], None
     with watch.giving_up(), attempts.attempt("checking signs, units and columns"):
-        fault = mended(search.evaluator, search.base, task.fit_runs) if faults else None
+        fault = find_fault(search.evaluator, search.base, task.fit_runs) if faults else None
     certain = fault is not None and fault.certain
     with watch.giving_up(), attempts.attempt("the search"):
-        search = run(search, task.fit_runs, candidates if most and not certain else (), most=most)
+        search = run_search(search, task.fit_runs, candidates if most and not certain else (), most=most)
     answers.append(Found(task, explanation_of(search)))
     anew: Search | None = None
     with watch.giving_up(), attempts.attempt("the search with the log read otherwise"):
-        other = None if fault is not None or quiet(search.here) else better_read(task, search, search.here)
+        other = (
+            None if fault is not None or at_noise_floor(search.current) else better_read(task, search, search.current)
+        )
         if other is not None:
-            task, anew = other, begun(other.simulator, other.fit_runs, watch)
-            anew = run(anew, other.fit_runs, candidates if most else (), most=most)
+            task, anew = other, start_search(other.simulator, other.fit_runs, watch)
+            anew = run_search(anew, other.fit_runs, candidates if most else (), most=most)
     if anew is not None:
         answers.append(Found(task, explanation_of(anew)))
     found = answers[-1].explanation
     with watch.giving_up(), attempts.attempt("checking whether an actuator was off"):
-        if faults and fault is None and most and not quiet(found.found):
+        if faults and fault is None and most and not at_noise_floor(found.found):
             fault = switched_off(found.evaluator, found.base, answers[-1].task.fit_runs)
     with attempts.attempt("weighing the log's fault against the model's"):
         if fault is not None and (fault.certain or (most and fault.as_good_as(found.found, found.base))):

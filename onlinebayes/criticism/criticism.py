@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.results import (
     Candidate,
     Failure,
@@ -56,7 +56,7 @@ class Criticism:
         timings: the stages of the work and how long each took, up to the result.
         wiring: with ``data_problem`` (from ``compare``: where it is suspected, too), the fault and what mends it.
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
-        mended: with ``data_problem``, the base model fitted to the mended table, without replays.
+        corrected: with ``data_problem``, the base model fitted to the corrected table, without replays.
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
         explanation: the evaluations that it stands on, for :func:`~onlinebayes.criticism.next_experiment`.
@@ -90,7 +90,7 @@ class Criticism:
     timings: tuple[Timing, ...] = ()
     wiring: Wiring | None = None
     changes: tuple[ParameterChange, ...] = ()
-    mended: FittedModel | None = None
+    corrected: FittedModel | None = None
     hypotheses: tuple[WeightedModel, ...] = ()
     failed: tuple[str, ...] = ()
     explanation: Explanation | None = field(default=None, repr=False, compare=False)

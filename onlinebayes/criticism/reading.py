@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from onlinebayes.criticism.hypotheses.explaining import begun
+from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.criticism.hypotheses.search import Search
-from onlinebayes.criticism.mending import judged
-from onlinebayes.criticism.task import Task
+from onlinebayes.criticism.log_faults import judged
+from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.identification.judging.evaluator import Evaluation
 from onlinebayes.identification.judging.rule import preferred
 from onlinebayes.runs import Watch
 
 
-def begun_as_read(task: Task, watch: Watch) -> tuple[Task, Search]:
+def begun_as_read(task: PreparedLog, watch: Watch) -> tuple[PreparedLog, Search]:
     """The task as its base model asks it to be read, and a search that stands at that model.
 
     Args:
@@ -22,14 +22,14 @@ def begun_as_read(task: Task, watch: Watch) -> tuple[Task, Search]:
         BadInput: the model cannot follow the measurement.
         Stopped: it was interrupted.
     """
-    search = begun(task.simulator, task.fit_runs, watch)
+    search = start_search(task.simulator, task.fit_runs, watch)
     with watch.heeded():
         while (other := better_read(task, search, search.base)) is not None:
-            task, search = other, begun(other.simulator, other.fit_runs, watch)
+            task, search = other, start_search(other.simulator, other.fit_runs, watch)
     return task, search
 
 
-def better_read(task: Task, search: Search, here: Evaluation) -> Task | None:
+def better_read(task: PreparedLog, search: Search, here: Evaluation) -> PreparedLog | None:
     """The task in the first other reading that the rule prefers; None without.
 
     Args:

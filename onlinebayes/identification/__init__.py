@@ -9,13 +9,15 @@ Criticism and inference both stand on it. ``data`` cuts runs into windows, ``rep
 Users outside import from here; criticism uses the inner rooms until its search is replaced.
 """
 
+from onlinebayes.identification.data import rotations
+from onlinebayes.identification.data.coordinates import AXES
 from onlinebayes.identification.data.grid import RunGrid, row_step, run_grids
 from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.noise import measured_floors, noise_floors
 from onlinebayes.identification.data.start_priors import start_coordinates
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
-from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
+from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS, make_blocks
 from onlinebayes.identification.fitting.closed_loops import completed, follow
 from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time, weighed_by_noise
 from onlinebayes.identification.fitting.gauss_newton import SETTLED, Fitted, fit
@@ -23,23 +25,35 @@ from onlinebayes.identification.fitting.heldout import begun_best, replay_error,
 from onlinebayes.identification.fitting.horizon import steady
 from onlinebayes.identification.fitting.identifiability import estimates, flat_directions
 from onlinebayes.identification.fitting.projection import Projected, noise_rows, project, signal_rms
+from onlinebayes.identification.fitting.rows import BANDS, band_counts, band_squares, left_of
 from onlinebayes.identification.fitting.sensitivities import columns, linearise
 from onlinebayes.identification.fitting.window_length import fit_base
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.clock import in_step
+from onlinebayes.identification.replaying.forces import EffectForce, effect_forces
 from onlinebayes.identification.replaying.integration import reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
-from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
+from onlinebayes.identification.replaying.replay import replay, replay_binned, rollout, sensor_readings
+from onlinebayes.identification.replaying.scoped import ScopedSimulator, physical
+from onlinebayes.identification.replaying.wrapper import unwrap
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
 from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.identification.splitting import split
 
 __all__ = [
+    "AXES",
+    "BANDS",
     "FEWEST_BLOCKS",
+    "LEAST_GAIN",
     "MEMORY",
     "SETTLED",
     "Detail",
+    "EffectForce",
     "Estimate",
+    "Evaluation",
+    "Evaluator",
     "Fit",
     "Fitted",
     "FittedModel",
@@ -51,14 +65,18 @@ __all__ = [
     "ReplayedRun",
     "RunGrid",
     "Scope",
+    "ScopedSimulator",
     "Selection",
     "WindowError",
     "Windows",
     "address_of",
+    "band_counts",
+    "band_squares",
     "begun_best",
     "charted",
     "columns",
     "completed",
+    "effect_forces",
     "estimates",
     "fit",
     "fit_base",
@@ -66,18 +84,23 @@ __all__ = [
     "follow",
     "in_step",
     "joint_names",
+    "left_of",
     "linearise",
+    "make_blocks",
     "make_windows",
     "measured_floors",
     "noise_floors",
     "noise_rows",
+    "physical",
     "project",
     "replay",
+    "replay_binned",
     "replay_error",
     "replay_runs",
     "reported",
     "residual_correlation_time",
     "rollout",
+    "rotations",
     "row_step",
     "run_grids",
     "seen_by",
@@ -88,6 +111,7 @@ __all__ = [
     "start_floor",
     "start_spread",
     "steady",
+    "unwrap",
     "weighed_by_noise",
     "windows_to_replay",
 ]

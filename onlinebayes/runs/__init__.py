@@ -16,6 +16,7 @@ from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_everything, seed_of
+from onlinebayes.runs.stages import Stages
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
 from onlinebayes.runs.threads import one_torch_thread
 from onlinebayes.runs.toml import to_toml
@@ -34,6 +35,7 @@ __all__ = [
     "ResultTable",
     "Row",
     "RunFolder",
+    "Stages",
     "Stateful",
     "Stopped",
     "UnknownName",

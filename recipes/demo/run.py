@@ -17,12 +17,11 @@ from jaxtyping import Float
 from torch import Tensor
 
 from envs.driven_pendulum import Protocol
-from onlinebayes.cli.problem import load_problem
 from onlinebayes.cli.summary import summary
-from onlinebayes.cli.work import criticise
-from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.report import write_report
+from onlinebayes.criticism import Criticism, Question
 from onlinebayes.inference import BoxUniform
+from onlinebayes.problems import criticise, load_problem
+from onlinebayes.report import write_report
 from onlinebayes.runs import write_atomic
 from onlinebayes.trainers import Journal
 from recipes.demo.measure import known, measure, write_problem
@@ -126,7 +125,7 @@ def run(seed: int, out: Path, budget: Budget) -> Outcome:
     return outcome
 
 
-def command(name: str, problem_file: Path, out: Path) -> Criticism:
+def command(name: Question, problem_file: Path, out: Path) -> Criticism:
     """What ``onlinebayes NAME problem.toml --out DIR`` does, with its result at hand."""
     print(f"$ onlinebayes {name} {problem_file} --out {out}", flush=True)
     problem = load_problem(problem_file)

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism.report import Curve, Panel, chart, stylesheet
 from onlinebayes.identification import Fitted, Windows, fit, replay, signal_rms, weighed_by_noise
+from onlinebayes.report import Curve, Panel, chart, stylesheet
 from onlinebayes.simulators.identifiable import Identifiable
 from recipes.studies.effect_pages_machine import NOISE, STEP, Recording
 

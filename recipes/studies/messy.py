@@ -26,7 +26,6 @@ from itertools import pairwise
 from pathlib import Path
 
 from envs.rigs import RIGS, BlindCase, messy_case, messy_machine
-from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism import (
     Addition,
     Criticism,
@@ -40,6 +39,7 @@ from onlinebayes.criticism import (
     prepare,
     wider_bounds,
 )
+from onlinebayes.problems import ProblemFile
 from onlinebayes.runs import UNWATCHED, BadInput, Progress, ResultTable, one_torch_thread, write_atomic
 from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.judging import loaded, refined
@@ -207,7 +207,7 @@ def ask(name: str) -> Found:
         return judged(Found(name, hidden, small, seconds=time.process_time() - began), made, problem, result)
 
 
-def judged(case: Found, made: BlindCase, problem: Problem, result: Criticism) -> Found:
+def judged(case: Found, made: BlindCase, problem: ProblemFile, result: Criticism) -> Found:
     """The case with what refine said of it, and what that is worth on the held-out runs."""
     judge = Judge.of(problem)
     errors = [1.0]
@@ -251,7 +251,7 @@ class Judge:
     before: Mapping[str, float]
 
     @staticmethod
-    def of(problem: Problem) -> Judge:
+    def of(problem: ProblemFile) -> Judge:
         """Of a problem, prepared as refine does."""
         task = prepare(problem.simulator, problem.measurement, problem.holdout, problem.selection, problem.scope)
         task, search = begun_as_read(task, UNWATCHED)

@@ -20,13 +20,12 @@ import torch
 from torch import Tensor
 
 from envs.measured.skid_steer import SkidSteer
-from onlinebayes.cli.problem import Problem
-from onlinebayes.cli.work import criticise
 from onlinebayes.criticism import Criticism, fit
-from onlinebayes.criticism.report import write_report
 from onlinebayes.identification import make_windows, split
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
+from onlinebayes.problems import ProblemFile, criticise
+from onlinebayes.report import write_report
 from onlinebayes.runs import ResultTable, Row, generator, write_atomic
 from recipes.command import status
 from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
@@ -115,7 +114,7 @@ def judge(robot: str, study: Study) -> Iterator[Row]:
     yield Row(f"{robot}: processor time of all", time.process_time() - began, unit="s")
 
 
-def over_split(robot: str, problem: Problem, model: SkidSteer, theta: Tensor, seed: int) -> tuple[Miss, Miss]:
+def over_split(robot: str, problem: ProblemFile, model: SkidSteer, theta: Tensor, seed: int) -> tuple[Miss, Miss]:
     """How far the nominal model and ours are off, over what one split holds out."""
     fit_runs, held = split(problem.measurement, held_out(problem.measurement, seed))
     for name in [name for name in model.parameters if name.startswith("sensor_delay@")]:

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from onlinebayes.cli.main import main
-from tests.cli.conftest import PROBLEM
+from tests.problems.conftest import PROBLEM
 
 
 def edit(name: str, old: str, new: str) -> Callable[[Path], None]:

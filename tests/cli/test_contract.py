@@ -13,13 +13,13 @@ import pytest
 import torch
 
 from onlinebayes.cli.main import main
-from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Scope
 from onlinebayes.measurements.latency import advanced
 from onlinebayes.parameters import Parameter
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from tests.cli.conftest import MODEL, PROBLEM
+from tests.problems.conftest import MODEL, PROBLEM
 
 HAND = """
 <mujoco><option timestep="0.005"/><worldbody><body name="base"><freejoint/><geom size=".1"/>

@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import pytest
 
-from onlinebayes.cli.problem import load_problem
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco.addresses import resolve
 from onlinebayes.simulators.mujoco.fields import FIELDS

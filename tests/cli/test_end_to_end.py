@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from onlinebayes.cli.main import main
-from tests.cli.conftest import MODEL, PROBLEM
+from tests.problems.conftest import MODEL, PROBLEM
 
 Rows = list[list[str]]
 

@@ -21,8 +21,8 @@ from hypothesis import HealthCheck, given, settings
 
 from onlinebayes.cli import work
 from onlinebayes.cli.main import main
-from onlinebayes.cli.refined import load_refined
 from onlinebayes.criticism import refine
+from onlinebayes.problems import load_refined
 from tests.cli.drawn_problems import Drawn, problems
 
 CASES = int(os.environ.get("ONLINEBAYES_FUZZ", "0"))

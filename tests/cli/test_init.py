@@ -8,13 +8,13 @@ import tomllib
 import numpy as np
 import pytest
 
-from onlinebayes.cli.first_draft import _runs_and_columns, draft
-from onlinebayes.cli.freeing import free_parameters
 from onlinebayes.cli.main import main
-from onlinebayes.cli.problem import load_problem
 from onlinebayes.parameters import ParameterSpace
-from tests.cli.conftest import MODEL, table
+from onlinebayes.problems import load_problem
+from onlinebayes.problems.drafting.first_draft import _runs_and_columns, draft
+from onlinebayes.problems.drafting.freeing import free_parameters
 from tests.criticism import tumbling
+from tests.problems.conftest import MODEL, table
 from tests.simulators.linkages import GRIPPER
 
 

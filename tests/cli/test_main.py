@@ -13,9 +13,10 @@ import pytest
 
 from onlinebayes.cli import show, work
 from onlinebayes.cli.main import main
-from onlinebayes.cli.stages import Stages
 from onlinebayes.criticism import Criticism
-from tests.criticism.report.synthetic import criticism, drive
+from onlinebayes.problems import commands
+from onlinebayes.runs import Stages
+from tests.report.synthetic import criticism, drive
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +97,7 @@ def test_a_signal_keeps_what_is_known(folder, capsys, monkeypatch, result, numbe
         signal.raise_signal(number)
         return dataclasses.replace(result, interrupted=interrupt.requested)
 
-    monkeypatch.setattr(work, "refine", asked)
+    monkeypatch.setattr(commands, "refine", asked)
     assert main(arguments("refine", folder)) == 130
     assert (folder / "out" / "here" / "report.json").exists()
     assert "stopping with what is known" in capsys.readouterr().err

@@ -13,7 +13,7 @@ import pytest
 from onlinebayes.cli import next as following
 from onlinebayes.cli.main import main
 from onlinebayes.runs import Interrupt
-from tests.cli.conftest import MODEL, PROBLEM, table
+from tests.problems.conftest import MODEL, PROBLEM, table
 
 QUICK = """
 [effects]

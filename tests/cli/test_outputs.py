@@ -11,7 +11,7 @@ from onlinebayes.cli import next as following
 from onlinebayes.cli import work
 from onlinebayes.cli.main import main
 from onlinebayes.criticism import Criticism
-from tests.criticism.report.synthetic import criticism, drive
+from tests.report.synthetic import criticism, drive
 
 REPORT = {"report.json", "report.html", "run.rrd"}
 

@@ -10,11 +10,11 @@ import pytest
 
 from envs.measured import FOLDER
 from onlinebayes.cli.main import main
-from onlinebayes.cli.problem import load_problem
-from onlinebayes.cli.stages import Stages
-from onlinebayes.criticism.posterior import posterior_of_log
 from onlinebayes.inference import saving
-from tests.cli.conftest import PROBLEM, table
+from onlinebayes.posterior import posterior_of_log
+from onlinebayes.problems import load_problem
+from onlinebayes.runs import Stages
+from tests.problems.conftest import PROBLEM, table
 
 FILES = {"posterior.json", "belief.json", "corner.png"}
 

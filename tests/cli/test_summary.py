@@ -10,13 +10,13 @@ from pathlib import Path
 
 import pytest
 
-from onlinebayes.cli.stages import Stages
 from onlinebayes.cli.summary import WIDTH, _wrapped, summary
 from onlinebayes.criticism import Criticism
-from onlinebayes.criticism.report import words
 from onlinebayes.criticism.results import Step, Wiring
-from tests.criticism.report.many import many
-from tests.criticism.report.synthetic import SIGNAL, changed, criticism, lagging, miswired
+from onlinebayes.report import words
+from onlinebayes.runs import Stages
+from tests.report.many import many
+from tests.report.synthetic import SIGNAL, changed, criticism, lagging, miswired
 
 
 class Terminal(io.StringIO):
@@ -133,7 +133,7 @@ def test_a_fault_says_what_the_refined_files_hold() -> None:
     )
     by_hand = dataclasses.replace(result, wiring=Wiring("motor was off in plain", "# in the table: a column", 9.0, 1.0))
     assert "refined.toml reads the table with the fault, which can only be put right there" in told(by_hand)
-    assert "hold the model fitted to the table with the fault" in told(dataclasses.replace(result, mended=None))
+    assert "hold the model fitted to the table with the fault" in told(dataclasses.replace(result, corrected=None))
     assert "fault put right" not in " ".join(summary(result, Path("out")).split())
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from onlinebayes.cli.main import main
 from onlinebayes.criticism import commands
-from onlinebayes.criticism.report import html
+from onlinebayes.report import html
 
 
 def fail(*_: object, **__: object) -> None:
@@ -20,7 +20,7 @@ def fail(*_: object, **__: object) -> None:
 def test_what_fails_is_one_line_and_the_report_is_there(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(commands, "mended", fail)
+    monkeypatch.setattr(commands, "find_fault", fail)
     monkeypatch.setattr(html.ranking, "render", fail)
     status = main(["compare", str(folder / "carriage.toml"), "--out", str(folder / "out")])
     said = capsys.readouterr()

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from envs.rigs import case, write_case
-from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Criticism, refine
+from onlinebayes.problems import load_problem
 
 
 def refined(rig: str, kind: str, seed: int, folder: Path) -> tuple[Criticism, list[str]]:

@@ -8,7 +8,8 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import held_out_errors, prepare
-from onlinebayes.criticism.hypotheses import Explanation, begun, searched
+from onlinebayes.criticism.hypotheses import Explanation, explanation_of, run_search, start_search
+from onlinebayes.criticism.hypotheses.search import MOST_ADDITIONS
 from onlinebayes.identification.judging.evaluator import Evaluation
 from onlinebayes.identification.splitting import split
 from onlinebayes.measurements import Measurement, Signal
@@ -94,7 +95,8 @@ def explain(
 ) -> Explanation:
     """The search alone, on the runs that are there to fit."""
     task = prepare(simulator, measurement, holdout, None, None)
-    return searched(begun(task.simulator, task.fit_runs), task.fit_runs, candidates)
+    search = run_search(start_search(task.simulator, task.fit_runs), task.fit_runs, candidates, most=MOST_ADDITIONS)
+    return explanation_of(search)
 
 
 def held_out_error(

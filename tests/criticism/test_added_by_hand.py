@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from onlinebayes.criticism.hypotheses.explaining import begun
+from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators.effects import ActuatorSaturation, DryFriction, Effect, JointStiffness
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -17,7 +17,7 @@ SPRING = JointStiffness("rail", Parameter(0.0, 20.0, "N/m"), Parameter(-3.0, 3.0
 
 def values_of(simulator: MujocoSimulator, hidden: dict[Effect, tuple[float, ...]], runs: int) -> list[float]:
     """Theta of the base model."""
-    return list(begun(simulator, measure(hidden, runs=runs, finer=2)).base.values.values())
+    return list(start_search(simulator, measure(hidden, runs=runs, finer=2)).base.values.values())
 
 
 @pytest.mark.slow

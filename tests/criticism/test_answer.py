@@ -11,9 +11,9 @@ import pytest
 import torch
 
 from onlinebayes.criticism import Criticism, compare, refine
-from onlinebayes.criticism.report import write_report
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.report import write_report
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import Cogging, ConstantLoad
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -86,8 +86,8 @@ def test_a_reversed_column_is_a_problem_of_the_data() -> None:
     said = [found.wiring.lines, *(lines for _, lines in found.wiring.alternatives)]
     assert '[signals."qpos.rail"]\nsign = -1' in said
     assert found.wiring.error_after < 1.2 < found.wiring.error_before
-    assert found.mended is not None
-    assert found.mended.parameters["body.cart.mass"].mean == pytest.approx(TRUTH[0], rel=0.02)
+    assert found.corrected is not None
+    assert found.corrected.parameters["body.cart.mass"].mean == pytest.approx(TRUTH[0], rel=0.02)
 
 
 @pytest.mark.slow

@@ -52,7 +52,7 @@ def test_a_model_that_remembers_commands_tells_what_was_before_the_runs(idle: bo
     task = prepare(delayed(), log(idle), ["run6"], None, None)
     task, search = begun_as_read(task, UNWATCHED)
     assert task.fit_runs.idle_before == task.held_runs.idle_before == idle
-    assert float(search.base.left[0].rms.max()) < 1.1
+    assert float(search.base.left_out[0].rms.max()) < 1.1
     assert search.base.values["actuator_delay@motor.delay"] == pytest.approx(LATE * STEP, abs=1e-3)
 
 

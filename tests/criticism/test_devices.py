@@ -12,14 +12,14 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.criticism import Scope, Selection, compare, refine, worlds_of
-from onlinebayes.criticism.posterior import posterior_of_log
-from onlinebayes.criticism.report.html import to_html
-from onlinebayes.criticism.report.json import to_json
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.identification.replaying.timed import instants
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.posterior import posterior_of_log
+from onlinebayes.report.html import to_html
+from onlinebayes.report.json import to_json
 from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 from onlinebayes.simulators.effects import ConstantLoad
 from tests.criticism.rigs import FREE, measure, model

@@ -9,9 +9,9 @@ import pytest
 
 from onlinebayes.criticism import refine
 from onlinebayes.criticism.findings.doubts import held_out_gain
-from onlinebayes.criticism.report.words import headline
 from onlinebayes.criticism.results import HeldOutError
 from onlinebayes.parameters import Parameter
+from onlinebayes.report.words import headline
 from onlinebayes.simulators.effects import ConstantLoad
 from tests.criticism.rigs import measure, model
 

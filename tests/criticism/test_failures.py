@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from onlinebayes.criticism import Criticism, answer, commands, compare, refine
-from onlinebayes.criticism.hypotheses import explaining
+from onlinebayes.criticism.hypotheses import explanation
 from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.identification.judging.evaluator import Evaluator
 from onlinebayes.identification.judging.hypothesis import Hypothesis
@@ -30,7 +30,7 @@ def test_the_answer_stands_without_parts_of_the_work(
     monkeypatch: pytest.MonkeyPatch, without_shape_checks: None
 ) -> None:
     parts = {
-        "checking signs, units and columns": (commands, "mended"),
+        "checking signs, units and columns": (commands, "find_fault"),
         "fitting to all windows": (commands, "settled"),
         "the error over the held-out runs": (answer, "evaluate_held_out"),
         "weighing the models": (answer, "weighted"),
@@ -82,7 +82,7 @@ def test_a_search_that_fails_in_its_second_round_keeps_what_the_first_one_found(
 
 @pytest.mark.slow
 def test_a_search_that_cannot_begin_leaves_the_base_model(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(explaining, "additions", fail)
+    monkeypatch.setattr(explanation, "additions", fail)
     found = answer_of()
     assert found.accepted == ()
     assert found.verdict == "insufficient_data"  # of the table; no fault of the search makes another one of it

@@ -11,13 +11,13 @@ import torch
 
 from onlinebayes.cli.main import main
 from onlinebayes.criticism import Criticism, Selection, refine
-from onlinebayes.criticism.report.geometry import measured_qpos, measured_turns
 from onlinebayes.identification.data.chart import POSE as QPOS
 from onlinebayes.identification.data.rotations import inverse, logarithm, product
 from onlinebayes.identification.replaying.charted import charted
 from onlinebayes.identification.replaying.replay import rollout
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.report.geometry import measured_qpos, measured_turns
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from tests.criticism.tumbling import BLOCK, FREE, NOISE, POSE, ROW, TRUTH, Block, fly, measure, model, table
 from tests.identification.grounding import ground

@@ -47,7 +47,7 @@ def log(held: bool) -> Measurement:
 def test_the_base_model_tells_how_commands_go_through_gaps(held: bool) -> None:
     task, search = begun_as_read(prepare(model(), log(held), ["run7"], None, None), UNWATCHED)
     assert task.fit_runs.held_over_gaps == task.held_runs.held_over_gaps == held
-    assert float(search.base.left[0].rms.max()) < 1.1
+    assert float(search.base.left_out[0].rms.max()) < 1.1
 
 
 @pytest.mark.long

@@ -8,7 +8,7 @@ import torch
 from tensordict import TensorDict
 
 from onlinebayes.criticism import refine
-from onlinebayes.criticism.hypotheses.explaining import begun
+from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -57,9 +57,9 @@ def model() -> MujocoSimulator:
 @pytest.mark.parametrize("denser", [True, False])
 def test_the_log_decides_whether_moments_follow_the_mass(denser: bool) -> None:
     machine = model().with_scaled_moments() if denser else model()
-    search = begun(model(), recorded(machine))
+    search = start_search(model(), recorded(machine))
     assert search.evaluator.discretisation.values.scaled_moments == denser
-    assert float(search.base.left[0].rms.max()) < 1.1
+    assert float(search.base.left_out[0].rms.max()) < 1.1
     assert search.base.fitted.theta.tolist() == pytest.approx(TRUTH.tolist(), rel=0.01)
 
 

@@ -83,7 +83,7 @@ def test_both_models_are_replayed_row_beside_row(monkeypatch: pytest.MonkeyPatch
 @pytest.mark.long
 def test_a_zero_error_in_eight_runs_is_found() -> None:
     """Nothing is slower than an offset: its windows make three groups, of which no flip is rare."""
-    measured = Offset("qpos.hinge", 0.02).mended(PENDULUM.measure(runs=10))
+    measured = Offset("qpos.hinge", 0.02).correct(PENDULUM.measure(runs=10))
     result = refine(PENDULUM.model(), measured, candidates=["sensor_bias", "quadratic_drag"])
     assert result.accepted == ("sensor_bias@qpos.hinge",)
     assert result.verdict == "missing_effect"

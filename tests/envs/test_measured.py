@@ -14,8 +14,8 @@ from envs.measured.dart_car.tyres import TyreSaturation
 from envs.measured.skid_steer import SkidSteer, Warthog, build_warthog
 from envs.measured.skid_steer.driver import TravelAcceleration, TurnAcceleration, TurnLimit, WheelSaturation
 from envs.measured.skid_steer.laws import SideAsymmetry, TurningSlip
-from onlinebayes.cli.factory import import_module
 from onlinebayes.parameters import Parameter
+from onlinebayes.problems import import_module
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import TorchSimulator
 from onlinebayes.simulators.effects import EFFECTS, Effect

@@ -13,7 +13,7 @@ from envs.rigs import RIGS, messy_case, write_case
 from envs.rigs.drive import Drive
 from envs.rigs.messy import messy_machine
 from envs.rigs.recording import Habits, record
-from onlinebayes.cli.problem import load_problem
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 
 unchecked = pytest.mark.usefixtures("without_shape_checks")

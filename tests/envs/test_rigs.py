@@ -16,7 +16,7 @@ from envs.rigs.cases import drawn_effects
 from envs.rigs.equations import Lever
 from envs.rigs.off_numbers import number, with_number
 from envs.rigs.recording import Interference, record
-from onlinebayes.cli.problem import load_problem
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco.addresses import resolve
 from onlinebayes.simulators.mujoco.own_numbers import own_numbers

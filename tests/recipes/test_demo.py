@@ -11,7 +11,7 @@ import torch
 
 from envs.driven_pendulum import Protocol
 from envs.driven_pendulum.rig import DAMPING, DELAY, MASS
-from onlinebayes.cli.problem import load_problem
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import atomic_path
 from recipes.common import written
 from recipes.demo.__main__ import directions, table

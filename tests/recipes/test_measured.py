@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from envs.measured import FOLDER
-from onlinebayes.cli.problem import load_problem
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import Row
 from onlinebayes.simulators.effects import EFFECTS
 from recipes.studies import measured

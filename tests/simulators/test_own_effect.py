@@ -10,8 +10,8 @@ import pytest
 import torch
 from tensordict import TensorDict
 
-from onlinebayes.cli.factory import import_module
 from onlinebayes.parameters import Parameter
+from onlinebayes.problems import import_module
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.testing import check_effect

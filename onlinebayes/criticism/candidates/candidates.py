@@ -1,7 +1,7 @@
 """Which effects to try at which targets, and from where; how far each may go follows from :mod:`.scales`.
 
 All are tried but those that are the same law as another candidate, play behind a motor, and those of so much freedom
-that the search tries them when nothing else explains the data (see ``hypotheses.explaining.flexible``).
+that the search tries them when nothing else explains the data (see ``hypotheses.explanation.flexible``).
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from torch import Tensor
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment.adapted import adapted
 from onlinebayes.criticism.experiment.play import FixedModel
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import contains, laws
 from onlinebayes.criticism.hypotheses.ranking import rivals as equals_of
 from onlinebayes.criticism.hypotheses.rounds import Round

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import laws
 from onlinebayes.criticism.results import HeldOutError
 from onlinebayes.identification.judging.rule import LEAST_GAIN

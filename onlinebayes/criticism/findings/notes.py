@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.results import WeightedModel
 from onlinebayes.identification import quantities
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
@@ -50,7 +50,7 @@ def _of_the_step(found: Evaluation, evaluator: Evaluator, numerics: Numerics) ->
             f"numerics: in steps of {way.timestep:g} s the integration error is no small part of what is left: sizes "
             "of what is named carry it; give the model a shorter time step or a better integrator"
         )
-    elif evaluator.as_given:
+    elif evaluator.original_integrator:
         method = "a method of first order" if way.method == "first_order" else "the model's own integrator"
         yield (
             f"numerics: {method} in steps of {way.timestep:g} s follows the log far better than a finer "

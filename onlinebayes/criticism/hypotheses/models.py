@@ -27,7 +27,9 @@ def numerics_of(evaluation: Evaluation, evaluator: Evaluator) -> Numerics:
     fitted = evaluation.fitted
     given = build(evaluator.given, evaluation.hypothesis, evaluator.runs)
     error, left = error_in_floors(fitted, given, evaluator.windows)
-    return Numerics(fitted.simulator.timestep, error, evaluator.as_given or error <= NEGLIGIBLE * max(1.0, left))
+    return Numerics(
+        fitted.simulator.timestep, error, evaluator.original_integrator or error <= NEGLIGIBLE * max(1.0, left)
+    )
 
 
 def flat_of(fit: Fit, windows: Windows) -> tuple[FlatDirection, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.hypotheses.additions import IN_EACH_RUN, AddedEffect, OwnValues
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
 from onlinebayes.criticism.hypotheses.screening import Prediction
 from onlinebayes.criticism.results import MOVES_NOTHING, NOT_NEEDED, Candidate, Step
@@ -55,7 +55,7 @@ def steps(explanation: Explanation) -> tuple[Step, ...]:
         if found.added is None or found.added.addition.key not in laws(explanation.found.hypothesis):
             continue
         before, after = (
-            dict(zip(names, (evaluation.left[0].rms * scale).tolist(), strict=True))
+            dict(zip(names, (evaluation.left_out[0].rms * scale).tolist(), strict=True))
             for evaluation in (found.begun, found.added.evaluation)
         )
         first = found.added.gains[0]
@@ -153,7 +153,7 @@ def _refused(found: Round, trial: Trial) -> Candidate:
 
 def _screened(first: Round, known: set[str]) -> Iterator[Candidate]:
     """What was never refitted, by what it promised beside the base model."""
-    folds = len(first.begun.left[0].folds)
+    folds = len(first.begun.left_out[0].folds)
     for prediction in first.screened:
         key = prediction.addition.key
         confounded = prediction.imitated_by if prediction.gain < LEAST_GAIN else ()

@@ -81,7 +81,7 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class _Bench:
+class _Screen:
     """What candidates are tried on.
 
     Args:
@@ -95,11 +95,11 @@ class _Bench:
     base: Float[Tensor, "W n S"]
     folds: Folds | None
 
-    def of_part(self) -> _Bench:
+    def of_part(self) -> _Screen:
         """The quarter of the windows that err most, nothing left out."""
         few = min(self.windows.count, max(FEW, self.windows.count // 4))
         some = self.fitted.rows.residual.square().sum(1).topk(few).indices.sort().values
-        return _Bench(self.fitted.of(some), self.windows.select(some), self.base[some], None)
+        return _Screen(self.fitted.of(some), self.windows.select(some), self.base[some], None)
 
     @cached_property
     def model(self) -> LinearModel:
@@ -137,14 +137,14 @@ def screen(
     base, valid = replay_binned(fitted.rough, windows, fitted.theta[None], fitted.lin.starts[None])
     if not bool(valid.all()):
         raise BadInput("the fitted model diverges in coarse steps", "give the model a shorter time step")
-    bench = _Bench(fitted, windows, base[0], folds)
+    bench = _Screen(fitted, windows, base[0], folds)
     if len(candidates) <= SHORTLIST:
         return _ordered(bench, candidates)
     first = _ordered(bench.of_part(), candidates)
     return _ordered(bench, [one.addition for one in first[:SHORTLIST]]) + first[SHORTLIST:]
 
 
-def _ordered(bench: _Bench, candidates: Sequence[Addition]) -> list[Prediction]:
+def _ordered(bench: _Screen, candidates: Sequence[Addition]) -> list[Prediction]:
     found = []
     for addition in candidates:
         if best := sorted(_predictions(bench, addition), key=lambda p: -p.gain)[:STARTS]:
@@ -153,7 +153,7 @@ def _ordered(bench: _Bench, candidates: Sequence[Addition]) -> list[Prediction]:
     return sorted(found, key=lambda p: -p.gain)
 
 
-def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
+def _predictions(bench: _Screen, addition: Addition) -> Iterator[Prediction]:
     """One for each starting value at which the replay stays finite."""
     fitted, windows = bench.fitted, bench.windows
     try:
@@ -191,7 +191,7 @@ def _predictions(bench: _Bench, addition: Addition) -> Iterator[Prediction]:
         )
 
 
-def _seen(bench: _Bench, left: Float[Tensor, " N"]) -> float:
+def _seen(bench: _Screen, left: Float[Tensor, " N"]) -> float:
     """The size of a candidate, in units of its reach, that gains the least that the rule asks for in some signal.
 
     1/2 log((1 + e^2 + a^2 c^2) / (1 + e^2)) = g      with e, c: RMS of what is left and of the candidate, in noise

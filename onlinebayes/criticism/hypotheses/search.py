@@ -12,18 +12,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from onlinebayes.criticism.hypotheses.additions import WiderBounds
-from onlinebayes.criticism.hypotheses.as_given import run_as_given
-from onlinebayes.criticism.hypotheses.everywhere import at_every_place
+from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
+from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, quiet
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, at_noise_floor
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.judging.rule import LEAST_GAIN, equally_good, preferred, refusal
 
 REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
 
-LEAST_PROMISE = LEAST_GAIN / 5
+LEAST_PREDICTED_GAIN = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
 
 PAIRED = 3
@@ -56,48 +56,53 @@ class Search:
     rounds: list[Round] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.here = self.base
+        self.current = self.base
         self.flexible = set[Addition]()
 
     def run(self) -> Evaluation:
         """The hypothesis of which no neighbour is preferred."""
-        self.here, seen = self.refined(self.base), set[frozenset[str]]()
-        self.base = self.here
+        self.current, seen = self.refined(self.base), set[frozenset[str]]()
+        self.base = self.current
         # What was dropped may be preferred again beside what came later: the same hypothesis twice ends the search.
-        while len(self.here.hypothesis.keys) < self.most and frozenset(self.here.hypothesis.keys) not in seen:
-            here, found = self.here, self.round(self.here)
+        while len(self.current.hypothesis.keys) < self.most and frozenset(self.current.hypothesis.keys) not in seen:
+            here, found = self.current, self.round(self.current)
             better = here if found.added is None else self.evaluated_from(found.added.evaluation, here.hypothesis)
             if better is not here:
                 # It was not the addition that was missing, but a better fit without it: the round begins again.
                 self.base = better if here is self.base else self.base
-                self.here = better
+                self.current = better
                 continue
-            if alike := self.everywhere(here, found):
+            if alike := self.at_all_places(here, found):
                 self.rounds += alike
                 assert alike[-1].added is not None
-                self.here = self.pruned(self.refined(alike[-1].added.evaluation))
+                self.current = self.pruned(self.refined(alike[-1].added.evaluation))
                 continue
             self.rounds.append(found)
-            if found.added is None and here is self.base and self.last and not quiet(here):
+            if found.added is None and here is self.base and self.last and not at_noise_floor(here):
                 self.candidates, self.flexible, self.last = (*self.candidates, *self.last), {*self.last}, ()
                 continue
             if self.flexible:
                 self.candidates = [one for one in self.candidates if one not in self.flexible]
-            if found.added is None and here is self.base and not quiet(here) and (two := self.pair(here, found)):
-                # Neither is preferred alone, so that none is dropped beside the other.
+            if (
+                found.added is None
+                and here is self.base
+                and not at_noise_floor(here)
+                and (two := self.pair(here, found))
+            ):
+                # Do not prune: the two are only better together.
                 self.rounds[-1:] = two
                 assert two[-1].added is not None
-                self.here = self.refined(two[-1].added.evaluation)
+                self.current = self.refined(two[-1].added.evaluation)
                 continue
             seen.add(frozenset(here.hypothesis.keys))
             if found.added is None:
                 break
-            self.here = self.pruned(self.refined(found.added.evaluation))
-        return self.here
+            self.current = self.pruned(self.refined(found.added.evaluation))
+        return self.current
 
-    def everywhere(self, here: Evaluation, alone: Round) -> list[Round]:
+    def at_all_places(self, here: Evaluation, alone: Round) -> list[Round]:
         """One law at all its places, as a round for each, see :mod:`.everywhere`; none without."""
-        if quiet(here) or (alone.added is not None and quiet(alone.added.evaluation)):
+        if at_noise_floor(here) or (alone.added is not None and at_noise_floor(alone.added.evaluation)):
             return []
         for found in at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)):
             best = self.pruned(found, entered=0)
@@ -141,7 +146,7 @@ class Search:
             beside = self.tried_all(first.evaluation)
             for second in beside.tried:
                 both = replace(second, gains=second.evaluation.gains(here))
-                believed = first not in free or quiet(both.evaluation)
+                believed = first not in free or at_noise_floor(both.evaluation)
                 if believed and preferred(both.gains, here.gains(self.base)[0]):
                     yield first, both, beside
 
@@ -183,7 +188,7 @@ class Search:
             return None
         gains = evaluation.gains(here)
         refused = refusal(gains, here.gains(self.base)[0])
-        if prediction.addition in self.flexible and not quiet(evaluation):
+        if prediction.addition in self.flexible and not at_noise_floor(evaluation):
             refused = refused or "has too much freedom to be believed where it leaves more than noise"
         return Trial(prediction.addition, evaluation, gains, refused)
 
@@ -192,9 +197,9 @@ class Search:
         evaluator = self.evaluator.refined(here)
         if evaluator is not self.evaluator:
             here = self._judged_by(evaluator, here)
-        if here is self.base or quiet(here) or self.evaluator.as_given:
+        if here is self.base or at_noise_floor(here) or self.evaluator.original_integrator:
             return here
-        other = run_as_given(self.evaluator, here)
+        other = with_original_integrator(self.evaluator, here)
         return here if other is None else self._judged_by(other[0], here)
 
     def _judged_by(self, evaluator: Evaluator, here: Evaluation) -> Evaluation:
@@ -203,7 +208,7 @@ class Search:
         again = base if here is self.base else evaluator.anew(here)
         if base is None or again is None:
             return here
-        self.evaluator, self.base, self.here = evaluator, base, again
+        self.evaluator, self.base, self.current = evaluator, base, again
         return again
 
     def pruned(self, here: Evaluation, entered: int = 1) -> Evaluation:
@@ -218,7 +223,7 @@ class Search:
 
 def promising(screened: Sequence[Prediction]) -> list[Prediction]:
     """What is refitted: the best predictions, and the simplest, which go before their equals."""
-    enough = [prediction for prediction in screened if prediction.gain >= LEAST_PROMISE]
+    enough = [prediction for prediction in screened if prediction.gain >= LEAST_PREDICTED_GAIN]
     wider = [prediction for prediction in enough if isinstance(prediction.addition, WiderBounds)]
     simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1][:1]
     return list({id(one): one for one in (*enough[:REFITS], *wider, *simple)}.values())

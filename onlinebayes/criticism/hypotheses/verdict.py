@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, OwnValues, WiderBounds
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals
 from onlinebayes.criticism.results import Verdict
 from onlinebayes.identification.data.windows import Windows

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.hypotheses.additions import OwnValues
-from onlinebayes.criticism.hypotheses.explaining import Explanation
+from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import rivals
 from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.identification.judging.evaluator import Evaluation
@@ -31,7 +31,7 @@ from onlinebayes.identification.judging.scoring import LeftOut, score_parts
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""
 
-MOST = 3
+MOST_HYPOTHESES = 3
 """Rivals that are fitted: those that did best."""
 
 
@@ -55,7 +55,7 @@ def settled(explanation: Explanation) -> Explanation:
         if first is None or found.added is None or found.added.addition != first:
             continue
         gone = set[str]()
-        for rival in rivals(found)[:MOST]:
+        for rival in rivals(found)[:MOST_HYPOTHESES]:
             evaluation = in_its_place(explanation, found, rival)
             if evaluation is None or not _as_good(explanation, evaluation):
                 gone.add(rival.key)
@@ -70,9 +70,9 @@ def settled(explanation: Explanation) -> Explanation:
 def weighted(explanation: Explanation) -> tuple[Weighted, ...]:
     """What was found, first, and its rivals."""
     evaluations = [explanation.found, *explanation.rivals]
-    ways = zip(*(one.left for one in evaluations), strict=True)
+    ways = zip(*(one.left_out for one in evaluations), strict=True)
     weights = torch.stack(
-        [weights_of(left, base) for left, base in zip(ways, explanation.base.left, strict=True)]
+        [weights_of(left, base) for left, base in zip(ways, explanation.base.left_out, strict=True)]
     ).mean(0)
     return tuple(Weighted(*pair) for pair in zip(evaluations, weights.tolist(), strict=True))
 

@@ -65,7 +65,7 @@ class Reread(Fault):
         turned = [(name, "sign = -1") for name, sign in zip(names, signs, strict=True) if sign < 0]
         return "\n".join(f'[signals."{name}"]\n{line}' for name, line in (*columns, *turned))
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The joint's turns along the other path."""
         return _with_columns(
             measurement, self.rotation.turns, lambda run, time, old: self.paths[origin(run)].at(time)[1]
@@ -113,7 +113,7 @@ class OtherAxes(Fault):
         """What to do with the columns: no key turns axes."""
         return f"# in the table: {', '.join(self.names)} turned into the {'body' if self.backward else 'world'}'s axes"
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The columns in the right axes."""
 
         def turned(run: str, time: Float[Tensor, " T"], old: Float[Tensor, "T 3"]) -> Float[Tensor, "T 3"]:

@@ -67,7 +67,7 @@ class Fault(ABC):
         """Whether the windows' starts follow from the mended table alone, not from those of the table as it stands."""
         return False
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The measurement with the fault put right."""
         return measurement
 
@@ -126,7 +126,7 @@ class Rescaled(Fault):
         value = "sign = -1" if self.factor == -1.0 else f"scale = {self.factor:.9g}"
         return "\n".join(f"{_header(self.kind, name)}\n{value}" for name in self.names)
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The columns times the factor."""
         key, columns = _places(measurement, self.kind, self.names)
         data = _copy(measurement.data, key)
@@ -163,7 +163,7 @@ class Offset(Fault):
         """``offset`` under [signals]."""
         return f"{_header('signal', self.signal)}\noffset = {self.value:.9g}"
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The column plus the value."""
         key, columns = _places(measurement, "signal", (self.signal,))
         data = _copy(measurement.data, key)
@@ -196,7 +196,7 @@ class Swapped(Fault):
         pairs = [*zip(self.first, self.second, strict=True), *zip(self.second, self.first, strict=True)]
         return "\n".join(f'{_header(self.kind, a)}\ncolumn = "{_column(self.kind, b)}"' for a, b in pairs)
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The columns exchanged, and what was measured of them."""
         names = (*self.first, *self.second)
         _, columns = _places(measurement, self.kind, names)

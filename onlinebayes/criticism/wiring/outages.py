@@ -76,7 +76,7 @@ class Outage(Fault):
         parts = "".join(f"\n#   {run}: {begin:.4g} to {end:.4g} s" for run, begin, end in self.spans)
         return f"# in the table: {columns}, 1 in every row, but 0 in{parts}"
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The actuators disabled in these spans."""
         data = measurement.data.clone(recurse=False)
         data["enable"] = data["enable"].clone()

@@ -44,7 +44,7 @@ class HeldOverGaps(Reading):
         """What is tried."""
         return "commands are held through missing rows"
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """Read so."""
         return replace(measurement, held_over_gaps=True)
 
@@ -58,7 +58,7 @@ class IdleBefore(Reading):
         """What is tried."""
         return "there was no command before the runs"
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """Read so."""
         return replace(measurement, idle_before=True)
 

@@ -52,7 +52,7 @@ class Shifted(Fault):
         """Positions and velocities of other instants."""
         return True
 
-    def mended(self, measurement: Measurement) -> Measurement:
+    def correct(self, measurement: Measurement) -> Measurement:
         """The columns put back to when they happened; the rows at a run's end without a value are not measured."""
         return without_latency(measurement, dict.fromkeys(self.signals, self.seconds))
 

@@ -31,7 +31,7 @@ def unit_that_fits(
         if unit.kind != "signal" or unit.factor < 0:
             continue
         try:
-            if follows(unit.mended(measurement)):
+            if follows(unit.correct(measurement)):
                 return unit
         except Stopped:
             raise

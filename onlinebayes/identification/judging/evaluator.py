@@ -29,7 +29,7 @@ class Evaluation:
 
     hypothesis: Hypothesis
     fitted: Fitted
-    left: tuple[LeftOut, ...]
+    left_out: tuple[LeftOut, ...]
 
     @property
     def values(self) -> dict[str, float]:
@@ -38,12 +38,12 @@ class Evaluation:
 
     def gains(self, other: Evaluation) -> tuple[Gain, ...]:
         """Over another hypothesis, for each way of leaving data out."""
-        return tuple(gain(a, b) for a, b in zip(self.left, other.left, strict=True))
+        return tuple(gain(a, b) for a, b in zip(self.left_out, other.left_out, strict=True))
 
 
-def quiet(here: Evaluation) -> bool:
+def at_noise_floor(here: Evaluation) -> bool:
     """Whether no more than noise is left."""
-    return float(here.left[0].rms.max()) <= AT_FLOOR
+    return float(here.left_out[0].rms.max()) <= AT_FLOOR
 
 
 @dataclass
@@ -57,7 +57,7 @@ class Evaluator:
         discretisation: how models are integrated.
         watch: told what is being done.
         known: evaluations so far.
-        as_given: whether the log follows the model's own step, which then is not to be refined: see :mod:`.as_given`.
+        original_integrator: whether the log follows the model's own step: no finer one is looked for then.
         parted: the windows that are parted into folds, where ``windows`` are those of them that another table has.
     """
 
@@ -67,7 +67,7 @@ class Evaluator:
     discretisation: Discretisation
     watch: Callable[[str], None] = lambda _: None
     known: dict[frozenset[str], Evaluation | None] = field(default_factory=dict)
-    as_given: bool = False
+    original_integrator: bool = False
     parted: Windows | None = None
 
     def __post_init__(self) -> None:
@@ -137,7 +137,7 @@ class Evaluator:
     def refined(self, here: Evaluation) -> Evaluator:
         """Itself where a fit may be judged as it was integrated, else one that integrates finely enough for it."""
         given = build(self.given, here.hypothesis, self.runs)
-        if self.as_given or fine_enough(here.fitted, given, self.windows):
+        if self.original_integrator or fine_enough(here.fitted, given, self.windows):
             return self
         discretisation = cheapest(here.fitted, given, self.windows)
         if discretisation == self.discretisation:

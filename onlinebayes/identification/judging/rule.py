@@ -35,7 +35,7 @@ EXPLAINED = 0.5
 """Share of the squared error above the noise that may be left where it is said that something explains the misfit."""
 
 
-def halves(before: LeftOut, after: LeftOut) -> bool:
+def explains_half(before: LeftOut, after: LeftOut) -> bool:
     """Whether half of the squared error above the noise is gone, over what both predict."""
     return half_gone(*(one.rms.tolist() for one in in_common(before, after)))
 

@@ -19,7 +19,7 @@ from onlinebayes.identification.judging.rule import LEAST_GAIN
 
 def unskilled(found: Evaluation, evaluator: Evaluator) -> tuple[str, ...]:
     """Names of the signals in which a hypothesis has no skill."""
-    windows, left = evaluator.windows, found.left[0].rms
+    windows, left = evaluator.windows, found.left_out[0].rms
     names = [evaluator.given.signals[column] for column in windows.columns]
     lost = (left >= naive_rms(windows, names)) & (left > AT_FLOOR)
     return tuple(name for name, one in zip(names, lost.tolist(), strict=True) if one)
@@ -30,7 +30,7 @@ def has_skill(found: Evaluation, evaluator: Evaluator) -> bool:
     windows = evaluator.windows
     naive = naive_rms(windows, [evaluator.given.signals[column] for column in windows.columns])
     moving = naive > AT_FLOOR
-    return bool(moving.any()) and bool((found.left[0].rms < naive)[moving].all())
+    return bool(moving.any()) and bool((found.left_out[0].rms < naive)[moving].all())
 
 
 def gains_with_skill(found: Evaluation, base: Evaluation, evaluator: Evaluator) -> bool:

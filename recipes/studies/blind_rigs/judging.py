@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import torch
 
 from envs.rigs import BlindCase, case, write_case
-from onlinebayes.cli.problem import Problem, load_problem
 from onlinebayes.criticism import Candidate, Criticism, refine, same_as
+from onlinebayes.problems import ProblemFile, load_problem
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.blind_rigs.names import spelt
 from recipes.studies.blind_rigs.record import Judged
@@ -45,7 +45,7 @@ class Judge:
         return judged(made, problem, result, time.process_time() - began, self.code)
 
 
-def loaded(made: BlindCase) -> Problem:
+def loaded(made: BlindCase) -> ProblemFile:
     """The case's problem from its files, its simulator on one thread: the other processes need the other cores."""
     with tempfile.TemporaryDirectory() as folder:
         problem = load_problem(write_case(made, folder))
@@ -54,7 +54,7 @@ def loaded(made: BlindCase) -> Problem:
     return replace(problem, simulator=simulator)
 
 
-def refined(problem: Problem) -> Criticism:
+def refined(problem: ProblemFile) -> Criticism:
     """What refine says of a problem."""
     return refine(
         problem.simulator,
@@ -72,7 +72,7 @@ def unanswered(job: Job, why: str, seconds: float, code: str) -> Judged:
     return replace(_asked(made), ended=why, seconds=seconds, code=code)
 
 
-def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float, code: str) -> Judged:
+def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: float, code: str) -> Judged:
     """The record of a case, without any opinion on it."""
     hidden = _spelt(made)
     first = next((candidate for candidate in result.candidates if candidate.rank == 1), None)
@@ -110,7 +110,7 @@ def judged(made: BlindCase, problem: Problem, result: Criticism, seconds: float,
     )
 
 
-def _beside(made: BlindCase, problem: Problem, result: Criticism, reference: float | None) -> dict[str, float]:
+def _beside(made: BlindCase, problem: ProblemFile, result: Criticism, reference: float | None) -> dict[str, float]:
     """What each of several hidden effects does beside the others; nothing of one alone, or where there is no truth."""
     hidden = _spelt(made)
     if reference is None or len(hidden) < 2:

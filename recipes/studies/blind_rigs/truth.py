@@ -18,7 +18,6 @@ from jaxtyping import Float
 from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
-from onlinebayes.cli.problem import Problem
 from onlinebayes.criticism import SCALES_HORIZON, compare, grown, propose
 from onlinebayes.identification import (
     MEMORY,
@@ -31,6 +30,7 @@ from onlinebayes.identification import (
     split,
     windows_to_replay,
 )
+from onlinebayes.problems import ProblemFile
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import EFFECTS, ThermalDerating
 from onlinebayes.simulators.identifiable import Identifiable
@@ -38,7 +38,7 @@ from recipes.studies.blind_rigs.names import address_of, spelt
 
 
 def true_error(
-    made: BlindCase, problem: Problem, stepped: Identifiable, floor: Mapping[str, float], without: str = ""
+    made: BlindCase, problem: ProblemFile, stepped: Identifiable, floor: Mapping[str, float], without: str = ""
 ) -> float | None:
     """Held-out error of the model with the hidden effects, fitted [floors]; None where the library lacks one.
 
@@ -69,7 +69,7 @@ def true_error(
         return None
 
 
-def base_error(problem: Problem) -> float:
+def base_error(problem: ProblemFile) -> float:
     """Held-out error of the base model, fitted [floors]."""
     error = compare(
         problem.simulator,
@@ -81,7 +81,7 @@ def base_error(problem: Problem) -> float:
     return in_floors(error.before, error.noise_floor)
 
 
-def held_error(problem: Problem, fitted: Fitted, noise: Float[Tensor, " S"], floor: Mapping[str, float]) -> float:
+def held_error(problem: ProblemFile, fitted: Fitted, noise: Float[Tensor, " S"], floor: Mapping[str, float]) -> float:
     """RMS over the held-out windows of a fitted model, as the report counts it [floors].
 
     Args:

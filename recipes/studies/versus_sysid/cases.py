@@ -12,8 +12,8 @@ from typing import final
 
 from envs.driven_pendulum import KINDS
 from envs.rigs import case as rig_case
-from onlinebayes.cli.problem import load_problem
 from onlinebayes.identification import in_step, split
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies import blind_data, emps

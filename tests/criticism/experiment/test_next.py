@@ -31,7 +31,7 @@ from onlinebayes.simulators import Actuator, Joint, TorchSimulator
 from onlinebayes.simulators.effects import ActuatorGain, ConstantLoad, Effect, QuadraticDrag, ViscousFriction
 from tests.criticism import sprung
 from tests.criticism.alike import Armature, BackEmf
-from tests.criticism.report.synthetic import criticism
+from tests.report.synthetic import criticism
 
 WIDE = Allowed({"motor": 40.0}, {"motor": 200.0}, {"rail": (-0.5, 0.5)}, {"rail": 2.0})
 

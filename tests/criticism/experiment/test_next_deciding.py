@@ -8,7 +8,7 @@ import torch
 from onlinebayes.criticism.experiment import Rivalry
 from onlinebayes.criticism.experiment.deciding import accepted_from, rescaled, strength
 from onlinebayes.criticism.experiment.rivals import Size
-from onlinebayes.criticism.report import plan_words
+from onlinebayes.report import plan_words
 
 
 def test_two_standard_errors_and_the_least_gain_are_both_asked() -> None:

@@ -8,12 +8,12 @@ import torch
 
 from onlinebayes.criticism import compare, diagnose, refine
 from onlinebayes.criticism.candidates.candidates import propose
-from onlinebayes.criticism.report import write_report
-from onlinebayes.criticism.task import prepare
+from onlinebayes.criticism.prepared_log import prepare
 from onlinebayes.identification.data.start_priors import START_LOOSENESS
 from onlinebayes.identification.data.windows import make_windows
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.report import write_report
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import DryFriction, Effect
 from tests.criticism.rigs import TRUTH, measure, model

@@ -4,7 +4,7 @@ import mujoco
 import pytest
 
 from onlinebayes.criticism import refine
-from onlinebayes.criticism.hypotheses.explaining import begun
+from onlinebayes.criticism.hypotheses.explanation import start_search
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
@@ -33,7 +33,7 @@ def test_an_integration_changes_step_and_method_and_nothing_else() -> None:
 
 def way_of(simulator: Identifiable, measurement: Measurement) -> Integration:
     """How the fitted base model is integrated."""
-    search = begun(simulator, measurement)
+    search = start_search(simulator, measurement)
     return search.evaluator.refined(search.base).discretisation.values
 
 

@@ -19,7 +19,7 @@ from onlinebayes.simulators.effects import (
     LoadDependentFriction,
     QuadraticDrag,
 )
-from tests.criticism.report.synthetic import SIGNAL, Unmoved
+from tests.report.synthetic import SIGNAL, Unmoved
 
 
 def space(effect: Effect) -> ParameterSpace:

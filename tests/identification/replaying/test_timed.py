@@ -14,7 +14,6 @@ import torch
 
 from envs.pendulum import Pendulum
 from onlinebayes.cli.main import main
-from onlinebayes.cli.problem import load_problem
 from onlinebayes.criticism import Scope, refine
 from onlinebayes.criticism.candidates.candidates import propose
 from onlinebayes.identification.data.windows import Windows, make_windows
@@ -22,6 +21,7 @@ from onlinebayes.identification.replaying.replay import replay
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, unfold
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.parameters import Parameter
+from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import Effect, ParameterDrift, ParameterStep
 from tests.criticism.rigs import NOISE, SLIDE, TRUTH, commands, model

@@ -12,8 +12,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from onlinebayes.cli.problem import read_toml
 from onlinebayes.measurements import Measurement
+from onlinebayes.problems.problem_file import read_toml
 from onlinebayes.runs import BadInput
 from tests.measurements.formats import logs
 

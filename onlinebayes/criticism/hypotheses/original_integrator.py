@@ -1,0 +1,63 @@
+"""The model run as a simulator that wrote the log would have run it, where the log follows that far better.
+
+    squared error above the noise, run so  <=  half of what the judged way leaves
+    gain in left-out score  >=  0.05, and > 2 se                                                   then it is run so
+
+Models are integrated finely enough that no law is blamed for what an integrator does, and dry friction sticks. A log
+that a simulator wrote has that simulator's own step, its soft friction and its moments of inertia: there the model is
+right as it is, and a better integrator errs. Most engines step by a method of first order, whatever the model's file
+asks for. What such a step errs by may be within the noise and still move every parameter, so that it is asked of a
+model that leaves little more than noise, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from onlinebayes.identification.fitting.discretisation import Discretisation
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, explains_half
+from onlinebayes.identification.replaying.integration import Integration
+from onlinebayes.simulators.identifiable import Identifiable
+
+
+def with_original_integrator(evaluator: Evaluator, here: Evaluation) -> tuple[Evaluator, Evaluation] | None:
+    """The same hypothesis run as a simulator would, and what fits so; None where the log does not follow that.
+
+    Args:
+        evaluator, here: the hypothesis as it is judged.
+    """
+    if _above_noise(here) < LEAST_GAIN:
+        return None
+    found = []
+    for way in _ways(evaluator.given, evaluator.discretisation.values):
+        other = replace(evaluator, discretisation=Discretisation(way, way), known={}, original_integrator=True)
+        evaluation = other.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
+        if evaluation is not None and _far_better(evaluation, here):
+            found.append((other, evaluation))
+    return min(found, key=lambda one: one[1].fitted.score) if found else None
+
+
+def _above_noise(here: Evaluation) -> float:
+    """What any way could gain: the score above that of noise alone [nats]."""
+    return float(((1 + here.left_out[0].rms.square()) / 2).log().clamp_min(0.0).sum()) / 2
+
+
+def _far_better(other: Evaluation, here: Evaluation) -> bool:
+    gained = other.gains(here)[0]
+    certain = gained.gain >= max(LEAST_GAIN, STANDARD_ERRORS * gained.se)
+    return certain and explains_half(here.left_out[0], other.left_out[0])
+
+
+def _ways(given: Identifiable, judged: Integration) -> Iterator[Integration]:
+    """Its own step, also by a method of first order; soft friction where it has dry one; denser bodies."""
+    own = Integration(given.timestep)
+    if own != judged:
+        yield own
+    if given.with_first_order() is not given:
+        yield replace(own, method="first_order")
+    if given.with_soft_friction() is not given:
+        yield replace(own, soft_friction=True)
+    if given.with_scaled_moments() is not given:
+        yield replace(judged, scaled_moments=True)

@@ -1,0 +1,25 @@
+"""What a log says of a model's parameters: a distribution, in place of one fitted value.
+
+found = posterior_of_log(simulator, measurement)
+found.belief.sample((64,)), found.parameters["body.bob.mass"].sd, found.identifiability
+write_posterior([found], "out/posterior")
+"""
+
+from onlinebayes.posterior.infer import posterior_of_log
+from onlinebayes.posterior.results import LogPosterior, Method, ParameterBelief, Reproduction
+from onlinebayes.posterior.words import SHOWN, lines, side_by_side
+from onlinebayes.posterior.write import MOST_MODELS, names_of, write_posterior
+
+__all__ = [
+    "MOST_MODELS",
+    "SHOWN",
+    "LogPosterior",
+    "Method",
+    "ParameterBelief",
+    "Reproduction",
+    "lines",
+    "names_of",
+    "posterior_of_log",
+    "side_by_side",
+    "write_posterior",
+]

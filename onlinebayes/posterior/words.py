@@ -1,0 +1,92 @@
+"""A posterior in plain words, for a terminal: labelled sentences, the same ones in posterior.json."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from onlinebayes.identification import quantities
+from onlinebayes.inference import Identifiability
+from onlinebayes.posterior.results import LogPosterior, ParameterBelief, Reproduction
+
+SHOWN = 5
+"""Parameters that a terminal shows at most; with several models so many of each."""
+
+RINGS = 0.05
+"""P below which the alarm rings."""
+
+
+def lines(found: LogPosterior, shown: int = SHOWN) -> list[tuple[str, str]]:
+    """(label, sentence), in the order in which they are to be read."""
+    named = sorted(found.parameters.items(), key=lambda one: -one[1].of_prior)[:shown] if shown else []
+    told = [("posterior" if k == 0 else "", parameter(*one)) for k, one in enumerate(named)]
+    if 0 < len(named) < len(found.parameters):
+        told.append(("", f"and {len(found.parameters) - len(named)} more, known better, in posterior.json"))
+    told.append(("known", known(found.identifiability)))
+    told.append(("worlds", reproductions(found)))
+    if said := alarm(found):
+        told.append(("alarm", said))
+    return [*told, *(("note", note) for note in notes(found)[:1])]
+
+
+def parameter(name: str, value: ParameterBelief) -> str:
+    """``body.bob.mass 0.41 ± 0.01 kg, 3 % of its prior``."""
+    text = quantities.with_error(value.mean, value.sd, value.unit)
+    return f"{name} {text}, {quantities.percent(min(value.of_prior, 1.0))} of its prior"
+
+
+def known(found: Identifiability) -> str:
+    """Which parameters are known, and which only together; their widths stand above where all are."""
+    return str(found) if found.unknown or found.combinations else "every parameter by itself"
+
+
+def reproductions(found: LogPosterior) -> str:
+    """How well the posterior's worlds follow the signal that they follow least well, and how many more there are."""
+    if not found.reproduction:
+        return "none can be followed"
+    signal, value = max(found.reproduction.items(), key=lambda one: one[1].rms / max(one[1].noise, 1e-300))
+    rest = len(found.reproduction) - 1
+    return f"{reproduction(signal, value)}{f'; {rest} more in posterior.json' if rest else ''}"
+
+
+def reproduction(signal: str, value: Reproduction) -> str:
+    """``they miss qpos.hinge by 6.3 mrad (6.1 to 6.6); noise 6.1 mrad``."""
+    scale = quantities.scale_for(value.rms, value.unit)
+    span = f"{scale.number(value.q05)} to {scale.number(value.q95)}"
+    noise = quantities.text(value.noise, value.unit)
+    return f"they miss {signal} by {scale.text(value.rms)} ({span}); noise {noise}"
+
+
+def alarm(found: LogPosterior) -> str:
+    """That no world of the model can be what was measured; nothing where one can."""
+    if found.surprise >= RINGS:
+        return ""
+    p = quantities.significant(found.surprise, 1)
+    where = f", {found.strange} most" if len(found.reproduction) > 1 else ""
+    return (
+        f"the measurement is unlike anything that the model can do (p {p}{where}): onlinebayes refine asks what is "
+        "missing in it"
+    )
+
+
+def notes(found: LogPosterior) -> tuple[str, ...]:
+    """What else a reader should know."""
+    method, said = found.method, list[str]()
+    if method.linear:
+        said.append(
+            f"{method.draws} replays are worth {method.effective:.0f} draws, too few: the model is taken as linear "
+            "around its fit"
+        )
+    return (*said, *found.notes)
+
+
+def side_by_side(models: Sequence[LogPosterior]) -> list[tuple[str, str]]:
+    """One line a model, where the log leaves several open."""
+    told = []
+    for k, one in enumerate(models, 1):
+        values = ", ".join(
+            f"{name.rpartition('.')[2]} {quantities.with_error(value.mean, value.sd, value.unit)}"
+            for name, value in list(one.parameters.items())[:SHOWN]
+        )
+        name = " + ".join(one.accepted) or "the model as it is"
+        told.append((f"model {k}", f"{quantities.percent(one.weight)}: {name}: {values}"))
+    return told

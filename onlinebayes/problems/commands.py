@@ -1,0 +1,62 @@
+"""``compare``, ``diagnose`` or ``refine`` on a loaded problem file, with progress; Ctrl-C keeps what was found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from onlinebayes.criticism import Criticism, Question, compare, diagnose, refine
+from onlinebayes.problems.problem_file import ProblemFile, read_toml
+from onlinebayes.problems.wiring_lines import composed
+from onlinebayes.runs import Attempts, Interrupt, Stages
+
+
+def criticise(question: Question, problem: ProblemFile) -> Criticism:
+    """The result of a command on a problem; one that is stopped gives what it has found until then.
+
+    Args:
+        question: which command.
+        problem: of :func:`load_problem`.
+
+    Raises:
+        BadInput: the log does not suit the model.
+        Stopped: it was interrupted before the base model was fitted.
+    """
+    result, attempts = _criticised(question, problem), Attempts()
+    result = attempts.made("the lines for this problem file", lambda: _with_lines_of(problem, result), result)
+    return replace(result, failed=(*result.failed, *attempts.failed))
+
+
+def _criticised(question: Question, problem: ProblemFile) -> Criticism:
+    model, data, how = problem.simulator, problem.measurement, problem.selection
+    stopping = "onlinebayes: stopping with what is known; Ctrl-C again ends the step in hand at once"
+    with Interrupt(stopping) as interrupt, Stages() as say:
+        if question == "compare":
+            return compare(
+                model,
+                data,
+                holdout=problem.holdout,
+                selection=how,
+                scope=problem.scope,
+                progress=say,
+                interrupt=interrupt,
+            )
+        return {"diagnose": diagnose, "refine": refine}[question](
+            model,
+            data,
+            holdout=problem.holdout,
+            selection=how,
+            scope=problem.scope,
+            candidates=problem.candidates,
+            progress=say,
+            interrupt=interrupt,
+        )
+
+
+def _with_lines_of(problem: ProblemFile, result: Criticism) -> Criticism:
+    """The result whose lines that mend a fault of the log go with what the problem file says already."""
+    if result.wiring is None:
+        return result
+    content, found = read_toml(problem.path), result.wiring
+    others = tuple((fault, composed(lines, content)) for fault, lines in found.alternatives)
+    mended = replace(found, lines=composed(found.lines, content), alternatives=others)
+    return replace(result, wiring=mended)

@@ -1,0 +1,6 @@
+"""A first problem file from a model and its logs: columns matched, units and bounds proposed, doubts as comments."""
+
+from onlinebayes.problems.drafting.draft_text import cure, doubt
+from onlinebayes.problems.drafting.first_draft import draft
+
+__all__ = ["cure", "doubt", "draft"]

@@ -1,0 +1,86 @@
+"""``[time]``, ``[signals."NAME"]`` and ``[commands.ACTUATOR]`` of a problem file -> which column becomes what.
+
+value(t) = sign scale cell(t + latency) + offset,   the unit's factor in the scale;   a command's cell may have a factor
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from onlinebayes.measurements import CommandColumn, Signal, SignalColumn, TimeColumn
+from onlinebayes.measurements.units import to_si
+from onlinebayes.problems.section import Section
+
+COLUMN = ("column", "unit", "sign", "scale", "offset")
+
+
+def time_column(section: Section) -> TimeColumn:
+    """The clock's column, ``[time]``; ``time`` in seconds where nothing is said.
+
+    Raises:
+        BadInput: a unit that is none of time.
+    """
+    with section.at("unit"):
+        scale = to_si(section.text("unit", "s"), "s")
+    return TimeColumn(section.text("column", "time"), scale)
+
+
+def signal_columns(section: Section, names: Sequence[str], units: Mapping[str, str]) -> list[SignalColumn]:
+    """The mapped signals.
+
+    Args:
+        section: ``[signals]``, tables by the model's names.
+        names: the model's signals.
+        units: signal -> SI unit, where known.
+
+    Raises:
+        BadInput: an unknown signal or key, a unit of another quantity, a scale of 0.
+    """
+    Section(section.values, section.file, section.path, known=names)
+    mapped = []
+    for name in section.values:
+        table = section.section(name, (*COLUMN, "latency", "period", "sd", "resolution"))
+        scale, offset = _line(table, units.get(name, ""))
+        with section.at(name):
+            signal = Signal(name, units.get(name, ""), table.number("sd"), table.number("resolution"))
+        latency = table.number("latency", 0.0) or 0.0
+        period = table.number("period")
+        if period is not None and not period > 0:
+            raise table.error("period", f"{period:g} is no period", "write 6.283185307 for an angle in radians")
+        mapped.append(SignalColumn(signal, table.text("column", ""), scale, offset, latency, period))
+    return mapped
+
+
+def command_columns(section: Section, names: Sequence[str]) -> list[CommandColumn]:
+    """The mapped commands; any unit goes, for a command's own depends on the actuator.
+
+    Args:
+        section: ``[commands]``, tables by the model's names.
+        names: the model's actuators.
+
+    Raises:
+        BadInput: an unknown actuator, key or unit, a scale of 0.
+    """
+    Section(section.values, section.file, section.path, known=names)
+    mapped = []
+    for name in section.values:
+        table = section.section(name, (*COLUMN, "enable", "times"))
+        scale, offset = _line(table, "")
+        enable, times = table.text("enable", ""), table.text("times", "")
+        mapped.append(CommandColumn(name, table.text("column", ""), scale, offset, enable, times))
+    return mapped
+
+
+def _line(table: Section, unit: str) -> tuple[float, float]:
+    """Scale (sign and unit included) and offset."""
+    sign = table.number("sign", 1.0)
+    if sign not in (1.0, -1.0):
+        raise table.error("sign", f"{sign} is no sign", "write 1 or -1")
+    factor = 1.0
+    if "unit" in table:
+        with table.at("unit"):
+            factor = to_si(table.text("unit"), unit)
+    scale = table.number("scale", 1.0) or 0.0
+    if scale == 0.0:
+        raise table.error("scale", "0 would erase it", "give what multiplies the column")
+    return sign * scale * factor, table.number("offset", 0.0) or 0.0

@@ -1,0 +1,35 @@
+"""The result of criticism as files: report.json, report.html, run.rrd; refined.toml and refined.xml; a picture.
+
+The sentences of a report are in ``words``, ``candidate_words`` and ``plan_words``: a terminal says the same.
+"""
+
+from onlinebayes.report import candidate_words, plan_words, words
+from onlinebayes.report.picture import write_picture
+from onlinebayes.report.plan import FILES as PLAN_FILES
+from onlinebayes.report.plan import write_plan
+from onlinebayes.report.refined import FILES as REFINED_FILES
+from onlinebayes.report.refined import left_out, noted
+from onlinebayes.report.screen_lines import first_screen
+from onlinebayes.report.style import stylesheet
+from onlinebayes.report.svg import Curve, Panel, chart
+from onlinebayes.report.write import FILES as REPORT_FILES
+from onlinebayes.report.write import write_report
+
+__all__ = [
+    "PLAN_FILES",
+    "REFINED_FILES",
+    "REPORT_FILES",
+    "Curve",
+    "Panel",
+    "candidate_words",
+    "chart",
+    "first_screen",
+    "left_out",
+    "noted",
+    "plan_words",
+    "stylesheet",
+    "words",
+    "write_picture",
+    "write_plan",
+    "write_report",
+]

@@ -1,0 +1,95 @@
+"""Phrases that all sentences of a report are made of: names of effects, lists, estimates, comparisons."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+
+from onlinebayes.identification import Estimate, quantities
+from onlinebayes.simulators.effects import EFFECTS
+
+NOT_DETERMINED = "not determined"
+"""In place of a value that may be anywhere within its bounds."""
+
+
+def plain(effect: str) -> str:
+    """``dry_friction@carriage`` -> ``dry friction at carriage``."""
+    name, _, target = effect.partition("@")
+    return f"{_spoken(name)} at {target}" if target else _spoken(name)
+
+
+def _spoken(name: str) -> str:
+    """``stribeck_friction`` -> ``Stribeck friction``."""
+    return name.replace("_", " ").replace("stribeck", "Stribeck").replace("back emf", "back-EMF")
+
+
+def effects_in_words(effects: Sequence[str], last: str = "and") -> str:
+    """``dry friction and constant load at carriage, actuator delay at left and right``, grouped by target."""
+    by_target: dict[str, list[str]] = {}
+    for effect in effects:
+        name, _, target = effect.partition("@")
+        by_target.setdefault(target, []).append(_spoken(name))
+    by_names: dict[tuple[str, ...], list[str]] = {}
+    for target, names in by_target.items():
+        by_names.setdefault(tuple(names), []).append(target)
+    groups = [
+        f"{listing(names, last)}{f' at {listing(sorted(targets), last)}' if any(targets) else ''}"
+        for names, targets in by_names.items()
+    ]
+    return f", {last} ".join(groups)
+
+
+def meaning(effect: str) -> str:
+    """What an effect of the vocabulary is, in one phrase from its own documentation; empty for others."""
+    kind = EFFECTS.get(effect.partition("@")[0])
+    first = (kind.__doc__ or "").strip().splitlines()[0] if kind else ""
+    return re.split(r"[;.](?:\s|$)", first)[0]
+
+
+def listing(items: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} {last} {items[-1]}" if items else ""
+
+
+def more(count: int, what: str) -> str:
+    """``1 more run``, ``2 more runs``."""
+    return f"{count} more {what}{'' if count == 1 else 's'}"
+
+
+def capitalised(text: str) -> str:
+    """The text with a capital at its beginning."""
+    return text[:1].upper() + text[1:]
+
+
+def estimate(value: Estimate) -> str:
+    """``mean ± sd unit``, or that the data leave all of its bounds open: the mean is then where the fit began.
+
+    The interval is cut at the bounds, so that it is narrower than the sd only where both cut it.
+    """
+    if 0 < value.q95 - value.q05 < value.sd:
+        return NOT_DETERMINED
+    return quantities.with_error(value.mean, value.sd, value.unit)
+
+
+def interval(value: Estimate) -> str:
+    """``92.6 to 97.4 kg``, in the unit that suits the mean."""
+    largest, width = max(abs(value.q05), abs(value.q95)), value.q95 - value.q05
+    scale = quantities.scale_for(largest, value.unit)
+    digits = 3 if not 0 < width < largest else max(3, math.ceil(math.log10(largest / width)) + 2)
+    return f"{scale.number(value.q05, digits)} to {scale.text(value.q95, digits)}"
+
+
+def better(before: float, after: float) -> str:
+    """``3.3 times better``, ``12 % better`` or ``no better``."""
+    ratio = before / after if after > 0 else math.inf
+    if ratio >= 1.5:
+        return f"{quantities.times(ratio)} better"
+    return f"{quantities.percent(1 - after / before)} better" if ratio > 1.005 else "no better"
+
+
+def times_floor(ratio: float) -> str:
+    """``33 times the noise floor``, or ``at the noise floor``."""
+    if not math.isfinite(ratio):
+        return "no noise floor is known"
+    return "at the noise floor" if ratio <= 1.05 else f"{quantities.times(ratio)} the noise floor"

@@ -1,0 +1,70 @@
+"""One folder for one result."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from onlinebayes.criticism import Criticism
+from onlinebayes.report.html import to_html
+from onlinebayes.report.json import to_json
+from onlinebayes.report.recording import write_recording
+from onlinebayes.report.refined import left_out, noted, write_refined
+from onlinebayes.runs import Attempts, write_atomic
+
+FILES = ("report.html", "run.rrd", "report.json")
+"""What every command writes."""
+
+
+def write_report(
+    result: Criticism,
+    out_dir: str | Path,
+    *,
+    title: str = "",
+    problem: str | Path | None = None,
+    attempts: Attempts | None = None,
+) -> tuple[str, ...]:
+    """Write report.json, report.html and run.rrd, and for ``refine`` the refined model, each file atomically.
+
+    A part that fails leaves the others as they are.
+
+    Args:
+        result: what ``compare``, ``diagnose`` or ``refine`` returned.
+        out_dir: folder; made if it is missing, its older report is replaced.
+        title: what was criticised, for the page's head.
+        problem: the problem file, where there is one, for refined.toml.
+        attempts: takes what fails; the first failure is raised in the end where there is none.
+
+    Returns:
+        Names of the files written.
+
+    Raises:
+        BadInput: the folder cannot be made or written.
+    """
+    folder, noting = Path(out_dir), attempts or Attempts()
+    begun = len(noting.errors)
+    result = noting.made("a note on refined.xml", lambda: noted(result), result)
+    refined = write_refined(result, folder, problem, noting) if result.command == "refine" else ()
+    lacking: Mapping[str, str] = {}
+    with noting.attempt("what refined.xml lacks"):
+        lacking = left_out(result) if "refined.xml" in refined else {}
+    page = to_html(result, title=title, refined=refined, left_out=lacking, attempts=noting)
+    written = list(refined)
+    for name, write in (
+        ("report.html", lambda path: write_atomic(path, page)),
+        ("run.rrd", lambda path: write_recording(result, path)),
+        # Last, because programs that wait for the result wait for this one.
+        ("report.json", lambda path: write_atomic(path, to_json(_with_failures(result, noting)))),
+    ):
+        with noting.attempt(name):
+            write(folder / name)
+            written.append(name)
+    if noting.errors[begun:] and (attempts is None or not written):
+        raise noting.errors[begun]
+    return tuple(written)
+
+
+def _with_failures(result: Criticism, attempts: Attempts) -> Criticism:
+    """The result that also says what failed in its report."""
+    return replace(result, failed=tuple(dict.fromkeys((*result.failed, *attempts.failed))))
