@@ -76,7 +76,7 @@ def answered(
     before, after = (rms_over_floor(one, windows, numerics) for one in (base_fit, fit))
     asked = what_to_record(windows, task.fit_runs, task.selection.horizon_s)
     stopwatch("opening the held-out runs")
-    base_model, final_model, held = _opened(task, explanation, attempts)
+    base_model, final_model, held = _opened(task, explanation, (base_fit, fit), attempts)
     error, detail = _held_out(base_model, final_model, held, units, attempts)
     alone: tuple[WeightedModel, ...] = (WeightedModel(1.0, laws(found.hypothesis), final_model),)
     hypotheses = made("weighing the models", lambda: _hypotheses(explanation, task, final_model), alone)
@@ -163,9 +163,9 @@ def _hypotheses(explanation: Explanation, task: PreparedLog, final: FittedModel)
 
 
 def _opened(
-    task: PreparedLog, explanation: Explanation, attempts: Attempts
+    task: PreparedLog, explanation: Explanation, fits: tuple[Fit, Fit], attempts: Attempts
 ) -> tuple[FittedModel, FittedModel, Windows | None]:
-    """Both models replayed over all runs, in the same windows, and those of the held-out runs.
+    """Both models, with their fits, replayed over all runs in the same windows, and those of the held-out runs.
 
     Runs that cannot be replayed are left out.
     """
@@ -177,8 +177,10 @@ def _opened(
         return windows_to_replay(shown, runs, found.fitted.theta, selection.horizon_s, explanation.windows.noise)
 
     def models(*parts: tuple[Windows, bool]) -> tuple[FittedModel, FittedModel]:
-        before = fitted_model(base, evaluator, selection.folds, way, parts)
-        return before, before if found is base else fitted_model(found, evaluator, selection.folds, way, parts)
+        before = fitted_model(base, evaluator, selection.folds, way, parts, fits[0])
+        if found is base:
+            return before, before
+        return before, fitted_model(found, evaluator, selection.folds, way, parts, fits[1])
 
     with attempts.attempt("replaying all runs"):
         held = windows(task.held_runs)

@@ -28,8 +28,8 @@ from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.projection import per_noise
-from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, Evaluator
-from onlinebayes.identification.judging.rule import equally_good, explains_half
+from onlinebayes.identification.judging.evaluator import AT_FLOOR, FIRST_STEPS, Evaluation, Evaluator
+from onlinebayes.identification.judging.rule import LEAST_GAIN, equally_good, explains_half
 from onlinebayes.identification.judging.scoring import Gain
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.measurements import Measurement
@@ -163,7 +163,9 @@ def judged(fault: Fault, evaluator: Evaluator, here: Evaluation, measurement: Me
     if min(windows.observed.sum(), stood.observed.sum()) <= MOVING * evaluator.windows.observed.sum():
         return None  # of two faults that pass, each has more than half: they share a window
     anew = evaluator.of_table(given, windows)
-    found = anew.evaluate(here.hypothesis, [here.values, {}])
+    found = anew.evaluate(here.hypothesis, [here.values, {}], most=FIRST_STEPS)
+    if found is not None and found.gains(here)[0].gain >= LEAST_GAIN:
+        found = anew.anew(found)  # what gains nothing by then is no fault
     return None if found is None else CorrectedLog(fault, (), anew, found, found.gains(here))
 
 

@@ -214,7 +214,7 @@ def _base(given: Identifiable, fit_runs: Measurement, watch: Watch) -> tuple[Eva
         for effect in given.effects
         for start in AddedEffect(effect).starts(given, values)
     ]
-    return evaluator, evaluator.evaluate(Hypothesis(), [{}, *added]) or base
+    return evaluator, evaluator.evaluate(Hypothesis(), [{}, *added], wanted=base.fitted.score) or base
 
 
 def additions(

@@ -43,6 +43,7 @@ def fitted_model(
     folds: int | None,
     way: Integration,
     windows: Sequence[tuple[Windows, bool]],
+    fit: Fit | None = None,
 ) -> FittedModel:
     """A hypothesis with its replays of all runs.
 
@@ -51,17 +52,18 @@ def fitted_model(
         folds: number of blocks asked for.
         way: how it is run.
         windows: of runs, and whether these were held out.
+        fit: :func:`weighed_by_noise` of the evaluation, where it is known.
     """
-    fit = weighed_by_noise(evaluation.fitted, evaluator.windows)
+    fit = weighed_by_noise(evaluation.fitted, evaluator.windows) if fit is None else fit
     blocks = make_blocks(evaluator.windows, residual_correlation_time(evaluator.windows, fit.lin), folds)
     model = way.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
-    quick = build(evaluator.discretisation.values.of(evaluator.given), evaluation.hypothesis, evaluator.runs)
+    quick, rough = evaluation.fitted.simulator, evaluation.fitted.rough
     theta = theta_of(model, evaluation.values)
     covariance = covariance_of(fit, blocks)
     values = estimates(fit, covariance, blocks.count, flat_of(fit, evaluator.windows))
     replays = [
         run
         for part, held in windows
-        for run in replay_runs(model, begun_best(quick, part, theta, held_out=held), theta, held)
+        for run in replay_runs(model, begun_best(quick, part, theta, held_out=held, rough=rough), theta, held)
     ]
     return FittedModel(model, theta, covariance, values, tuple(effect.key for effect in model.effects), tuple(replays))

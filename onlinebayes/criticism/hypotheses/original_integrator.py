@@ -16,7 +16,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from onlinebayes.identification.fitting.discretisation import Discretisation
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation, Evaluator
 from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, explains_half
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.simulators.identifiable import Identifiable
@@ -33,7 +33,10 @@ def with_original_integrator(evaluator: Evaluator, here: Evaluation) -> tuple[Ev
     found = []
     for way in _ways(evaluator.given, evaluator.discretisation.values):
         other = replace(evaluator, discretisation=Discretisation(way, way), known={}, original_integrator=True)
-        evaluation = other.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts)
+        begun = other.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts, most=FIRST_STEPS)
+        if begun is None or begun.fitted.score > here.fitted.score - LEAST_GAIN:
+            continue  # a model that is right in this way needs no long walk
+        evaluation = other.anew(begun)
         if evaluation is not None and _far_better(evaluation, here):
             found.append((other, evaluation))
     return min(found, key=lambda one: one[1].fitted.score) if found else None

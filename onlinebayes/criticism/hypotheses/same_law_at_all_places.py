@@ -45,8 +45,7 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
             continue
         hypothesis = Hypothesis((*here.hypothesis.additions, *places))
         both = [{name: x for place in places for name, x in begun[place][k].items()} for k in (0, -1)]
-        values = [{**model, **added} for model in (here.values, {}) for added in both]
-        found = evaluator.evaluate(hypothesis, values, here.fitted.lin.starts)
+        found = evaluator.evaluate(hypothesis, both, here.fitted.lin.starts, models=(here.values, {}))
         if found is not None and _leaves_noise(evaluator, found, alone):
             yield found
 

@@ -8,6 +8,7 @@ Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.judging.evalua
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -18,13 +19,16 @@ from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_pla
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, at_noise_floor
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
-from onlinebayes.identification.judging.rule import LEAST_GAIN, equally_good, preferred, refusal
+from onlinebayes.identification.judging.rule import LEAST_GAIN, SHARE_OF_GAINED, equally_good, preferred, refusal
 
 REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
 
 LEAST_PREDICTED_GAIN = LEAST_GAIN / 5
 """Candidates that promise less are not refitted: nine predictions of ten are nearer to the truth than that."""
+
+RIVALS_MARGIN = 3 * SHARE_OF_GAINED
+"""Of the best gain of a round, by which another addition may be behind and is still fitted to its end."""
 
 PAIRED = 3
 """Candidates beside which a second one is looked for, where none is preferred alone."""
@@ -175,15 +179,25 @@ class Search:
         screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
         shown = {prediction.addition.key for prediction in screened}
         silent = tuple(addition.key for addition in left if addition.key not in shown)
-        tried = tuple(trial for p in promising(screened) if (trial := self.tried(here, p)) is not None)
-        return Round(here, screened, tried, silent=silent)
+        tried: list[Trial] = []
+        for prediction in promising(screened):
+            if (trial := self.tried(here, prediction, _wanted(here, tried))) is not None:
+                tried.append(trial)
+        return Round(here, screened, tuple(tried), silent=silent)
 
-    def tried(self, here: Evaluation, prediction: Prediction) -> Trial | None:
-        """One addition more, fitted from where screening looked; None where the simulator cannot follow it."""
+    def tried(self, here: Evaluation, prediction: Prediction, wanted: float) -> Trial | None:
+        """One addition more, fitted from where screening looked; None where the simulator cannot follow it.
+
+        Args:
+            here: to which it is added.
+            prediction: what screening said of it.
+            wanted: the score that it has to come down to; see :func:`.gauss_newton.fit`.
+        """
         hypothesis = here.hypothesis.plus(prediction.addition)
         models: tuple[dict[str, float], ...] = (here.values, self.base.values, {})
-        begun = [{**values, **added} for values in models for added in prediction.begun]
-        evaluation = self.evaluator.evaluate(hypothesis, begun, here.fitted.lin.starts)
+        begun = [dict(one) for one in {tuple(values.items()): values for values in prediction.begun}]
+        starts = here.fitted.lin.starts
+        evaluation = self.evaluator.evaluate(hypothesis, begun, starts, models=models, wanted=wanted)
         if evaluation is None:
             return None
         gains = evaluation.gains(here)
@@ -227,6 +241,12 @@ def promising(screened: Sequence[Prediction]) -> list[Prediction]:
     wider = [prediction for prediction in enough if isinstance(prediction.addition, WiderBounds)]
     simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1][:1]
     return list({id(one): one for one in (*enough[:REFITS], *wider, *simple)}.values())
+
+
+def _wanted(here: Evaluation, tried: Sequence[Trial]) -> float:
+    """The score that another addition has to come down to, to be as good as the best that the rule prefers."""
+    best = min((one.evaluation.fitted.score for one in tried if one.refused is None), default=math.inf)
+    return best + RIVALS_MARGIN * max(0.0, here.fitted.score - best) if math.isfinite(best) else math.inf
 
 
 def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial) -> tuple[Addition, ...]:

@@ -109,6 +109,7 @@ def error_in_floors(fitted: Fitted, given: Identifiable, windows: Windows) -> tu
 
 def cheapest(fitted: Fitted, given: Identifiable, windows: Windows) -> Discretisation:
     """The cheapest way that is fine enough for a fit; the finest where none is."""
+    fitted, windows = _in_few(fitted, windows)
     values = _values(fitted, given, windows)
     return Discretisation(values, _derivatives(fitted, given, windows, values))
 

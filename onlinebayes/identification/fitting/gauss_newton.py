@@ -38,6 +38,9 @@ MOST_STEPS = 16
 PROMISE_KEPT = 0.5
 """Share of the promised gain below which a step is damped, and derivatives are worked out anew."""
 
+FEW = 8
+"""Windows at least, and a quarter of all, that show from where a fit leads on: those that err most."""
+
 SETTLED = 2e-3
 """A step that lowers the score by less ends the fit: a tenth of what any rule looks at."""
 
@@ -132,18 +135,39 @@ def fit(
 
 
 def best_theta(
-    simulator: Identifiable, windows: Windows, thetas: Float[Tensor, "B P"], starts: Float[Tensor, "W J2"] | None = None
+    simulator: Identifiable,
+    rough: Identifiable,
+    windows: Windows,
+    thetas: Float[Tensor, "G B P"],
+    starts: Float[Tensor, "W J2"] | None = None,
 ) -> Float[Tensor, " P"]:
-    """That of some thetas whose replay comes nearest, each window's start where it is.
+    """Where a fit begins: the theta of each of G groups whose replay comes nearest, and of these the one that leads on.
 
-    What is added may move the optimum into another valley than that in which the simpler model was fitted.
+    Which of them leads on is what one step from there promises, in the windows that err most: a law that replaces
+    another one makes the replay worse until theta and the starts have followed.
+
+    Args:
+        simulator, rough, windows, starts: as for :func:`fit`.
+        thetas: B alternatives in each group [SI].
     """
+    if len(thetas) * thetas.shape[1] == 1:
+        return thetas[0, 0]
+    begun, groups = windows.start if starts is None else starts, thetas.flatten(0, 1)
+    binned, valid = replay_binned(simulator, windows, groups, begun.expand(len(groups), *begun.shape))
+    residual = (windows.bin(windows.value) - binned) * per_noise(windows)
+    scores = torch.tensor([score_of(windows, one) for one in residual], dtype=torch.float64)
+    scores = torch.where(valid.all(1).to(scores.device), scores, math.inf).view(thetas.shape[:2])
+    nearest = [int(row.argmin()) for row in scores]
+    most = min(range(len(thetas)), key=lambda g: float(scores[g, nearest[g]]))
     if len(thetas) == 1:
-        return thetas[0]
-    begun = windows.start if starts is None else starts
-    binned, valid = replay_binned(simulator, windows, thetas, begun.expand(len(thetas), *begun.shape))
-    scores = [score_of(windows, (windows.bin(windows.value) - one) * per_noise(windows)) for one in binned]
-    return thetas[min(range(len(scores)), key=lambda k: scores[k] if bool(valid[k].all()) else math.inf)]
+        return thetas[most, nearest[most]]
+    left = residual.view(*thetas.shape[:2], *residual.shape[1:])[most, nearest[most]]
+    some = left.square().sum((1, 2)).topk(min(windows.count, max(FEW, windows.count // 4))).indices.sort().values
+    part, there = windows.select(some), begun[some]
+    found = (_linearised(rough, rough, part, thetas[g, b], there) for g, b in enumerate(nearest))
+    promised = [math.inf if one is None else one.score - _promise(part, one) for one in found]
+    leads = min(range(len(thetas)), key=lambda g: promised[g])
+    return thetas[leads, nearest[leads]]
 
 
 def _linearised(

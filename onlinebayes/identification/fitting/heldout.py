@@ -27,7 +27,7 @@ from onlinebayes.identification.fitting.best_starts import best_starts
 from onlinebayes.identification.fitting.per_run_values import held_out_model
 from onlinebayes.identification.fitting.projection import project, row_weights, start_shift
 from onlinebayes.identification.fitting.sensitivities import linearise_starts
-from onlinebayes.identification.replaying.replay import replay, rollout, sensor_readings
+from onlinebayes.identification.replaying.replay import replay, replay_binned, rollout, sensor_readings
 from onlinebayes.identification.results import ReplayedRun
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -72,12 +72,30 @@ def replay_runs(
     return tuple(found)
 
 
-def begun_best(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"], *, held_out: bool) -> Windows:
-    """The same windows, each begun at its best start; as they are where the model diverges."""
+def begun_best(
+    simulator: Identifiable,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    *,
+    held_out: bool,
+    rough: Identifiable | None = None,
+) -> Windows:
+    """The same windows, each begun at its best start; as they are where the model diverges.
+
+    Args:
+        simulator, windows, theta: what is replayed.
+        held_out: whether parameters of single runs are lent within a run.
+        rough: the simulator by which derivatives are taken; the same when None.
+    """
     model, parts, values = held_out_model(simulator, windows, theta) if held_out else (simulator, windows, theta)
     starts, weight = parts.start, row_weights(parts, torch.ones_like(parts.noise))
+    quick = model if rough is None or model is not simulator else rough
     for _ in range(START_STEPS if held_out else 1):
-        lin = linearise_starts(model, parts, values, starts)
+        lin = linearise_starts(quick, parts, values, starts)
+        if quick is not model:
+            shown, valid = replay_binned(model, parts, values[None], starts[None])
+            residual = parts.bin(parts.value) - shown[0]
+            lin = replace(lin, residual=residual, valid=lin.valid and bool(valid.all()))
         if not lin.valid:
             break
         shift = start_shift(parts, lin, project(parts, lin), torch.zeros_like(values))

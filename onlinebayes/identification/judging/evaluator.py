@@ -19,6 +19,9 @@ from onlinebayes.identification.judging.scoring import Folds, Gain, LeftOut, Lin
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
 
+FIRST_STEPS = 4
+"""Of a fit, after which what gains nothing is given up where many are tried."""
+
 AT_FLOOR = 1.2
 """Floors: no more is left than noise."""
 
@@ -89,6 +92,7 @@ class Evaluator:
         begun: Sequence[Mapping[str, float]],
         starts: Float[Tensor, "W J2"] | None = None,
         *,
+        models: Sequence[Mapping[str, float]] = ({},),
         most: int = MOST_STEPS,
         wanted: float = math.inf,
     ) -> Evaluation | None:
@@ -97,6 +101,7 @@ class Evaluator:
         Args:
             hypothesis: what is fitted.
             begun: values by name from which the fit may begin, nominal ones for those that are missing [SI].
+            models: values of simpler models, each of which may stand beside ``begun`` [SI].
             starts: where the windows' starts begin; the smoothed ones when None.
             most: steps of the fit; 0 to judge it where it begins.
             wanted: a score; a fit that would not come down to it is given up.
@@ -105,7 +110,7 @@ class Evaluator:
             None where the simulator cannot carry or follow it.
         """
         key = frozenset(hypothesis.keys)
-        known, found = self.known.get(key), self._fitted(hypothesis, begun, starts, most, wanted)
+        known, found = self.known.get(key), self._fitted(hypothesis, begun, models, starts, most, wanted)
         if known is None or (found is not None and found.fitted.score < known.fitted.score - SETTLED):
             self.known[key] = found
         return self.known[key]
@@ -114,6 +119,7 @@ class Evaluator:
         self,
         hypothesis: Hypothesis,
         begun: Sequence[Mapping[str, float]],
+        models: Sequence[Mapping[str, float]],
         starts: Float[Tensor, "W J2"] | None,
         most: int,
         wanted: float,
@@ -123,8 +129,8 @@ class Evaluator:
             ways = self.discretisation
             simulator = build(ways.values.of(self.given), hypothesis, self.runs)
             rough = build(ways.derivatives.of(self.given), hypothesis, self.runs)
-            thetas = torch.stack([theta_of(simulator, values) for values in begun])
-            theta = best_theta(simulator, self.windows, thetas, starts)
+            each = [torch.stack([theta_of(simulator, {**one, **values}) for one in models]) for values in begun]
+            theta = best_theta(simulator, rough, self.windows, torch.stack(each), starts)
             fitted = fit(simulator, self.windows, theta, starts, rough=rough, most=most, wanted=wanted)
             model = LinearModel.of(fitted)
             left = tuple(left_out(model, self.windows, folds) for folds in self.partitions)
