@@ -18,6 +18,9 @@ from onlinebayes.report.candidate_words import tie_members
 NAMED = 3
 """Additions that are named each."""
 
+OPEN = 2
+"""Directions that the data leave flat, each in a line of its own."""
+
 NEXT = {
     "missing_effect": "use refined.toml; onlinebayes next proposes a log that tests it",
     "tie": "onlinebayes next proposes the recording that tells them apart",
@@ -38,6 +41,7 @@ def first_screen(result: Criticism) -> Iterator[Line]:
         yield "better", _better(result)
     if result.verdict != "insufficient_data":
         yield "left", _left(result)
+    yield from (("open", text) for text in _open(result))
     if what := _next(result):
         yield "next", what
 
@@ -108,6 +112,14 @@ def _left(result: Criticism) -> str:
     return f"{ratio} the noise{where}"
 
 
+def _open(result: Criticism) -> Iterator[str]:
+    """What the data do not say of the parameters."""
+    flat = result.flat_directions
+    yield from (direction.description for direction in flat[:OPEN])
+    if left := flat[OPEN:]:
+        yield f"and {len(left)} more of the kind, in the report"
+
+
 def _next(result: Criticism) -> str:
     if result.what_to_record:
         return result.what_to_record
@@ -117,4 +129,6 @@ def _next(result: Criticism) -> str:
         return "onlinebayes refine adds it and asks what else is missing"
     if result.verdict == "tie":
         return f"{NEXT['tie']} ({phrases.effects_in_words(tie_members(result), 'or')})"
+    if result.verdict == "adequate" and result.flat_directions:
+        return "take one of what is open out of [parameters]: weigh it, or trust its data sheet"
     return NEXT.get(result.verdict, "")

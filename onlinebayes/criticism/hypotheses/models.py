@@ -14,7 +14,12 @@ from onlinebayes.identification.fitting.blocks import make_blocks
 from onlinebayes.identification.fitting.discretisation import NEGLIGIBLE, error_in_floors
 from onlinebayes.identification.fitting.fit import Fit, residual_correlation_time, weighed_by_noise
 from onlinebayes.identification.fitting.heldout import begun_best, replay_runs
-from onlinebayes.identification.fitting.identifiability import covariance_of, estimates, flat_directions
+from onlinebayes.identification.fitting.identifiability import (
+    covariance_of,
+    estimates,
+    flat_directions,
+    rests_on_moments,
+)
 from onlinebayes.identification.fitting.theta import theta_of
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.hypothesis import build
@@ -55,11 +60,12 @@ def fitted_model(
         fit: :func:`weighed_by_noise` of the evaluation, where it is known.
     """
     fit = weighed_by_noise(evaluation.fitted, evaluator.windows) if fit is None else fit
-    blocks = make_blocks(evaluator.windows, residual_correlation_time(evaluator.windows, fit.lin), folds)
+    tau, bin_step = residual_correlation_time(evaluator.windows, fit.lin), evaluator.windows.bin_step
+    blocks = make_blocks(evaluator.windows, tau, folds)
     model = way.of(build(evaluator.given, evaluation.hypothesis, evaluator.runs))
     quick, rough = evaluation.fitted.simulator, evaluation.fitted.rough
     theta = theta_of(model, evaluation.values)
-    covariance = covariance_of(fit, blocks)
+    covariance = covariance_of(fit, blocks) + rests_on_moments(fit, tau, bin_step)
     values = estimates(fit, covariance, blocks.count, flat_of(fit, evaluator.windows))
     replays = [
         run

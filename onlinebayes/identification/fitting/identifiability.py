@@ -6,6 +6,11 @@ C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual
 parameter is identifiable when less than a tenth of it lies in flat directions. Intervals are the leave-one-block-out
 jackknife's, widened by what the time step moves theta (see ``numerics``), Student's t with B - 1 degrees of freedom,
 cut at the bounds; a run's own value adds the spread between its windows (see :mod:`.fitting.per_run_values`).
+
+Where moments of inertia were never measured (see :mod:`.fitting.moments`; columns N~, sd S_0 of a relative change e),
+they are projected out of J, with rows 1 / S_0, and the covariance grows by
+
+    A V A',    A = -(C~' C~)^-1 C~' N~,    V = (S_0^-2 + N~'(N~ + C~ A) / s_eff^2)^-1
 """
 
 from __future__ import annotations
@@ -38,23 +43,54 @@ def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
     return across + own_covariance(fitted, blocks) if isinstance(fitted.simulator, ScopedSimulator) else across
 
 
+def rests_on_moments(fitted: Fit, tau: float, bin_step: float) -> Float[Tensor, "P P"]:
+    """Covariance of theta that the unmeasured moments give it [SI]; arguments as :func:`flat_directions`."""
+    P = len(fitted.theta)
+    if fitted.moments is None or not P:
+        return torch.zeros(P, P).to(fitted.theta)
+    space, s = fitted.simulator.parameters, _deviation(fitted, tau, bin_step)
+    width = (space.high - space.low).to(s)
+    C, N = (one.flatten(0, 1) / s for one in (fitted.projected.columns * width, fitted.moments.columns))
+    A = -torch.linalg.pinv(C.T @ C, hermitian=True) @ (C.T @ N)
+    V = torch.linalg.inv(torch.diag(fitted.moments.sd.square().reciprocal()) + N.T @ (N + C @ A))
+    A = width[:, None] * A
+    return A @ V @ A.T
+
+
+def _deviation(fitted: Fit, tau: float, bin_step: float) -> Float[Tensor, ""]:
+    """s_eff."""
+    r = fitted.projected.residual.flatten()
+    count = (fitted.projected.row_weight > 0).sum()
+    return (r.square().sum() / count * max(tau / bin_step, 1.0)).sqrt().clamp_min(1e-300)
+
+
 def flat_directions(fitted: Fit, tau: float, bin_step: float) -> tuple[FlatDirection, ...]:
     """The directions of theta, in shares of the parameters' ranges, that the data do not determine."""
     space, projected = fitted.simulator.parameters, fitted.projected
     if not len(space):
         return ()
-    C, r = projected.columns.flatten(0, 1), projected.residual.flatten()
-    width = (space.high - space.low).to(C)
-    count = (projected.row_weight > 0).sum()
-    s = (r.square().sum() / count * max(tau / bin_step, 1.0)).sqrt().clamp_min(1e-300)
-    _, S, Vh = torch.linalg.svd(C * width / s, full_matrices=False)
+    width, s = (space.high - space.low).to(projected.columns), _deviation(fitted, tau, bin_step)
+    C = projected.columns.flatten(0, 1) * width / s
+    _, S, Vh = torch.linalg.svd(_without_moments(C, fitted, s), full_matrices=False)
     found = []
     for k in range(len(S)):
         if float(S[k]) < FLAT:
             v = Vh[k]
             names = [space.names[i] for i in v.abs().argsort(descending=True).tolist() if abs(float(v[i])) > PART]
-            found.append(FlatDirection(_words(names), dict(zip(space.names, v.tolist(), strict=True))))
+            words = _words(names) if float((C @ v).norm()) < FLAT else _words_of_moments(names)
+            found.append(FlatDirection(words, dict(zip(space.names, v.tolist(), strict=True))))
     return tuple(found)
+
+
+def _without_moments(C: Float[Tensor, "N P"], fitted: Fit, s: Float[Tensor, ""]) -> Float[Tensor, "M P"]:
+    """What is left of the columns where the unmeasured moments do what they can, within what is known of them."""
+    if fitted.moments is None:
+        return C
+    K = len(fitted.moments.sd)
+    N = torch.cat([fitted.moments.columns.flatten(0, 1) / s, torch.diag(fitted.moments.sd.reciprocal())])
+    C = torch.cat([C, C.new_zeros(K, C.shape[1])])
+    Q, _ = torch.linalg.qr(N)
+    return C - Q @ (Q.T @ C)
 
 
 def estimates(
@@ -93,3 +129,9 @@ def _words(names: list[str]) -> str:
     if len(names) == 1:
         return f"{names[0]} moves nothing that was measured"
     return f"only a combination of {', '.join(names)} is known, not each alone"
+
+
+def _words_of_moments(names: list[str]) -> str:
+    if len(names) == 1:
+        return f"{names[0]} is known only as far as the model's moments of inertia are right, which were not measured"
+    return f"only ratios of {', '.join(names)} are known: their size rests on moments of inertia that were not measured"

@@ -90,6 +90,37 @@ def linearise(
     return Linearisation(theta, starts, windows.bin(windows.value) - binned[-1], by_start, by_theta, bool(stable.all()))
 
 
+def central(
+    simulator: Identifiable,
+    windows: Windows,
+    theta: Float[Tensor, " P"],
+    starts: Float[Tensor, "W J2"],
+    step: Float[Tensor, " P"],
+) -> Float[Tensor, "W n S P"] | None:
+    """d simulated / d theta by central differences, one-sided at a bound; None where a world diverges.
+
+    Their error is of second order: what combines parameters so that nothing moves is seen as that.
+
+    Args:
+        simulator, windows, theta, starts: as for :func:`linearise`.
+        step: of each parameter, half to each side [SI].
+    """
+    P, world = len(theta), replay_numbers(simulator).to(theta.device)
+    if not P:
+        return starts.new_zeros(windows.count, windows.bins, len(windows.noise), 0)
+    moves = theta.new_zeros(int(world.max()) + 1, P).index_put((world, torch.arange(P, device=theta.device)), step / 2)
+    up, down = (simulator.parameters.clamp(theta + sign * moves) for sign in (1, -1))
+    moved = torch.cat([up, down])
+    binned, valid = replay_binned(simulator, windows, moved, starts.expand(len(moved), *starts.shape))
+    if not bool(valid.all()):
+        return None
+    width = (up - down)[world, torch.arange(P, device=theta.device)]
+    by_theta = (binned[: len(up)] - binned[len(up) :]).movedim(0, -1)[..., world] / width
+    if isinstance(simulator, ScopedSimulator):
+        by_theta = by_theta * simulator.touches(windows).T.to(by_theta)[:, None, None, :]
+    return by_theta
+
+
 def linearise_starts(
     simulator: Identifiable,
     windows: Windows,

@@ -1,13 +1,14 @@
 """Which parameters a first problem file frees, and between which bounds.
 
-In this order: damping of every joint, mass of every body that a joint carries, moments of inertia of free bodies, then
-what the model sets at all of frictionloss and armature, and the gears. A free joint has one damping for forces and
-torques alike, freed only where the model sets it. With measurements a parameter is freed only where its sensitivity
-is no combination of those before it,
+In this order: damping of every joint, the moment of inertia about a vertical hinge, mass of every body that a joint
+carries, moments of inertia of free bodies, then what the model sets at all of frictionloss and armature, and the gears
+of motors where no mass is free: all masses, dampings and gears times one factor move alike, but for moments of inertia
+that nobody measured. A free joint has one damping for forces and torques alike, freed only where the model sets it.
+With measurements a parameter is freed only where its sensitivity is no combination of those before it,
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
 
-so that of mass, gear and damping on a slide two are freed and the third is not. Without measurements dampings and
+so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings and
 masses are freed. Bounds: a third to three times the model's value; dampings from zero to three times the model's value.
 Where it has none they reach to the largest force in play over the largest speed, or, without measurements, to what
 would stop the joint in a tenth of a second.
@@ -15,7 +16,10 @@ would stop the joint in a tenth of a second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import mujoco
+import numpy as np
 import torch
 
 from onlinebayes.criticism import target_scales
@@ -30,6 +34,8 @@ FACTOR = 3.0
 STOP = 10.0  # [1/s]
 OWN = 0.01
 MOST_WINDOWS = 12
+UPRIGHT = 0.99
+"""Cosine between a hinge's axis and gravity, from which on the axis is vertical."""
 
 
 def free_parameters(model: MujocoSimulator, measurement: Measurement | None = None) -> ParameterSpace:
@@ -45,7 +51,7 @@ def free_parameters(model: MujocoSimulator, measurement: Measurement | None = No
             windows = make_windows(simulator, turned, 1.0)
             scales = {joint: target_scales(simulator, windows, "joint", joint) for joint in simulator.targets("joint")}
             proposed = _proposed(model.model, {joint: scale.force / scale.speed for joint, scale in scales.items()})
-            return proposed.subspace(_distinct(model, proposed, measurement))
+            return proposed.subspace(_without_scale(_distinct(model, proposed, measurement)))
         except BadInput:  # the log does not suit the model yet; its owner learns of it from the first run
             pass
     proposed = _proposed(model.model, {})
@@ -62,6 +68,9 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
         if _is_free(model, i) and own == 0:
             continue
         found[f"joint.{joint}.damping"] = Parameter(0.0, FACTOR * own or most.get(joint, STOP * inertia) or 1.0)
+    for i, body in enumerate(bodies):
+        if body and (axis := _vertical(model, i)) is not None:
+            found |= _around(f"body.{body}.inertia[{axis}]", float(model.body_inertia[i, axis]))
     for i, body in enumerate(bodies):
         if body and model.body_jntnum[i] and model.body_mass[i] > 0:
             found |= _around(f"body.{body}.mass", float(model.body_mass[i]))
@@ -82,6 +91,24 @@ def _is_free(model: mujoco.MjModel, joint: int) -> bool:
     return bool(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_FREE)
 
 
+def _vertical(model: mujoco.MjModel, body: int) -> int | None:
+    """Which of the body's principal moments a vertical hinge turns, where it is the body's only joint; else None.
+
+    About such an axis gravity does nothing, and of mass and moment only one number shows.
+    """
+    if model.body_jntnum[body] != 1 or model.body_parentid[body] != 0:
+        return None
+    joint, gravity = int(model.body_jntadr[body]), model.opt.gravity
+    if model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE or not model.body_inertia[body].any():
+        return None
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    axis = data.xaxis[joint]
+    if abs(float(axis @ gravity)) < UPRIGHT * float(np.linalg.norm(gravity)) or not gravity.any():
+        return None
+    return int(np.abs(axis @ data.ximat[body].reshape(3, 3)).argmax())
+
+
 def _around(name: str, value: float) -> dict[str, Parameter]:
     """A third to three times the value; nothing where it is zero."""
     if value == 0:
@@ -92,6 +119,12 @@ def _around(name: str, value: float) -> dict[str, Parameter]:
 
 def _round(value: float) -> float:
     return float(f"{value:.3g}")
+
+
+def _without_scale(chosen: Sequence[str]) -> list[str]:
+    """Without the gears where masses or moments are free."""
+    inertial = any(name.startswith("body.") for name in chosen)
+    return [name for name in chosen if not (inertial and name.startswith("actuator."))]
 
 
 def _distinct(model: MujocoSimulator, proposed: ParameterSpace, measurement: Measurement) -> list[str]:
