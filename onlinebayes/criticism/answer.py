@@ -42,8 +42,9 @@ from onlinebayes.identification.judging.evaluator import AT_FLOOR, Evaluation, E
 from onlinebayes.identification.judging.hypothesis import build
 from onlinebayes.identification.replaying.integration import Integration, reported
 from onlinebayes.identification.replaying.measured_starts import windows_to_replay
-from onlinebayes.identification.results import Estimate, FittedModel
+from onlinebayes.identification.results import FittedModel
 from onlinebayes.measurements import Measurement
+from onlinebayes.parameters import Parameter
 from onlinebayes.runs import Attempts
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -122,7 +123,7 @@ def answered(
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
         notes=(*doubted, *task.notes, *said),
-        widened=made("the bounds that exclude the truth", lambda: _widened(found, final_model.parameters), {}),
+        widened=made("the bounds that exclude the truth", lambda: _widened(found), {}),
         detail=detail,
         timings=stopwatch.timings(),
         changes=made("what differs between runs", lambda: parameter_changes(explanation, final_model.parameters), ()),
@@ -218,15 +219,18 @@ def _remainder(
     return Remainder("structured", after, worst[0].where if worst else "")
 
 
-def _widened(found: Evaluation, fitted: Mapping[str, Estimate]) -> dict[str, WidenedBounds]:
-    """Bounds that exclude the truth and numbers that are off, as they are and as they would have to be."""
-    wide = {}
+def _widened(found: Evaluation) -> dict[str, WidenedBounds]:
+    """Bounds that exclude the truth and numbers that are off, as they are and as they were in the fit."""
+    wide, space = dict[str, WidenedBounds](), found.fitted.simulator.parameters
     for addition in found.hypothesis.additions:
-        if isinstance(addition, WiderBounds):
-            before, value = (addition.before.low, addition.before.high), fitted[addition.name]
-            wide[addition.name] = WidenedBounds(before, (min(before[0], value.q05), max(before[1], value.q95)))
-        elif isinstance(addition, FreedNumber):
-            simulator, value = found.fitted.simulator, fitted[addition.address]
-            own = float(simulator.nominal[simulator.parameters.index(addition.address)])
-            wide[addition.address] = WidenedBounds((own, own), (value.q05, value.q95))
+        if isinstance(addition, FreedNumber):
+            own = float(found.fitted.simulator.nominal[space.index(addition.address)])
+            wide[addition.address] = WidenedBounds((own, own), _ends(space[addition.address]))
+        elif isinstance(addition, WiderBounds) and addition.name not in wide:
+            before = (addition.before.low, addition.before.high)
+            wide[addition.name] = WidenedBounds(before, _ends(space[addition.name]))
     return wide
+
+
+def _ends(bounds: Parameter) -> tuple[float, float]:
+    return float(f"{bounds.low:.4g}"), float(f"{bounds.high:.4g}")

@@ -146,6 +146,7 @@ def _places(simulator: Identifiable, model: FittedModel) -> Iterator[tuple[int, 
 
 
 def _roots(covariance: Float[Tensor, "K P P"]) -> Float[Tensor, "K P P"]:
-    """Square roots, of singular matrices too."""
+    """Square roots, of singular matrices too; what has no variance stays exactly where it is."""
     values, vectors = torch.linalg.eigh(covariance)
-    return vectors * values.clamp_min(0).sqrt()[:, None, :]
+    varies = covariance.diagonal(dim1=1, dim2=2) > 0
+    return vectors * values.clamp_min(0).sqrt()[:, None, :] * varies[:, :, None]

@@ -63,10 +63,16 @@ def capitalised(text: str) -> str:
 
 
 def estimate(value: Estimate) -> str:
-    """``mean ± sd unit``, or that the data leave all of its bounds open: the mean is then where the fit began.
+    """``mean ± sd unit``; on an end of what was allowed ``at most``, or ``at least``; or that the data leave it open.
+
+    What they leave open has a mean where the fit began.
 
     The interval is cut at the bounds, so that it is narrower than the sd only where both cut it.
     """
+    if value.at_bound == "low":
+        return f"at most {quantities.exact(float(f'{max(value.mean, value.q95):.3g}'), value.unit)}"
+    if value.at_bound == "high":
+        return f"at least {quantities.exact(float(f'{min(value.mean, value.q05):.3g}'), value.unit)}"
     if 0 < value.q95 - value.q05 < value.sd:
         return NOT_DETERMINED
     return quantities.with_error(value.mean, value.sd, value.unit)

@@ -19,10 +19,9 @@ import mujoco
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from onlinebayes.cli import work
 from onlinebayes.cli.main import main
 from onlinebayes.criticism import refine
-from onlinebayes.problems import load_refined
+from onlinebayes.problems import commands, load_refined
 from tests.cli.drawn_problems import Drawn, problems
 
 CASES = int(os.environ.get("ONLINEBAYES_FUZZ", "0"))
@@ -41,7 +40,7 @@ REFUSED = (
 def _quick() -> Iterator[None]:
     """Searches that end soon, without shape checks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(work, "refine", partial(refine, budget_s=BUDGET_S))
+        patch.setattr(commands, "refine", partial(refine, budget_s=BUDGET_S))
         jaxtyping.config.update("jaxtyping_disable", True)
         yield
         jaxtyping.config.update("jaxtyping_disable", False)

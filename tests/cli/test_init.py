@@ -14,6 +14,7 @@ from onlinebayes.problems import load_problem
 from onlinebayes.problems.drafting.first_draft import _runs_and_columns, draft
 from onlinebayes.problems.drafting.freeing import free_parameters
 from tests.criticism import tumbling
+from tests.identification.fitting.test_unmeasured_moments import HANGING, LINK, TURNTABLE, recorded
 from tests.problems.conftest import MODEL, table
 from tests.simulators.linkages import GRIPPER
 
@@ -358,6 +359,22 @@ def test_a_commands_unit_is_read_as_the_problem_file_does(folder, capsys) -> Non
     assert "ctrl.motor <- motor_force_mN [mN]" in said
     own = load_problem(folder / "carriage.toml").measurement.data["command"]
     assert float((load_problem(folder / "first.toml").measurement.data["command"] - 1e-3 * own).abs().max()) < 1e-12
+
+
+@pytest.mark.parametrize(("where", "freed"), [(HANGING, "body.link.mass"), (TURNTABLE, "body.link.inertia[")])
+def test_no_gear_is_freed_beside_a_mass_and_no_mass_beside_its_moment(tmp_path, where, freed) -> None:
+    """A gear beside a mass leaves but ratios; about a vertical axis one number shows, the moment of inertia."""
+    (tmp_path / "link.xml").write_text(LINK.format(**where, mass=0.5))
+    data, logs = recorded(where, 0.8).data, []
+    for r in range(len(data)):
+        rows = zip(*(data[key][r].flatten().tolist() for key in ("time", "command", "signal")), strict=True)
+        logs.append(tmp_path / f"run{r}.csv")
+        logs[-1].write_text("time,ctrl.motor,qpos.hinge\n" + "\n".join(f"{t},{u},{q}" for t, u, q in rows) + "\n")
+    text = draft(tmp_path / "link.xml", logs, tmp_path / "x.toml").text
+    parameters = text[text.index("[parameters]") :].split("\n\n")[0]
+    assert freed in parameters
+    assert "gear" not in parameters
+    assert ("body.link.mass" in parameters) == (where is HANGING)
 
 
 def test_a_finger_that_is_geared_to_the_other_is_not_missed(folder, capsys) -> None:

@@ -14,6 +14,7 @@ from onlinebayes.criticism import Criticism, compare, refine
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.report import write_report
+from onlinebayes.report.phrases import estimate
 from onlinebayes.runs import Interrupt
 from onlinebayes.simulators.effects import Cogging, ConstantLoad
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -74,6 +75,29 @@ def test_bounds_that_exclude_the_truth_are_widened() -> None:
     low, high = found.widened["body.cart.mass"].after
     assert low <= TRUTH[0] <= high
     assert found.remainder.status == "noise"
+
+
+@pytest.mark.slow
+def test_friction_that_the_machine_lacks_is_at_most_little() -> None:
+    """A tenth of the old bound was the value that "the data ask for", and the damping beside it was off."""
+    rubbing = ParameterSpace({**FREE, "joint.rail.frictionloss": Parameter(0.2, 0.6, "N")})
+    found = asked(measure(runs=10), model(rubbing))
+    assert (found.verdict, tuple(found.widened)) == ("bounds_exclude_truth", ("joint.rail.frictionloss",))
+    assert found.widened["joint.rail.frictionloss"].after == (0.0, 0.6)
+    friction, damping = (found.parameters[f"joint.rail.{name}"] for name in ("frictionloss", "damping"))
+    assert friction.q95 < 0.02
+    # Two intervals of one seed: a false failure is below 1 %.
+    assert abs(damping.mean - TRUTH[1]) < damping.q95 - damping.q05
+
+
+def test_a_number_on_its_bound_is_no_answer_and_makes_the_others_uncertain() -> None:
+    light = ParameterSpace({**FREE, "body.cart.mass": Parameter(0.5, 0.9 * TRUTH[0], "kg")})
+    found = compare(model(light), measure(runs=10), holdout=HELD)
+    mass, damping = found.parameters["body.cart.mass"], found.parameters["joint.rail.damping"]
+    assert (mass.at_bound, mass.identifiable) == ("high", False)
+    assert estimate(mass).startswith("at least ")
+    assert abs(damping.mean - TRUTH[1]) < 2 * damping.sd
+    assert any("as uncertain as it is" in note for note in found.notes)
 
 
 def test_a_reversed_column_is_a_problem_of_the_data() -> None:

@@ -78,13 +78,13 @@ def _of_bounds(space: ParameterSpace, fitted: Mapping[str, Estimate]) -> Iterato
     """A value of the model's own on its bound; zero as a lower one is where many laws end, and no surprise."""
     bounds = dict(space)
     for name, value in fitted.items():
-        if value.at_bound is None or not value.identifiable or "@" in name or name not in bounds:
+        if value.at_bound is None or "@" in name or name not in bounds:
             continue
         end = bounds[name].low if value.at_bound == "low" else bounds[name].high
         if end != 0:
             yield (
                 f"{name} ends on its bound of {quantities.exact(end, value.unit)}: the data may ask for more than was "
-                "allowed, and the interval says nothing of that"
+                "allowed, and all other values are as uncertain as it is"
             )
 
 

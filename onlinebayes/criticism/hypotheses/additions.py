@@ -25,6 +25,9 @@ IN_EACH_RUN = " in each run"
 WIDER = 10.0
 """Times the distance between its bounds by which a parameter may go beyond one of them."""
 
+PASSIVE = (".damping", ".frictionloss", ".stiffness", ".armature")
+"""Ends of the addresses of what a machine may have none of."""
+
 ON_BOUND = 1e-6
 """Of the range, within which a fitted parameter lies on its bound."""
 
@@ -164,11 +167,12 @@ class WiderBounds:
 def wider_bounds(simulator: Identifiable, values: Mapping[str, float]) -> tuple[WiderBounds, ...]:
     """For every parameter whose fitted value lies on a bound that may be another.
 
-    A bound at zero stays (friction, mass and time are never negative), a positive low one goes down to a tenth.
-    Constants of nature (``option.*``) stay: a free fall in air would ask for a weaker gravity.
+    A bound at zero stays (friction, mass and time are never negative), a positive low one goes down to a tenth, or to
+    nothing where the machine may lack what the number says. Constants of nature (``option.*``) stay: a free fall in air
+    would ask for a weaker gravity.
 
     Args:
-        simulator: the base model.
+        simulator: a model.
         values: as fitted [SI].
     """
     found = []
@@ -180,7 +184,8 @@ def wider_bounds(simulator: Identifiable, values: Mapping[str, float]) -> tuple[
         if value >= before.high - ON_BOUND * width:
             found.append(WiderBounds(name, before, replace(before, high=before.high + WIDER * width)))
         elif value <= before.low + ON_BOUND * width and before.low != 0:
-            low = before.low / WIDER if before.low > 0 else before.low - WIDER * width
+            nothing = 0.0 if name.endswith(PASSIVE) else before.low / WIDER
+            low = nothing if before.low > 0 else before.low - WIDER * width
             found.append(WiderBounds(name, before, replace(before, low=low)))
     return tuple(found)
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.criticism.candidates.candidates import can_have, propose
-from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber, OwnValues, wider_bounds
+from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber, OwnValues
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round
 from onlinebayes.criticism.hypotheses.search import Search
@@ -170,8 +170,7 @@ def run_search(search: Search, fit_runs: Measurement, candidates: str | Sequence
     if not candidates:
         return search
     given, search.most = search.evaluator.given, most
-    wider = wider_bounds(search.base.fitted.simulator, search.base.values)
-    search.candidates = (*wider, *additions(given, fit_runs, candidates))
+    search.candidates = additions(given, fit_runs, candidates)
     search.last = flexible(given, fit_runs) if candidates == "all" else ()
     return _run(search, search.last)
 

@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
-from onlinebayes.criticism.hypotheses.additions import WiderBounds
+from onlinebayes.criticism.hypotheses.additions import WiderBounds, wider_bounds
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
@@ -175,7 +175,9 @@ class Search:
         evaluator = self.evaluator
         evaluator.watch(f"screening with {here.hypothesis}")
         present = set(here.hypothesis.keys)
-        left = [addition for addition in self.candidates if addition.key not in present]
+        # A number on the end of its range is no answer: the range is widened until the fit stands inside.
+        wider = wider_bounds(here.fitted.simulator, here.values)
+        left = [addition for addition in (*wider, *self.candidates) if addition.key not in present]
         screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
         shown = {prediction.addition.key for prediction in screened}
         silent = tuple(addition.key for addition in left if addition.key not in shown)

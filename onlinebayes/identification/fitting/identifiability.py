@@ -3,9 +3,10 @@
     J = C~ diag(range) / s_eff,   J = U S V',   a direction v_k is flat where S_k < 3: its sd fills a third of the prior
 
 C~ are the start-projected sensitivities, s_eff^2 = s^2 tau / Delta the residual's variance times its correlation. A
-parameter is identifiable when less than a tenth of it lies in flat directions. Intervals are the leave-one-block-out
-jackknife's, widened by what the time step moves theta (see ``numerics``), Student's t with B - 1 degrees of freedom,
-cut at the bounds; a run's own value adds the spread between its windows (see :mod:`.fitting.per_run_values`).
+parameter is identifiable when less than a tenth of it lies in flat directions and no bound holds it. Intervals are the
+leave-one-block-out jackknife's, Student's t with B - 1 degrees of freedom, cut at the bounds. A run's own value adds
+the spread between its windows (see :mod:`.fitting.per_run_values`); a bound that holds a parameter adds d d', d the
+step that theta would take without it.
 
 Where moments of inertia were never measured (see :mod:`.fitting.moments`; columns N~, sd S_0 of a relative change e),
 they are projected out of J, with rows 1 / S_0, and the covariance grows by
@@ -25,6 +26,7 @@ from torch import Tensor
 from onlinebayes.identification.fitting.blocks import Blocks, jackknife, leave_one_out, t_quantile
 from onlinebayes.identification.fitting.fit import Fit
 from onlinebayes.identification.fitting.per_run_values import own_covariance
+from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.identification.results import Estimate, FlatDirection
 from onlinebayes.parameters import Parameter
@@ -39,8 +41,26 @@ def covariance_of(fitted: Fit, blocks: Blocks) -> Float[Tensor, "P P"]:
     """Jackknife covariance of theta [SI]; zero with a single block."""
     if blocks.count < 2 or not len(fitted.theta):
         return torch.zeros(len(fitted.theta), len(fitted.theta)).to(fitted.theta)
-    across = jackknife(leave_one_out(fitted, blocks))
+    across = jackknife(leave_one_out(fitted, blocks)) + pressed(fitted)
     return across + own_covariance(fitted, blocks) if isinstance(fitted.simulator, ScopedSimulator) else across
+
+
+def pressed(fitted: Fit) -> Float[Tensor, "P P"]:
+    """d d', where d is how theta would move if no bound held it: what stands on a bound moves all else, too [SI].
+
+    Nothing is less than none: a lower bound of 0 holds.
+    """
+    space, theta = fitted.simulator.parameters, fitted.theta
+    ends = [_at_bound(float(value), space[name]) for name, value in zip(space, theta, strict=True)]
+    held = [end is not None and (end == "high" or space[name].low != 0) for name, end in zip(space, ends, strict=True)]
+    if not any(held):
+        return torch.zeros(len(theta), len(theta)).to(theta)
+    C, r = fitted.projected.columns.flatten(0, 1), fitted.projected.residual.flatten()
+    width = (space.high - space.low).to(theta)
+    natural = space.low.to(theta) == 0
+    low = torch.where(natural, -theta, -width)
+    d = bounded_least_squares(C.T @ C, C.T @ r, low, width)
+    return torch.outer(d, d)
 
 
 def rests_on_moments(fitted: Fit, tau: float, bin_step: float) -> Float[Tensor, "P P"]:
@@ -103,6 +123,7 @@ def estimates(
     for i, name in enumerate(space):
         mean, sd = float(fitted.theta[i]), float(covariance[i, i].sqrt())
         bound = space[name]
+        end = _at_bound(mean, bound)
         share = sum(direction.direction[name] ** 2 for direction in flat)
         wide = (bound.high - bound.low) / math.sqrt(12)
         sd = max(sd, wide) if share > PART else sd
@@ -112,8 +133,8 @@ def estimates(
             max(bound.low, mean - reach * sd),
             min(bound.high, mean + reach * sd),
             bound.unit,
-            share <= PART,
-            _at_bound(mean, bound),
+            share <= PART and (end is None or (end == "low" and bound.low == 0)),
+            end,
         )
     return found
 

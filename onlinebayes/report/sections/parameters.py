@@ -50,12 +50,12 @@ def _table(result: Criticism) -> Html:
 
 
 def _state(value: Estimate, bounds: Parameter | None) -> str:
+    if value.at_bound:
+        return "at its bound"
     if not value.identifiable:
         return "not determined alone"
     if bounds is None:
         return "yes"
-    if value.at_bound:
-        return "at its bound"
     share = (value.q95 - value.q05) / (bounds.high - bounds.low)
     return f"yes, to {quantities.percent(share)} of what was allowed" if share < WIDE else "hardly: the bounds decide"
 
