@@ -23,7 +23,7 @@ from onlinebayes.identification.fitting.fit import Fit, residual_correlation_tim
 from onlinebayes.identification.fitting.gauss_newton import SETTLED, Fitted, fit
 from onlinebayes.identification.fitting.heldout import begun_best, replay_error, replay_runs, start_floor, start_spread
 from onlinebayes.identification.fitting.horizon import steady
-from onlinebayes.identification.fitting.identifiability import estimates, flat_directions
+from onlinebayes.identification.fitting.identifiability import estimates, flat_directions, rests_on_moments
 from onlinebayes.identification.fitting.projection import Projected, noise_rows, project, signal_rms
 from onlinebayes.identification.fitting.rows import BANDS, band_counts, band_squares, left_of
 from onlinebayes.identification.fitting.sensitivities import columns, linearise
@@ -99,6 +99,7 @@ __all__ = [
     "replay_runs",
     "reported",
     "residual_correlation_time",
+    "rests_on_moments",
     "rollout",
     "rotations",
     "row_step",

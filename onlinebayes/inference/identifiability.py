@@ -155,8 +155,9 @@ def _together(
             e, direction = exponents[chosen], unit[chosen]
         else:
             e, direction = _to_a_tenth(sharpest * part / sd), sharpest
-        width = float((after @ e).std() / (before @ e).std())
-        found.append(Combination(_named(space, e), _words(space, e), width))
+        if int(e.count_nonzero()) > 1:  # one that is left alone by rounding is said among the parameters
+            width = float((after @ e).std() / (before @ e).std())
+            found.append(Combination(_named(space, e), _words(space, e), width))
         free = _without(inside, direction)
         if not free.shape[0]:
             break

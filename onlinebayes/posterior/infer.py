@@ -3,7 +3,8 @@
     p(theta | log) prop. to  1[theta in bounds]  t_nu(t(theta); 0, Sigma)        prior: uniform, see ParameterSpace
 
 t and Sigma: :mod:`.score`. Fitted first, by least squares, as ``compare`` does; then theta is drawn near the fit, each
-draw is replayed over all windows, and the draws are weighed (:mod:`onlinebayes.inference.importance`).
+draw is replayed over all windows, and the draws are weighed (:mod:`onlinebayes.inference.importance`). What rests on
+moments of inertia that nobody measured is widened by these (:mod:`.unmeasured`).
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from onlinebayes.posterior.linear import linear_posterior
 from onlinebayes.posterior.results import LogPosterior, Method
 from onlinebayes.posterior.score import Score, score_of
 from onlinebayes.posterior.summaries import correlation, each_parameter, mean_squares, reproductions
+from onlinebayes.posterior.unmeasured import with_unmeasured_moments
 from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -81,8 +83,9 @@ def _inferred(task: PreparedLog, found: Explanation, generator: torch.Generator,
     watch.say("comparing what is left with what noise would leave")
     p, strange = surprise(score, generator)
     linear = drawn.effective < FEWEST
-    belief = linear_posterior(score) if linear else drawn.smoothed()
-    theta, weight = _weighted(belief, drawn, linear, generator)
+    with_own_moments = linear_posterior(score) if linear else drawn.smoothed()
+    belief = with_unmeasured_moments(with_own_moments, score)
+    theta, weight = _weighted(belief, drawn, linear or belief is not with_own_moments, generator)
     units = {signal.name: signal.unit for signal in task.fit_runs.signals}
     space = score.fitted.simulator.parameters
     known = identifiability(belief, Box.whole(space))
@@ -144,10 +147,10 @@ class _Replays:
 
 
 def _weighted(
-    belief: TruncatedMixture, drawn: WeightedDraws, linear: bool, generator: torch.Generator
+    belief: TruncatedMixture, drawn: WeightedDraws, anew: bool, generator: torch.Generator
 ) -> tuple[Float[Tensor, "N P"], Float[Tensor, " N"]]:
     """Draws of theta [SI] with weights that sum to one."""
-    if linear:
+    if anew:
         theta = belief.sample((DRAWN,), generator)
         return theta, torch.full((DRAWN,), 1 / DRAWN, dtype=torch.float64, device=theta.device)
     return drawn.box.from_frame(drawn.z), drawn.weight

@@ -12,7 +12,9 @@ from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.posterior import LogPosterior, lines, posterior_of_log, side_by_side, write_posterior
 from onlinebayes.runs import BadInput, Interrupt, Stopped
 from onlinebayes.simulators import SimulatorEnv
+from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.transforms import ParameterRandomization
+from tests.identification.fitting.test_unmeasured_moments import BOUNDS, DAMPING, GEAR, HANGING, LINK, MASS, recorded
 from tests.posterior.pendulum import FREE, POINT_MASS, log, model
 
 TRUTH = torch.tensor([1.1, 0.12], dtype=torch.float64)
@@ -143,3 +145,16 @@ def test_ninety_percent_intervals_hold_the_truth(memory: float, without_shape_ch
             value.q05 <= float(truth[i]) <= value.q95 for i, value in enumerate(found.parameters.values())
         ])  # fmt: skip
     assert bool((held >= 30).all()), held
+
+
+def test_with_a_gear_free_a_mass_is_known_only_beside_it() -> None:
+    """Nothing but a moment of inertia that nobody measured says how large the two are."""
+    space = ParameterSpace({name: BOUNDS[name] for name in (MASS, DAMPING, GEAR)})
+    link = MujocoSimulator(LINK.format(**HANGING, mass=0.5), space, threads=1)
+    found = posterior_of_log(link, recorded(HANGING, 0.8), holdout=["run3"])
+    low, high = found.parameters[MASS].q05, found.parameters[MASS].q95
+    assert low < 0.5
+    assert high > 0.8
+    ratio = next(one for one in found.identifiability.combinations if set(one.exponents) == {MASS, GEAR})
+    assert ratio.width < 0.01
+    assert found.parameters[MASS].of_prior > 0.5
