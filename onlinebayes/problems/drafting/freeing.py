@@ -8,10 +8,10 @@ With measurements a parameter is freed only where its sensitivity is no combinat
 
     |c~|^2 > 0.01 |c|^2,      c the start-projected sensitivity, c~ what the freed ones leave of it
 
-so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings and
-masses are freed. Bounds: a third to three times the model's value; dampings from zero to three times the model's value.
-Where it has none they reach to the largest force in play over the largest speed, or, without measurements, to what
-would stop the joint in a tenth of a second.
+so that a mass that a vertical hinge turns is not freed beside its moment. Without measurements dampings and masses are
+freed. Bounds: a third to three times the model's value; what a machine may have none of (damping, friction, armature)
+from zero. Where the model has no damping its bound is the largest force in play over the largest speed, or, without
+measurements, what would stop the joint in a tenth of a second.
 """
 
 from __future__ import annotations
@@ -80,7 +80,8 @@ def _proposed(model: mujoco.MjModel, most: dict[str, float]) -> ParameterSpace:
                 found |= _around(f"body.{body}.inertia[{axis}]", float(moment))
     for field, values in (("frictionloss", model.dof_frictionloss), ("armature", model.dof_armature)):
         for i, joint in enumerate(joints):
-            found |= _around(f"joint.{joint}.{field}", float(values[model.jnt_dofadr[i]]))
+            if (value := float(values[model.jnt_dofadr[i]])) > 0:
+                found[f"joint.{joint}.{field}"] = Parameter(0.0, FACTOR * value)
     for i, motor in enumerate(motors):
         found |= _around(f"actuator.{motor}.gear[0]", float(model.actuator_gear[i, 0]))
     units = {name: resolve(model, name).unit for name in found}
