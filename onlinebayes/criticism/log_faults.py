@@ -105,7 +105,7 @@ def find_fault(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
 def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> CorrectedLog | None:
     """The actuators that were off for parts of runs, if that explains the misfit of the base model.
 
-    It costs as much as a search: it is asked where no law leaves noise. Arguments as :func:`mended`.
+    It costs as much as a search: it is asked where no law leaves noise. Arguments as :func:`find_fault`.
     """
     if float(base.left_out[0].rms.max()) <= LEAST_FLOORS:
         return None

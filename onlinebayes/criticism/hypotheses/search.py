@@ -105,7 +105,7 @@ class Search:
         return self.current
 
     def at_all_places(self, here: Evaluation, alone: Round) -> list[Round]:
-        """One law at all its places, as a round for each, see :mod:`.everywhere`; none without."""
+        """One law at all its places, as a round for each, see :mod:`.same_law_at_all_places`; none without."""
         if at_noise_floor(here) or (alone.added is not None and at_noise_floor(alone.added.evaluation)):
             return []
         for found in at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)):
@@ -197,7 +197,7 @@ class Search:
         """
         hypothesis = here.hypothesis.plus(prediction.addition)
         models: tuple[dict[str, float], ...] = (here.values, self.base.values, {})
-        begun = [dict(one) for one in {tuple(values.items()): values for values in prediction.begun}]
+        begun = [dict(one) for one in dict.fromkeys(tuple(values.items()) for values in prediction.begun)]
         starts = here.fitted.lin.starts
         evaluation = self.evaluator.evaluate(hypothesis, begun, starts, models=models, wanted=wanted)
         if evaluation is None:

@@ -18,8 +18,8 @@ from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.sensitivities import between
 from onlinebayes.identification.fitting.theta import theta_of, values_of
-from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.scope import address_of
 from onlinebayes.runs import BadInput, Stopped
 from onlinebayes.simulators.identifiable import Identifiable
@@ -99,11 +99,10 @@ def _columns(
             unit[k, place] = theta[place]
     step = torch.full((len(bodies), 1), STEP).to(theta)
     for _ in range(2):
-        moved = theta + torch.cat([step, -step]) / 2 * unit.repeat(2, 1)
-        binned, valid = replay_binned(free, windows, moved, starts.expand(len(moved), *starts.shape))
-        if not bool(valid.all()):
+        moved = between(free, windows, theta - step / 2 * unit, theta + step / 2 * unit, starts)
+        if moved is None:
             return None
-        found = (binned[: len(step)] - binned[len(step) :]) / step[:, :, None, None]
+        found = moved / step[:, :, None, None]
         size = (found * per_noise(windows)).square().sum((1, 2, 3)).sqrt().clamp_min(1e-300)
         step = (DIFFERENCE_SD / size).clamp(1e-6, STEP)[:, None]
     return found.movedim(0, -1)

@@ -110,15 +110,27 @@ def central(
         return starts.new_zeros(windows.count, windows.bins, len(windows.noise), 0)
     moves = theta.new_zeros(int(world.max()) + 1, P).index_put((world, torch.arange(P, device=theta.device)), step / 2)
     up, down = (simulator.parameters.clamp(theta + sign * moves) for sign in (1, -1))
-    moved = torch.cat([up, down])
-    binned, valid = replay_binned(simulator, windows, moved, starts.expand(len(moved), *starts.shape))
-    if not bool(valid.all()):
+    moved = between(simulator, windows, down, up, starts)
+    if moved is None:
         return None
     width = (up - down)[world, torch.arange(P, device=theta.device)]
-    by_theta = (binned[: len(up)] - binned[len(up) :]).movedim(0, -1)[..., world] / width
+    by_theta = moved.movedim(0, -1)[..., world] / width
     if isinstance(simulator, ScopedSimulator):
         by_theta = by_theta * simulator.touches(windows).T.to(by_theta)[:, None, None, :]
     return by_theta
+
+
+def between(
+    simulator: Identifiable,
+    windows: Windows,
+    down: Float[Tensor, "M P"],
+    up: Float[Tensor, "M P"],
+    starts: Float[Tensor, "W J2"],
+) -> Float[Tensor, "M W n S"] | None:
+    """How the binned replay differs between two thetas, pair by pair; None where a world diverges."""
+    both = torch.cat([up, down])
+    binned, valid = replay_binned(simulator, windows, both, starts.expand(len(both), *starts.shape))
+    return binned[: len(up)] - binned[len(up) :] if bool(valid.all()) else None
 
 
 def linearise_starts(
