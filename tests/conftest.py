@@ -14,6 +14,10 @@ import tests.typecheck
 
 install_import_hook(["onlinebayes", "envs"], "tests.typecheck.check")
 
+# Tests run side by side already, and none may see what another one kept.
+os.environ.setdefault("ONLINEBAYES_CORES", "1")
+os.environ["ONLINEBAYES_CACHE"] = "off"
+
 import torch  # noqa: E402
 
 from onlinebayes.runs import Attempts, seed_everything  # noqa: E402

@@ -41,7 +41,7 @@ from onlinebayes.criticism.results import (
 from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.gauss_newton import fit
-from onlinebayes.identification.judging.evaluator import Evaluation
+from onlinebayes.identification.judging.evaluator import Evaluation, FitRequest
 from onlinebayes.identification.judging.held_out import held_out_errors
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.replaying.scoped import unscoped
@@ -61,6 +61,7 @@ __all__ = [
     "Evaluation",
     "Explanation",
     "Failure",
+    "FitRequest",
     "FittedModel",
     "FlatDirection",
     "HeldOutError",

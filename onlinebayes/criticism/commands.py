@@ -26,7 +26,7 @@ from onlinebayes.identification.judging.skill import has_skill
 from onlinebayes.identification.results import Selection
 from onlinebayes.identification.scope import Scope
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import Attempts, BadInput, Interrupt, Stopped, Watch, one_torch_thread
+from onlinebayes.runs import Attempts, BadInput, Interrupt, Memo, Stopped, Watch, one_torch_thread
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -46,6 +46,7 @@ def compare(
     scope: Scope | None = None,
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
+    memo: Memo | None = None,
 ) -> Criticism:
     """Fit what is free, replay, and show where the model fails; no effect is tried.
 
@@ -59,6 +60,7 @@ def compare(
         scope: which parameters differ between runs; None for none.
         progress: takes one line of text between stages; one that ends in a full stop is an answer, to be kept.
         interrupt: ends the work at its next replay.
+        memo: keeps fits, so that the next command on this model and log does not work them out again; None for none.
 
     Raises:
         BadInput: the measurement does not suit the simulator, or the simulation diverges.
@@ -66,7 +68,7 @@ def compare(
     """
     with one_torch_thread():
         stopwatch, task = _asked(simulator, measurement, holdout, selection, scope, progress, interrupt)
-        return _answered("compare", task, (), 0, stopwatch, interrupt, None)
+        return _answered("compare", task, (), 0, stopwatch, interrupt, None, memo)
 
 
 def diagnose(
@@ -79,6 +81,7 @@ def diagnose(
     candidates: Candidates = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
+    memo: Memo | None = None,
     budget_s: float | None = BUDGET_S,
 ) -> Criticism:
     """As :func:`compare`, then rank what could be missing and judge what the best alone would give.
@@ -93,7 +96,7 @@ def diagnose(
     """
     with one_torch_thread():
         stopwatch, task = _asked(simulator, measurement, holdout, selection, scope, progress, interrupt)
-        return _answered("diagnose", task, candidates, 1, stopwatch, interrupt, budget_s)
+        return _answered("diagnose", task, candidates, 1, stopwatch, interrupt, budget_s, memo)
 
 
 def refine(
@@ -106,6 +109,7 @@ def refine(
     candidates: Candidates = "all",
     progress: Say | None = None,
     interrupt: Interrupt | None = None,
+    memo: Memo | None = None,
     budget_s: float | None = BUDGET_S,
     faults: bool = True,
 ) -> Criticism:
@@ -117,7 +121,7 @@ def refine(
     """
     with one_torch_thread():
         stopwatch, task = _asked(simulator, measurement, holdout, selection, scope, progress, interrupt)
-        return _answered("refine", task, candidates, MOST_ADDITIONS, stopwatch, interrupt, budget_s, faults)
+        return _answered("refine", task, candidates, MOST_ADDITIONS, stopwatch, interrupt, budget_s, memo, faults)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,13 +162,14 @@ def _answered(
     stopwatch: Stopwatch,
     interrupt: Interrupt | None,
     budget_s: float | None,
+    memo: Memo | None,
     faults: bool = True,
 ) -> Criticism:
     """The base model fitted, the log's faults and the model's tried under one rule, the held-out runs opened.
 
     Once the base model is fitted there is an answer: whatever fails later is noted, and the best one so far is given.
     """
-    task, search = _begun(task, Watch(stopwatch, interrupt))
+    task, search = _begun(task, Watch(stopwatch, interrupt), memo)
     watch, attempts = Watch(stopwatch, interrupt).within(budget_s), Attempts()
     search.evaluator.watch = watch.say
     answers = _answers(task, search, candidates, most, watch, attempts, faults)
@@ -176,13 +181,13 @@ def _answered(
     return replace(result, interrupted=stopped and not spent, notes=notes, failed=tuple(attempts.failed))
 
 
-def _begun(task: PreparedLog, watch: Watch) -> tuple[PreparedLog, Search]:
+def _begun(task: PreparedLog, watch: Watch, memo: Memo | None) -> tuple[PreparedLog, Search]:
     """The base model fitted, the log read as it asks.
 
     Where it cannot follow the log, what is said names the unit with which it could.
     """
     try:
-        return begun_as_read(task, watch)
+        return begun_as_read(task, watch, memo)
     except Stopped:
         raise
     except BadInput as error:
@@ -218,7 +223,7 @@ def _answers(
             None if fault is not None or at_noise_floor(search.current) else better_read(task, search, search.current)
         )
         if other is not None:
-            task, anew = other, start_search(other.simulator, other.fit_runs, watch)
+            task, anew = other, start_search(other.simulator, other.fit_runs, watch, search.evaluator.memo)
             anew = run_search(anew, other.fit_runs, candidates if most else (), most=most)
     if anew is not None:
         answers.append(Found(task, explanation_of(anew)))

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -28,12 +29,12 @@ from onlinebayes.identification.data.motion import seen_by
 from onlinebayes.identification.data.windows import Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.gauss_newton import score_of
 from onlinebayes.identification.fitting.projection import per_noise
-from onlinebayes.identification.judging.evaluator import AT_FLOOR, FIRST_STEPS, Evaluation, Evaluator
+from onlinebayes.identification.judging.evaluator import AT_FLOOR, FIRST_STEPS, Evaluation, Evaluator, FitRequest
 from onlinebayes.identification.judging.rule import LEAST_GAIN, equally_good, explains_half
 from onlinebayes.identification.judging.scoring import Gain
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.runs import BadInput, Stopped, side_by_side
 from onlinebayes.simulators.identifiable import Identifiable
 
 LEAST_FLOORS = 3.0
@@ -98,7 +99,8 @@ def find_fault(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     if float(base.left_out[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking signs, units and columns")
-    tried = [judged(fault, evaluator, base, measurement) for fault in _promising(evaluator, base, measurement)]
+    promising = _promising(evaluator, base, measurement)
+    tried = side_by_side([partial(judged, fault, evaluator, base, measurement) for fault in promising])
     return _best([one for one in tried if one is not None], evaluator, base, measurement)
 
 
@@ -111,7 +113,8 @@ def switched_off(evaluator: Evaluator, base: Evaluation, measurement: Measuremen
         return None
     evaluator.watch("checking whether an actuator was off")
     faults = [seen.settled for seen in _sightings(evaluator, base, measurement)]
-    tried = [judged(fault, evaluator, base, measurement) for fault in faults if fault is not None]
+    asked = [partial(judged, fault, evaluator, base, measurement) for fault in faults if fault is not None]
+    tried = side_by_side(asked)
     most = max(filter(None, tried), key=lambda one: one.gains[0].gain, default=None)
     return None if most is None else _best([most], evaluator, base, measurement)
 
@@ -130,7 +133,7 @@ def _best(
 
 def _anew(found: CorrectedLog, evaluator: Evaluator, measurement: Measurement) -> CorrectedLog:
     """The same with the model fitted on windows and in steps that suit the table put right."""
-    search = start_search(found.fault.model(evaluator.given), found.fault.correct(measurement))
+    search = start_search(found.fault.model(evaluator.given), found.fault.correct(measurement), memo=evaluator.memo)
     base = search.refined(search.base)
     return replace(found, evaluator=search.evaluator, evaluation=base)
 
@@ -163,7 +166,7 @@ def judged(fault: Fault, evaluator: Evaluator, here: Evaluation, measurement: Me
     if min(windows.observed.sum(), stood.observed.sum()) <= MOVING * evaluator.windows.observed.sum():
         return None  # of two faults that pass, each has more than half: they share a window
     anew = evaluator.of_table(given, windows)
-    found = anew.evaluate(here.hypothesis, [here.values, {}], most=FIRST_STEPS)
+    found = anew.evaluate(FitRequest(here.hypothesis, [here.values, {}], most=FIRST_STEPS))
     if found is not None and found.gains(here)[0].gain >= LEAST_GAIN:
         found = anew.anew(found)  # what gains nothing by then is no fault
     return None if found is None else CorrectedLog(fault, (), anew, found, found.gains(here))
@@ -193,10 +196,12 @@ def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
     """The faults whose replay gains most, in the order in which they are named."""
     thetas = _thetas(evaluator.given, base)
     stood = _replayed(AsItStands(), evaluator, thetas, measurement)
-    promise: dict[Fault, float] = {}
-    for fault in possible_faults(evaluator.given, measurement):
-        right = _replayed(fault, evaluator, thetas, measurement)
-        promise[fault] = -math.inf if right is None or stood is None else right.gain(stood)
+    faults = list(possible_faults(evaluator.given, measurement))
+    replays = side_by_side([partial(_replayed, fault, evaluator, thetas, measurement) for fault in faults])
+    promise = {
+        fault: -math.inf if right is None or stood is None else right.gain(stood)
+        for fault, right in zip(faults, replays, strict=True)
+    }
     best = sorted(promise.values(), reverse=True)[:REFITS]
     return [fault for fault, gain in promise.items() if gain >= max(LEAST_PREDICTED_GAIN, best[-1])][:REFITS]
 

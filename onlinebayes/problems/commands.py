@@ -7,7 +7,7 @@ from dataclasses import replace
 from onlinebayes.criticism import Criticism, Question, compare, diagnose, refine
 from onlinebayes.problems.problem_file import ProblemFile, read_toml
 from onlinebayes.problems.wiring_lines import composed
-from onlinebayes.runs import Attempts, Interrupt, Stages
+from onlinebayes.runs import Attempts, Interrupt, Stages, users_memo
 
 
 def criticise(question: Question, problem: ProblemFile) -> Criticism:
@@ -28,6 +28,7 @@ def criticise(question: Question, problem: ProblemFile) -> Criticism:
 
 def _criticised(question: Question, problem: ProblemFile) -> Criticism:
     model, data, how = problem.simulator, problem.measurement, problem.selection
+    memo = users_memo()
     stopping = "onlinebayes: stopping with what is known; Ctrl-C again ends the step in hand at once"
     with Interrupt(stopping) as interrupt, Stages() as say:
         if question == "compare":
@@ -39,6 +40,7 @@ def _criticised(question: Question, problem: ProblemFile) -> Criticism:
                 scope=problem.scope,
                 progress=say,
                 interrupt=interrupt,
+                memo=memo,
             )
         return {"diagnose": diagnose, "refine": refine}[question](
             model,
@@ -49,6 +51,7 @@ def _criticised(question: Question, problem: ProblemFile) -> Criticism:
             candidates=problem.candidates,
             progress=say,
             interrupt=interrupt,
+            memo=memo,
         )
 
 

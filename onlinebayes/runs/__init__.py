@@ -2,10 +2,12 @@
 
 from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
+from onlinebayes.runs.digest import NoDigest, digest
 from onlinebayes.runs.errors import BadInput, UnknownName
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
 from onlinebayes.runs.lock import Lock
+from onlinebayes.runs.memo import FolderMemo, Kept, Memo, NoMemo, remembered, users_memo
 from onlinebayes.runs.memory import give_back_freed_memory
 from onlinebayes.runs.names import nearest, similar
 from onlinebayes.runs.plain import plain
@@ -16,6 +18,7 @@ from onlinebayes.runs.results import ResultTable, Row
 from onlinebayes.runs.revision import commit
 from onlinebayes.runs.run_folder import RunFolder
 from onlinebayes.runs.seeds import generator, leave_inherited_numbers, seed_everything, seed_of
+from onlinebayes.runs.side_by_side import cores, processor_time, side_by_side
 from onlinebayes.runs.stages import Stages
 from onlinebayes.runs.stateful import Stateful, gather, load_exactly, restore, restore_part
 from onlinebayes.runs.threads import one_torch_thread
@@ -28,8 +31,13 @@ __all__ = [
     "BadInput",
     "Checkpoint",
     "Checkpoints",
+    "FolderMemo",
     "Interrupt",
+    "Kept",
     "Lock",
+    "Memo",
+    "NoDigest",
+    "NoMemo",
     "OwnRandom",
     "Progress",
     "ResultTable",
@@ -42,6 +50,8 @@ __all__ = [
     "Watch",
     "atomic_path",
     "commit",
+    "cores",
+    "digest",
     "gather",
     "generator",
     "give_back_freed_memory",
@@ -52,13 +62,17 @@ __all__ = [
     "one_line",
     "one_torch_thread",
     "plain",
+    "processor_time",
     "random_state",
+    "remembered",
     "restore",
     "restore_part",
     "seed_everything",
     "seed_of",
     "set_random_state",
+    "side_by_side",
     "similar",
     "to_toml",
+    "users_memo",
     "write_atomic",
 ]

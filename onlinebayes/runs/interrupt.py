@@ -40,6 +40,9 @@ class Stopped(BadInput):
     def __init__(self) -> None:
         super().__init__("stopped before the fit in hand had ended")
 
+    def __reduce__(self) -> tuple[type[Stopped], tuple[()]]:
+        return Stopped, ()
+
 
 def heed() -> None:
     """Raise :class:`Stopped` if the block in hand has been asked to end; nothing outside of such blocks."""

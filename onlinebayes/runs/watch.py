@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 
 from onlinebayes.runs.interrupt import MayStop, giving_up, heeding
+from onlinebayes.runs.side_by_side import processor_time
 
 
 def _silent(line: str) -> None:
@@ -21,7 +21,7 @@ class Watch:
     Args:
         say: takes one line of progress.
         interrupt: what asks the work to end; None where nothing does.
-        until: processor time of this process [s] at which it is to end; None for no end.
+        until: processor time [s] at which it is to end; None for no end.
     """
 
     say: Callable[[str], None] = _silent
@@ -41,11 +41,11 @@ class Watch:
     @property
     def spent(self) -> bool:
         """Whether its processor time is used up."""
-        return self.until is not None and time.process_time() >= self.until
+        return self.until is not None and processor_time() >= self.until
 
     def within(self, budget_s: float | None) -> Watch:
         """The same with so much processor time from now on [s]; None for no end."""
-        return replace(self, until=None if budget_s is None else time.process_time() + budget_s)
+        return replace(self, until=None if budget_s is None else processor_time() + budget_s)
 
     def heeded(self) -> AbstractContextManager[None]:
         """A block of which nothing is known before its end: a stop raises :class:`.interrupt.Stopped` there."""

@@ -30,6 +30,7 @@ from onlinebayes.criticism import (
     Addition,
     Criticism,
     Evaluation,
+    FitRequest,
     Hypothesis,
     Search,
     additions,
@@ -277,7 +278,7 @@ class Judge:
         for key in keys:
             simulator = self.pool[key].joined(given, self.search.evaluator.runs)
             values += [{**base.values, **start.values} for start in self.pool[key].starts(simulator, base.values)]
-        found = self.search.evaluator.evaluate(hypothesis, values, base.fitted.lin.starts)
+        found = self.search.evaluator.evaluate(FitRequest(hypothesis, values, base.fitted.lin.starts))
         if found is None:
             return None
         after = self.held(found)

@@ -20,12 +20,12 @@ from onlinebayes.identification.fitting.blocks import FEWEST_BLOCKS
 from onlinebayes.identification.fitting.gauss_newton import MOST_STEPS
 from onlinebayes.identification.fitting.theta import values_of
 from onlinebayes.identification.fitting.window_length import all_windows, fit_base
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, at_noise_floor
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis, build
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.scope import address_of
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import UNWATCHED, BadInput, Watch
+from onlinebayes.runs import UNWATCHED, BadInput, Memo, NoMemo, Watch
 from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -94,15 +94,15 @@ class Explanation:
             return replace(self, base=found, found=found, evaluator=evaluator)
         # Over longer windows a wrong model fits worse: it would be made out worse than it is.
         steps = 0 if quieter else MOST_STEPS
-        base = evaluator.evaluate(self.base.hypothesis, [self.base.values], most=steps)
+        base = evaluator.evaluate(FitRequest(self.base.hypothesis, [self.base.values], most=steps))
         return None if base is None else replace(self, base=base, found=found, evaluator=evaluator)
 
     def _found_over(self, windows: Windows, wanted: float) -> tuple[Evaluator, Evaluation] | None:
         """What was found, fitted to other windows and integrated as these ask for; None above the wanted score."""
         evaluator, found = self.evaluator, self.found
         if windows.spans != evaluator.windows.spans:
-            evaluator = replace(evaluator, windows=windows, known={})
-            longer = evaluator.evaluate(found.hypothesis, [found.values], wanted=wanted)
+            evaluator = replace(evaluator, windows=windows)
+            longer = evaluator.evaluate(FitRequest(found.hypothesis, [found.values], wanted=wanted))
             if longer is None:
                 return None
             found = longer
@@ -139,20 +139,23 @@ def _most_left(before: Evaluation) -> Float[Tensor, " S"]:
     return before.left_out[0].by_signal.clamp_min(NOISE_ALONE + LEAST_GAIN)
 
 
-def start_search(given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED) -> Search:
+def start_search(
+    given: Identifiable, fit_runs: Measurement, watch: Watch = UNWATCHED, memo: Memo | None = None
+) -> Search:
     """A search that stands at the base model.
 
     Args:
         given: the model, in step with the log.
         fit_runs: what it is fitted to.
         watch: told what is being done.
+        memo: keeps fits for the next command.
 
     Raises:
         BadInput: the model cannot follow the measurement.
         Stopped: it was interrupted.
     """
     with watch.heeded():
-        evaluator, base = _base(given, fit_runs, watch)
+        evaluator, base = _base(given, fit_runs, watch, memo or NoMemo())
         if not at_noise_floor(base):
             evaluator, base = with_original_integrator(evaluator, base) or (evaluator, base)
         return Search(evaluator, base, ())
@@ -187,7 +190,7 @@ def _run(search: Search, last: Sequence[Addition]) -> Search:
     if other is None:
         return search
     evaluator, _ = other
-    base = evaluator.evaluate(Hypothesis(), [search.base.values], search.base.fitted.lin.starts)
+    base = evaluator.evaluate(FitRequest(Hypothesis(), [search.base.values], search.base.fitted.lin.starts))
     if base is None:
         return search
     anew = Search(evaluator, base, search.candidates, last, search.most)
@@ -195,14 +198,13 @@ def _run(search: Search, last: Sequence[Addition]) -> Search:
     return anew
 
 
-def _base(given: Identifiable, fit_runs: Measurement, watch: Watch) -> tuple[Evaluator, Evaluation]:
+def _base(given: Identifiable, fit_runs: Measurement, watch: Watch, memo: Memo) -> tuple[Evaluator, Evaluation]:
     """The base model fitted, and by what."""
     watch.say("choosing the windows")
-    begun = fit_base(given, fit_runs, measured_floors(fit_runs))
-    evaluator = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch.say)
-    base = evaluator.evaluate(
-        Hypothesis(), [values_of(begun.fitted.simulator, begun.fitted.theta)], begun.fitted.lin.starts
-    )
+    begun = fit_base(given, fit_runs, measured_floors(fit_runs), memo)
+    evaluator = Evaluator(given, begun.windows, fit_runs.runs, begun.discretisation, watch.say, memo=memo)
+    values = values_of(begun.fitted.simulator, begun.fitted.theta)
+    base = evaluator.evaluate(FitRequest(Hypothesis(), [values], begun.fitted.lin.starts))
     if base is None:
         raise BadInput("the model cannot follow the measurement", "check the model, its time step and its bounds")
     # A valley that shorter windows led into need not be the deepest. An effect that was added by hand may do nothing
@@ -213,7 +215,8 @@ def _base(given: Identifiable, fit_runs: Measurement, watch: Watch) -> tuple[Eva
         for effect in given.effects
         for start in AddedEffect(effect).starts(given, values)
     ]
-    return evaluator, evaluator.evaluate(Hypothesis(), [{}, *added], wanted=base.fitted.score) or base
+    again = evaluator.evaluate(FitRequest(Hypothesis(), [{}, *added], wanted=base.fitted.score))
+    return evaluator, better(again, base) or base
 
 
 def additions(

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 
 from onlinebayes.identification.fitting.discretisation import Discretisation
-from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation, Evaluator
+from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation, Evaluator, FitRequest
 from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, explains_half
 from onlinebayes.identification.replaying.integration import Integration
+from onlinebayes.runs import side_by_side
 from onlinebayes.simulators.identifiable import Identifiable
 
 
@@ -30,16 +32,20 @@ def with_original_integrator(evaluator: Evaluator, here: Evaluation) -> tuple[Ev
     """
     if _above_noise(here) < LEAST_GAIN:
         return None
-    found = []
-    for way in _ways(evaluator.given, evaluator.discretisation.values):
-        other = replace(evaluator, discretisation=Discretisation(way, way), known={}, original_integrator=True)
-        begun = other.evaluate(here.hypothesis, [here.values], here.fitted.lin.starts, most=FIRST_STEPS)
-        if begun is None or begun.fitted.score > here.fitted.score - LEAST_GAIN:
-            continue  # a model that is right in this way needs no long walk
-        evaluation = other.anew(begun)
-        if evaluation is not None and _far_better(evaluation, here):
-            found.append((other, evaluation))
-    return min(found, key=lambda one: one[1].fitted.score) if found else None
+    ways = [Discretisation(way, way) for way in _ways(evaluator.given, evaluator.discretisation.values)]
+    others = [replace(evaluator, discretisation=way, original_integrator=True) for way in ways]
+    found = side_by_side([partial(_followed, other, here) for other in others])
+    best = [(other, one) for other, one in zip(others, found, strict=True) if one is not None]
+    return min(best, key=lambda one: one[1].fitted.score, default=None)
+
+
+def _followed(other: Evaluator, here: Evaluation) -> Evaluation | None:
+    """The same hypothesis integrated otherwise, where that is far better."""
+    begun = other.evaluate(FitRequest(here.hypothesis, [here.values], here.fitted.lin.starts, most=FIRST_STEPS))
+    if begun is None or begun.fitted.score > here.fitted.score - LEAST_GAIN:
+        return None  # a model that is right in this way needs no long walk
+    evaluation = other.anew(begun)
+    return evaluation if evaluation is not None and _far_better(evaluation, here) else None
 
 
 def _above_noise(here: Evaluation) -> float:

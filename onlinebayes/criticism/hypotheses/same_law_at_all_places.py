@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, at_noise_floor
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.judging.rule import explains_half
 
@@ -45,7 +45,7 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
             continue
         hypothesis = Hypothesis((*here.hypothesis.additions, *places))
         both = [{name: x for place in places for name, x in begun[place][k].items()} for k in (0, -1)]
-        found = evaluator.evaluate(hypothesis, both, here.fitted.lin.starts, models=(here.values, {}))
+        found = evaluator.evaluate(FitRequest(hypothesis, both, here.fitted.lin.starts, (here.values, {})))
         if found is not None and _leaves_noise(evaluator, found, alone):
             yield found
 

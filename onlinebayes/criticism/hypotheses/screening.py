@@ -11,10 +11,11 @@ that promise most in all of them.
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import torch
 from jaxtyping import Float
@@ -24,12 +25,13 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.gauss_newton import Fitted, score_of
 from onlinebayes.identification.fitting.rows import rms, taken_out
 from onlinebayes.identification.fitting.theta import theta_of, values_of
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
 from onlinebayes.identification.judging.hypothesis import Addition, Start
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.judging.scoring import Folds, LinearModel, left_out
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
-from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.runs import BadInput, Kept, Stopped, remembered, side_by_side
 from onlinebayes.simulators.identifiable import Identifiable
 
 FEW = 8
@@ -115,6 +117,10 @@ class _Screen:
     def _now(self) -> float:
         return self._score(self.model)
 
+    def made_ready(self) -> None:
+        """Work out once what every candidate is compared with."""
+        _ = self.model, self.basis, self._now
+
     def gain(self, grown: LinearModel) -> float:
         """Of a model with more parameters, to first order."""
         return self._now - self._score(grown)
@@ -127,12 +133,37 @@ class _Screen:
 
 
 def screen(
-    fitted: Fitted,
-    windows: Windows,
-    folds: Folds,
+    evaluator: Evaluator,
+    here: Evaluation,
     candidates: Sequence[Addition],
 ) -> list[Prediction]:
     """Every candidate's predicted gain, the largest first; candidates that the simulator refuses are left out."""
+    fitted, windows, folds = here.fitted, evaluator.windows, evaluator.partitions[0]
+    return remembered(
+        evaluator.memo,
+        ("screen", *evaluator.context, here.hypothesis, fitted.lin, folds, candidates),
+        partial(_screen, fitted, windows, folds, candidates),
+        _packed,
+        partial(_unpacked, {addition.key: addition for addition in candidates}),
+    )
+
+
+def _packed(found: Sequence[Prediction]) -> Kept:
+    """For a memo."""
+    plain = [{**vars(one), "addition": one.addition.key, "direction": None} for one in found]
+    return Kept({str(k): one.direction for k, one in enumerate(found)}, json.dumps(plain, default=dict))
+
+
+def _unpacked(additions: Mapping[str, Addition], kept: Kept) -> list[Prediction]:
+    """What a memo kept."""
+    found = []
+    for k, told in enumerate(json.loads(kept.text)):
+        told |= {"addition": additions[told["addition"]], "direction": kept.tensors[str(k)]}
+        found.append(Prediction(**{**told, "begun": tuple(told["begun"]), "imitated_by": tuple(told["imitated_by"])}))
+    return found
+
+
+def _screen(fitted: Fitted, windows: Windows, folds: Folds, candidates: Sequence[Addition]) -> list[Prediction]:
     # Both as derivatives are taken: what a cheap method errs by falls out of the difference.
     base, valid = replay_binned(fitted.rough, windows, fitted.theta[None], fitted.lin.starts[None])
     if not bool(valid.all()):
@@ -145,12 +176,17 @@ def screen(
 
 
 def _ordered(bench: _Screen, candidates: Sequence[Addition]) -> list[Prediction]:
-    found = []
-    for addition in candidates:
-        if best := sorted(_predictions(bench, addition), key=lambda p: -p.gain)[:STARTS]:
-            begun = tuple(values for one in best for values in one.begun)
-            found.append(replace(best[0], begun=begun, visible=max(one.visible for one in best)))
-    return sorted(found, key=lambda p: -p.gain)
+    bench.made_ready()
+    found = side_by_side([partial(_best, bench, addition) for addition in candidates])
+    return sorted((one for one in found if one is not None), key=lambda p: -p.gain)
+
+
+def _best(bench: _Screen, addition: Addition) -> Prediction | None:
+    best = sorted(_predictions(bench, addition), key=lambda p: -p.gain)[:STARTS]
+    if not best:
+        return None
+    begun = tuple(values for one in best for values in one.begun)
+    return replace(best[0], begun=begun, visible=max(one.visible for one in best))
 
 
 def _predictions(bench: _Screen, addition: Addition) -> Iterator[Prediction]:

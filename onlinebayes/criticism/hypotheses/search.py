@@ -10,16 +10,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 from onlinebayes.criticism.hypotheses.additions import WiderBounds, wider_bounds
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
 from onlinebayes.criticism.hypotheses.rounds import Round, Trial
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, at_noise_floor
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.judging.rule import LEAST_GAIN, SHARE_OF_GAINED, equally_good, preferred, refusal
+from onlinebayes.runs import side_by_side
 
 REFITS = 3
 """Candidates that are refitted in a round: screening's median error is below a tenth of a nat."""
@@ -61,6 +64,7 @@ class Search:
 
     def __post_init__(self) -> None:
         self.current = self.base
+        self._best = {frozenset(self.base.hypothesis.keys): self.base}
         self.flexible = set[Addition]()
 
     def run(self) -> Evaluation:
@@ -146,17 +150,33 @@ class Search:
         """
         by_gain = sorted(alone.tried, key=lambda trial: -trial.least)
         free = [trial for trial in by_gain if trial.addition in self.flexible][:1]
-        for first in (*[trial for trial in by_gain if trial.addition not in self.flexible][:PAIRED], *free):
-            beside = self.tried_all(first.evaluation)
+        firsts = (*[trial for trial in by_gain if trial.addition not in self.flexible][:PAIRED], *free)
+        found = side_by_side([partial(self._twin().tried_all, first.evaluation) for first in firsts])
+        for first, beside in zip(firsts, found, strict=True):
             for second in beside.tried:
                 both = replace(second, gains=second.evaluation.gains(here))
                 believed = first not in free or at_noise_floor(both.evaluation)
                 if believed and preferred(both.gains, here.gains(self.base)[0]):
                     yield first, both, beside
 
+    def _twin(self) -> Search:
+        """A search that stands where this one does, and remembers its fits for itself."""
+        twin = copy(self)
+        twin._best = dict(self._best)
+        return twin
+
     def evaluated_from(self, richer: Evaluation, hypothesis: Hypothesis) -> Evaluation:
         """A simpler hypothesis, fitted from where a richer one ended too; the richer one where it cannot be."""
-        return self.evaluator.evaluate(hypothesis, [richer.values], richer.fitted.lin.starts) or richer
+        request = FitRequest(hypothesis, [richer.values], richer.fitted.lin.starts)
+        return self._kept(hypothesis, self.evaluator.evaluate(request)) or richer
+
+    def _kept(self, hypothesis: Hypothesis, found: Evaluation | None) -> Evaluation | None:
+        """The best fit of a hypothesis in this search so far."""
+        key = frozenset(hypothesis.keys)
+        best = better(found, self._best.get(key))
+        if best is not None:
+            self._best[key] = best
+        return best
 
     def round(self, here: Evaluation) -> Round:
         """Screen all candidates, refit those that promise most, add what the rule prefers."""
@@ -178,30 +198,36 @@ class Search:
         # A number on the end of its range is no answer: the range is widened until the fit stands inside.
         wider = wider_bounds(here.fitted.simulator, here.values)
         left = [addition for addition in (*wider, *self.candidates) if addition.key not in present]
-        screened = tuple(screen(here.fitted, evaluator.windows, evaluator.partitions[0], left))
+        screened = tuple(screen(evaluator, here, left))
         shown = {prediction.addition.key for prediction in screened}
         silent = tuple(addition.key for addition in left if addition.key not in shown)
-        tried: list[Trial] = []
-        for prediction in promising(screened):
-            if (trial := self.tried(here, prediction, _wanted(here, tried))) is not None:
-                tried.append(trial)
+        asked = promising(screened)
+        tried = self.tried(here, asked[:1], math.inf)
+        # What the first one gains is what the others have to come near to.
+        tried += self.tried(here, asked[1:], _wanted(here, tried))
         return Round(here, screened, tuple(tried), silent=silent)
 
-    def tried(self, here: Evaluation, prediction: Prediction, wanted: float) -> Trial | None:
-        """One addition more, fitted from where screening looked; None where the simulator cannot follow it.
+    def tried(self, here: Evaluation, predictions: Sequence[Prediction], wanted: float) -> list[Trial]:
+        """Each of some additions, fitted from where screening looked; without those that cannot be followed.
 
         Args:
-            here: to which it is added.
-            prediction: what screening said of it.
-            wanted: the score that it has to come down to; see :func:`.gauss_newton.fit`.
+            here: to which one of them is added.
+            predictions: what screening said of them.
+            wanted: the score that they have to come down to; see :func:`.gauss_newton.fit`.
         """
-        hypothesis = here.hypothesis.plus(prediction.addition)
         models: tuple[dict[str, float], ...] = (here.values, self.base.values, {})
-        begun = [dict(one) for one in dict.fromkeys(tuple(values.items()) for values in prediction.begun)]
-        starts = here.fitted.lin.starts
-        evaluation = self.evaluator.evaluate(hypothesis, begun, starts, models=models, wanted=wanted)
-        if evaluation is None:
-            return None
+        requests = []
+        for prediction in predictions:
+            begun = [dict(one) for one in dict.fromkeys(tuple(values.items()) for values in prediction.begun)]
+            hypothesis = here.hypothesis.plus(prediction.addition)
+            requests.append(FitRequest(hypothesis, begun, here.fitted.lin.starts, models, wanted=wanted))
+        found = self.evaluator.evaluate_all(requests)
+        best = [self._kept(request.hypothesis, one) for request, one in zip(requests, found, strict=True)]
+        each = zip(predictions, best, strict=True)
+        return [self._trial(here, prediction, one) for prediction, one in each if one is not None]
+
+    def _trial(self, here: Evaluation, prediction: Prediction, evaluation: Evaluation) -> Trial:
+        """What the rule says of an addition that was fitted."""
         gains = evaluation.gains(here)
         refused = refusal(gains, here.gains(self.base)[0])
         if prediction.addition in self.flexible and not at_noise_floor(evaluation):
@@ -225,6 +251,7 @@ class Search:
         if base is None or again is None:
             return here
         self.evaluator, self.base, self.current = evaluator, base, again
+        self._best = {frozenset(one.hypothesis.keys): one for one in (base, again)}
         return again
 
     def pruned(self, here: Evaluation, entered: int = 1) -> Evaluation:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -23,10 +24,11 @@ from onlinebayes.criticism.hypotheses.additions import OwnValues
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import rivals
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.identification.judging.evaluator import Evaluation
+from onlinebayes.identification.judging.evaluator import Evaluation, FitRequest
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.judging.rule import SHARE_OF_GAINED, equally_good
 from onlinebayes.identification.judging.scoring import LeftOut, score_parts
+from onlinebayes.runs import side_by_side
 
 DRAWS = 2000
 """The standard error of a weight is about a hundredth."""
@@ -54,9 +56,9 @@ def settled(explanation: Explanation) -> Explanation:
     for k, found in enumerate(rounds):
         if first is None or found.added is None or found.added.addition != first:
             continue
-        gone = set[str]()
-        for rival in rivals(found)[:MOST_HYPOTHESES]:
-            evaluation = in_its_place(explanation, found, rival)
+        gone, asked = set[str](), rivals(found)[:MOST_HYPOTHESES]
+        fitted = side_by_side([partial(in_its_place, explanation, found, rival) for rival in asked])
+        for rival, evaluation in zip(asked, fitted, strict=True):
             if evaluation is None or not _as_good(explanation, evaluation):
                 gone.add(rival.key)
             else:
@@ -112,7 +114,7 @@ def in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Eva
     starts = [tried[rival.key]] if rival.key in tried else [{**values, **one} for one in screened[rival.key]]
     hypothesis = explanation.found.hypothesis
     other = Hypothesis(tuple(rival if addition == first else addition for addition in hypothesis.additions))
-    return explanation.evaluator.evaluate(other, [*starts, values])
+    return explanation.evaluator.evaluate(FitRequest(other, [*starts, values]))
 
 
 def _as_good(explanation: Explanation, rival: Evaluation) -> bool:

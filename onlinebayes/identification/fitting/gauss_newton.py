@@ -185,11 +185,16 @@ def _linearised(
             return None
         residual = windows.bin(windows.value) - shown[0]
         lin = replace(lin, residual=residual) if lin.valid else linearise(simulator, windows, theta, starts)
-    return _weighed(simulator, rough, windows, lin) if lin.valid else None
+    return weighed(simulator, rough, windows, lin) if lin.valid else None
 
 
-def _weighed(simulator: Identifiable, rough: Identifiable, windows: Windows, lin: Linearisation) -> Fitted:
-    """A point with the weights of the score there."""
+def weighed(simulator: Identifiable, rough: Identifiable, windows: Windows, lin: Linearisation) -> Fitted:
+    """A point with the weights of the score there.
+
+    Args:
+        simulator, rough, windows: as for :func:`fit`.
+        lin: replay and sensitivities at the point.
+    """
     residual = lin.residual * per_noise(windows)
     rows = project(windows, lin, score_weights(windows, residual))
     # What a better start would remove is no error of the model: the weights are those of what is left.
@@ -243,7 +248,7 @@ def _best_of(windows: Windows, here: Fitted, dampings: Sequence[float], *, kept:
     starts = torch.stack([one[best] for one in options])[chosen, window]
     binned = torch.stack([one[best] for one, _ in played])[chosen, window]
     residual = windows.bin(windows.value) - binned
-    return _weighed(simulator, here.rough, windows, replace(lin, theta=theta[best], starts=starts, residual=residual))
+    return weighed(simulator, here.rough, windows, replace(lin, theta=theta[best], starts=starts, residual=residual))
 
 
 def _replayed(

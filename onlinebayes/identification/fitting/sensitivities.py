@@ -18,6 +18,7 @@ from torch import Tensor
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
+from onlinebayes.runs import Kept
 from onlinebayes.simulators.identifiable import Identifiable
 
 RELATIVE_STEP = 1e-3
@@ -44,6 +45,16 @@ class Linearisation:
     by_start: Float[Tensor, "W n S J2"]
     by_theta: Float[Tensor, "W n S P"]
     valid: bool
+
+    @property
+    def kept(self) -> Kept:
+        """For a memo."""
+        return Kept({**vars(self), "valid": torch.tensor(self.valid)})
+
+    @classmethod
+    def of(cls, kept: Kept) -> Linearisation:
+        """What a memo kept."""
+        return cls(**{**kept.tensors, "valid": bool(kept.tensors["valid"])})  # type: ignore[arg-type]
 
 
 def linearise(

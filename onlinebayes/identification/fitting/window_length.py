@@ -8,7 +8,9 @@ that exceed the budget are thinned, evenly over the runs.
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, replace
+from functools import partial
 
 import torch
 from jaxtyping import Float
@@ -16,12 +18,13 @@ from torch import Tensor
 
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.identification.fitting.discretisation import Discretisation, cheapest, cost
-from onlinebayes.identification.fitting.gauss_newton import Fitted, fit
+from onlinebayes.identification.fitting.gauss_newton import Fitted, fit, weighed
 from onlinebayes.identification.fitting.projection import per_noise
+from onlinebayes.identification.fitting.sensitivities import Linearisation
 from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.measurements import Measurement
-from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.runs import BadInput, Kept, Memo, NoMemo, Stopped, remembered
 from onlinebayes.simulators.identifiable import Identifiable
 
 SHORTEST_ROWS = 20
@@ -60,18 +63,49 @@ class BaseFit:
     discretisation: Discretisation
     fitted: Fitted
 
+    @property
+    def kept(self) -> Kept:
+        """For a memo."""
+        text = json.dumps(
+            {"horizon": self.windows.horizon, **{k: vars(v) for k, v in vars(self.discretisation).items()}}
+        )
+        return replace(self.fitted.lin.kept, text=text)
 
-def fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"]) -> BaseFit:
+
+def fit_base(
+    given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], memo: Memo | None = None
+) -> BaseFit:
     """The base model on the longest windows that it can follow.
 
     Args:
         given: the base model at its own step.
         measurement: the fit runs.
         noise: floor of each signal [SI].
+        memo: keeps the answer for the next command.
 
     Raises:
         BadInput: no window can be replayed.
     """
+    return remembered(
+        memo or NoMemo(),
+        ("base", given, measurement, noise),
+        partial(_fit_base, given, measurement, noise),
+        lambda found: found.kept,
+        partial(_kept_base, given, measurement, noise),
+    )
+
+
+def _kept_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], kept: Kept) -> BaseFit:
+    """What a memo kept."""
+    told = json.loads(kept.text)
+    horizon, values, derivatives = (told[name] for name in ("horizon", "values", "derivatives"))
+    way = Discretisation(Integration(**values), Integration(**derivatives))
+    windows = windows_of(given, measurement, horizon, noise, way.values)
+    simulator, rough = way.values.of(given), way.derivatives.of(given)
+    return BaseFit(windows, way, weighed(simulator, rough, windows, Linearisation.of(kept)))
+
+
+def _fit_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"]) -> BaseFit:
     row = max(given.timestep, float(torch.diff(measurement.data["time"][0]).median()))
     horizon = SHORTEST_ROWS * row
     own = Integration(given.timestep)

@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from tensordict import TensorDict, TensorDictBase
 
+from onlinebayes.runs import cores
 from onlinebayes.simulators.mujoco.host import to_host
 from onlinebayes.simulators.mujoco.model import batch_model, quiet
 from onlinebayes.simulators.mujoco.stage import INERTIA, ForceStage
@@ -27,7 +28,7 @@ class Worlds:
     Args:
         system: the compiled system.
         worlds: N.
-        threads: 0 for all cores.
+        threads: 0 for all cores that this process may use.
 
     Attributes:
         failed: (N,) bool.
@@ -37,7 +38,7 @@ class Worlds:
 
     def __init__(self, system: MujocoSystem, worlds: int, threads: int = 0) -> None:
         self.system, self.worlds = system, worlds
-        self.batch = mujoco.batch.Batch(batch_model(system.model), worlds, threads)
+        self.batch = mujoco.batch.Batch(batch_model(system.model), worlds, threads or cores())
         self.failed = np.zeros(worlds, dtype=bool)
         self._fields = {name: self.batch.expand(name) for name in system.fields}
         # The parts of the state are the first columns of a row, in the record's order.

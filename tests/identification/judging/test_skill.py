@@ -9,7 +9,7 @@ import torch
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.discretisation import Discretisation
 from onlinebayes.identification.fitting.window_length import windows_of
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest
 from onlinebayes.identification.judging.hypothesis import Hypothesis
 from onlinebayes.identification.judging.skill import gains_with_skill, naive_rms, unskilled
 from onlinebayes.identification.replaying.integration import Integration
@@ -23,7 +23,7 @@ WINDOWS = windows_of(SIMULATOR, measure(runs=6, seconds=1.5), 0.5, torch.tensor(
 def evaluated(windows: Windows) -> tuple[Evaluation, Evaluator]:
     runs = tuple(f"run{k}" for k in range(6))
     evaluator = Evaluator(SIMULATOR, windows, runs, Discretisation(OWN, OWN))
-    found = evaluator.evaluate(Hypothesis(), [{}])
+    found = evaluator.evaluate(FitRequest(Hypothesis(), [{}]))
     assert found is not None
     return found, evaluator
 
