@@ -31,7 +31,7 @@ from onlinebayes.inference import (
     PosteriorEstimator,
     fit,
 )
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Parameterized, Shape
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
@@ -78,7 +78,8 @@ def build(settings: Settings) -> Run[EnvProblem]:
     """The whole composition: environment, prior, sensors, objective, estimator, real system, trainer."""
     problem = EnvProblem(pendulum, BoxUniform(SPACE), 200, settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 0.8})
-    objective = sac(*problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=4)
+    learning = SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=4)
+    objective = sac(*problem.specs, learning)
     steps, batches, simulations = (2, 2, 320) if settings.short else (4, 40, 480)
     workers = settings.workers()
     trainer = online_trainer(

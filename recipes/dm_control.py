@@ -17,7 +17,7 @@ import torch
 
 from envs.dm_control import suite
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape
@@ -62,7 +62,8 @@ def build(settings: Settings) -> Run[EnvProblem]:
     shipped, dt = make().reset()["theta"], make().inner.control_timestep()
     horizon = 200 if settings.short else 1000
     problem = EnvProblem(make, BoxUniform(space), horizon, settings.noise * torch.ones(1), episodes=2)
-    objective = sac(*problem.specs, normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
+    learning = SACSettings(normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
+    objective = sac(*problem.specs, learning)
     steps, batches = (2, 4) if settings.short else (8, 50)
     workers = settings.workers()
     trainer = online_trainer(

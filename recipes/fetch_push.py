@@ -19,7 +19,17 @@ from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Sizes, online_trainer
 from recipes import common
 from recipes.common import Run, hidden_truth
-from recipes.fetch import STEPS, WORLDS, demonstrate, fetch, figures, friction_estimator, objective, refuse_noise
+from recipes.fetch import (
+    LEARNING,
+    STEPS,
+    WORLDS,
+    demonstrate,
+    fetch,
+    figures,
+    friction_estimator,
+    objective,
+    refuse_noise,
+)
 
 MEMORY = 200_000  # steps: by the end of a run the worlds of the prior are forgotten
 
@@ -91,9 +101,13 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
     """
     space = ParameterSpace({FRICTION: Parameter(settings.low, settings.high)})
     made = fetch(name, space)
-    learner = objective(
-        made, frames_per_update=much.frames_per_update, demonstrations=settings.demonstrations, memory=MEMORY
+    learning = replace(
+        LEARNING,
+        frames_per_update=much.frames_per_update,
+        demonstrations=settings.demonstrations,
+        memory=MEMORY,
     )
+    learner = objective(made, learning)
     if settings.demonstrations:
         demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
     own = float(made.exact.simulator.nominal.clamp(settings.low, settings.high))

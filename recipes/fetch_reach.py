@@ -8,14 +8,14 @@ Nothing is unknown here: nothing is touched. Needs the extra robotics.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers import Sizes, online_trainer
 from recipes import common
 from recipes.common import Run
-from recipes.fetch import STEPS, fetch, figures, objective, refuse_noise
+from recipes.fetch import LEARNING, STEPS, fetch, figures, objective, refuse_noise
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Settings(common.Settings):
 def build(settings: Settings) -> Run:
     """The whole composition: worlds, objective, trainer."""
     made = fetch("reach", ParameterSpace({}))
-    learner = objective(made, frames_per_update=8)
+    learner = objective(made, replace(LEARNING, frames_per_update=8))
     truth = made.exact.simulator.nominal
     trainer = online_trainer(
         made.exact,

@@ -27,7 +27,7 @@ from onlinebayes.inference import (
     PosteriorEstimator,
     fit,
 )
-from onlinebayes.objectives import PPO, ppo
+from onlinebayes.objectives import PPO, PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator
@@ -77,8 +77,7 @@ def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
 
 def learning(problem: Problem, worlds: int, steps: int) -> PPO:
     """PPO on batches of ``worlds`` x ``steps`` frames, its learning rate as high as the divergence allows."""
-    return ppo(
-        *problem.specs,
+    settings = PPOSettings(
         normalise=True,
         frames_per_batch=worlds * steps,
         minibatch=2048,
@@ -89,6 +88,7 @@ def learning(problem: Problem, worlds: int, steps: int) -> PPO:
         lmbda=0.97,
         target_kl=0.03,
     )
+    return ppo(*problem.specs, settings)
 
 
 def build(settings: Settings) -> Run:
