@@ -16,11 +16,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.acrobot import MAX_SPEEDS, Acrobot, AcrobotTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"mass1": Parameter(0.5, 2.0, "kg"), "mass2": Parameter(0.5, 2.0, "kg")})
 LENGTHS = ParameterSpace({"length1": Parameter(0.1, 1.5, "m"), "length2": Parameter(0.1, 1.5, "m")})

@@ -17,11 +17,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.cartpole import CartPole, CartPoleTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 MOTOR = ParameterSpace({"force": Parameter(1.0, 40.0, "N"), "length": Parameter(0.1, 2.0, "m")})

@@ -20,12 +20,11 @@ from tensordict import TensorDict
 
 from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.embeddings.likeliest import DISTURBED, STRAIGHT
+from onlinebayes.experiments import Run, Settings, place_of, run, status
 from onlinebayes.inference import BoxUniform, Hazard, filtered_estimator, fit
 from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Policy, Problem, RealEnvironment, Sizes, online_trainer
-from recipes.command import status
-from recipes.common import Run, Settings, place_of, run
 from recipes.pendulum import RANGE, SPACE, state
 
 NAME = "changing_machine"

@@ -21,7 +21,9 @@ from torch import Tensor
 from torchrl.envs import GymWrapper
 
 from envs.pendulum import MAX_SPEED, Pendulum
+from onlinebayes import experiments
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import Run, hidden_truth, main
 from onlinebayes.inference import (
     Belief,
     BoxUniform,
@@ -35,15 +37,13 @@ from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Parameterized, Shape
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
-from recipes import common
-from recipes.common import Run, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.5, 1.5, "m"), "mass": Parameter(0.5, 1.5, "kg")})
 RANGE = torch.tensor((2.0, 2.0, 2 * MAX_SPEED))  # of cos, sin and rate, to which sensor noise is relative
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     noise: float = 0.0

@@ -16,6 +16,8 @@ from typing import Any, Literal
 import torch
 
 from envs.dm_control import suite
+from onlinebayes import experiments
+from onlinebayes.experiments import Run, status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -23,9 +25,6 @@ from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape
 from onlinebayes.simulators.mujoco import drawing
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
-from recipes import common
-from recipes.command import status
-from recipes.common import Run
 
 SPACES = {
     "cartpole-swingup": ParameterSpace(
@@ -36,7 +35,7 @@ SPACES = {
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     task: str = "cartpole-swingup"
@@ -82,7 +81,7 @@ def build(settings: Settings) -> Run[EnvProblem]:
 
 def run(settings: Settings) -> int:
     """One run in a folder of its own; 0 when the policy is better than it was."""
-    return common.run(f"dm_control-{settings.task}", build, settings)
+    return experiments.run(f"dm_control-{settings.task}", build, settings)
 
 
 if __name__ == "__main__":

@@ -14,11 +14,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from envs.fetch import FRICTION
+from onlinebayes import experiments
+from onlinebayes.experiments import Run, hidden_truth
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Sizes, online_trainer
-from recipes import common
-from recipes.common import Run, hidden_truth
 from recipes.fetch import (
     LEARNING,
     STEPS,
@@ -35,7 +35,7 @@ MEMORY = 200_000  # steps: by the end of a run the worlds of the prior are forgo
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     noise: float = 0.0
@@ -128,4 +128,4 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
 
 
 if __name__ == "__main__":
-    sys.exit(common.main("fetch_push", build, __doc__, Settings))
+    sys.exit(experiments.main("fetch_push", build, __doc__, Settings))

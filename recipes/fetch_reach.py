@@ -11,15 +11,15 @@ import sys
 from dataclasses import dataclass, replace
 from typing import Literal
 
+from onlinebayes import experiments
+from onlinebayes.experiments import Run
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers import Sizes, online_trainer
-from recipes import common
-from recipes.common import Run
 from recipes.fetch import LEARNING, STEPS, fetch, figures, objective, refuse_noise
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     noise: float = 0.0
@@ -51,4 +51,4 @@ def build(settings: Settings) -> Run:
 
 
 if __name__ == "__main__":
-    sys.exit(common.main("fetch_reach", build, __doc__, Settings))
+    sys.exit(experiments.main("fetch_reach", build, __doc__, Settings))

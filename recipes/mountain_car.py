@@ -16,11 +16,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.mountain_car import HIGH, LOW, MAX_SPEED, MountainCar, MountainCarTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"force": Parameter(0.0005, 0.005, "length/step2")})
 RANGE = torch.tensor((HIGH - LOW, 2 * MAX_SPEED))

@@ -16,11 +16,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
 from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 RANGE = torch.tensor((2.0, 2.0, 2 * MAX_SPEED))  # of cos, sin and rate, to which sensor noise is relative

@@ -16,10 +16,10 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from envs.reach import PHYSICAL, ReachTask, arm, fingertip
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, fit, residual_estimator
 from onlinebayes.objectives import DDPGSettings, Hindsight, ddpg
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = PHYSICAL.subspace(["joint.elbow.damping", "actuator.elbow.gear"])
 # Of cosines and sines, rates [rad/s] and fingertip [m], to which sensor noise is relative; goals are known exactly.

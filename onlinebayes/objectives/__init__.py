@@ -1,7 +1,7 @@
 """Policies and how they learn: specs -> policy, loss module, buffer."""
 
 from onlinebayes.objectives.actor_critic import ActorCritic, ActorCriticSettings, actor_critic
-from onlinebayes.objectives.base import Objective, TakesBelief
+from onlinebayes.objectives.base import Objective, TakesBelief, settings_of
 from onlinebayes.objectives.buffer import TransitionBuffer
 from onlinebayes.objectives.ddpg import DDPG, DDPGSettings, ddpg
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
@@ -47,6 +47,7 @@ __all__ = [
     "inputs_of",
     "ppo",
     "sac",
+    "settings_of",
     "state_value",
     "stochastic_policy",
 ]

@@ -17,13 +17,12 @@ from functools import partial
 from pathlib import Path
 
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.experiments import hidden_truth, status
 from onlinebayes.inference import BoxUniform, fit, residual_estimator
 from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.runs import ResultTable, RunFolder, seed_everything
 from onlinebayes.trainers import OnlineState, OnlineTrainer, Problem, Schedule, Sizes, online_trainer, run_in_folder
 from recipes import pendulum
-from recipes.command import status
-from recipes.common import hidden_truth
 
 GROWTH, OVERHEAD = 0.02, 0.05
 

@@ -29,6 +29,7 @@ from typing import Any
 import torch
 
 from envs.fetch import FRICTION, ScriptedPusher
+from onlinebayes.experiments import status
 from onlinebayes.objectives import DDPG
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import (
@@ -41,7 +42,6 @@ from onlinebayes.runs import (
 )
 from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.command import status
 from recipes.fetch import LEARNING, STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
 from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 

@@ -33,6 +33,7 @@ from envs.acrobot import Acrobot, AcrobotTask
 from envs.cartpole import CartPole, CartPoleTask
 from envs.mountain_car import MountainCar, MountainCarContinuous, MountainCarContinuousTask, MountainCarTask
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.experiments import status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import Objective, PPOSettings, SACSettings, ppo, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -40,7 +41,6 @@ from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomi
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.trainers import Point, Problem, collector_of
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
 
 EPISODES = 100
 

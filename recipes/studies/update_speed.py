@@ -30,9 +30,9 @@ from torchrl.envs import CatTensors
 from torchrl.modules import MLP, ValueOperator
 from torchrl.objectives import DDPGLoss, SACLoss, SoftUpdate
 
+from onlinebayes.experiments import status
 from onlinebayes.objectives import DDPGSettings, Hindsight, SACSettings, ddpg, sac, stochastic_policy
 from onlinebayes.runs import Progress, ResultTable, seed_everything
-from recipes.command import status
 from recipes.studies.timing import Pairs, alternate, median, spread
 
 Step = Callable[[], object]
