@@ -16,11 +16,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.acrobot import MAX_SPEEDS, Acrobot, AcrobotTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
-from onlinebayes.objectives import ppo
+from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"mass1": Parameter(0.5, 2.0, "kg"), "mass2": Parameter(0.5, 2.0, "kg")})
 LENGTHS = ParameterSpace({"length1": Parameter(0.1, 1.5, "m"), "length2": Parameter(0.1, 1.5, "m")})
@@ -39,7 +39,7 @@ def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(Acrobot(space), AcrobotTask(), BoxUniform(space), settings.noise * RANGE)
     truth = hidden_truth(space, settings.seed, dict.fromkeys(space.names, DEFAULT))
-    objective = ppo(*problem.specs, epochs=10)
+    objective = ppo(*problem.specs, PPOSettings(epochs=10))
     steps, batches, simulations, epochs = (2, 2, 150, 10) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

@@ -17,11 +17,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.cartpole import CartPole, CartPoleTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
-from onlinebayes.objectives import ppo
+from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 MOTOR = ParameterSpace({"force": Parameter(1.0, 40.0, "N"), "length": Parameter(0.1, 2.0, "m")})
@@ -40,7 +40,7 @@ def build(settings: Settings, space: ParameterSpace = SPACE) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(CartPole(space), CartPoleTask(), BoxUniform(space), settings.noise * RANGE)
     truth = hidden_truth(space, settings.seed, {name: DEFAULT[name] for name in space.names})
-    objective = ppo(*problem.specs, epochs=10)
+    objective = ppo(*problem.specs, PPOSettings(epochs=10))
     steps, batches, simulations, epochs = (2, 2, 150, 10) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

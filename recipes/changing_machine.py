@@ -20,12 +20,11 @@ from tensordict import TensorDict
 
 from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.embeddings.likeliest import DISTURBED, STRAIGHT
+from onlinebayes.experiments import Run, Settings, place_of, run, status
 from onlinebayes.inference import BoxUniform, Hazard, filtered_estimator, fit
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Policy, Problem, RealEnvironment, Sizes, online_trainer
-from recipes.command import status
-from recipes.common import Run, Settings, place_of, run
 from recipes.pendulum import RANGE, SPACE, state
 
 NAME = "changing_machine"
@@ -82,9 +81,8 @@ def build(settings: ChangingSettings) -> Run:
     real = TakesUpALoad(
         problem.hidden(light, settings.seed + 2000), problem.hidden(heavy, settings.seed + 2001), settings.before
     )
-    objective = sac(
-        *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000
-    )
+    learning = SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000)
+    objective = sac(*problem.specs, learning)
     batches, simulations, groups, epochs = (1, 300, 24, 25) if settings.short else (10, 300, 64, 25)
     real_steps = 25 if settings.short else 50  # the filter's time grows with it
     schedule = settings.schedule(settings.before + settings.after, batches, real_steps=real_steps)

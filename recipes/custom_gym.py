@@ -21,7 +21,9 @@ from torch import Tensor
 from torchrl.envs import GymWrapper
 
 from envs.pendulum import MAX_SPEED, Pendulum
+from onlinebayes import experiments
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import Run, hidden_truth, main
 from onlinebayes.inference import (
     Belief,
     BoxUniform,
@@ -31,19 +33,17 @@ from onlinebayes.inference import (
     PosteriorEstimator,
     fit,
 )
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.simulators import Parameterized, Shape
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
-from recipes import common
-from recipes.common import Run, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.5, 1.5, "m"), "mass": Parameter(0.5, 1.5, "kg")})
 RANGE = torch.tensor((2.0, 2.0, 2 * MAX_SPEED))  # of cos, sin and rate, to which sensor noise is relative
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     noise: float = 0.0
@@ -78,7 +78,8 @@ def build(settings: Settings) -> Run[EnvProblem]:
     """The whole composition: environment, prior, sensors, objective, estimator, real system, trainer."""
     problem = EnvProblem(pendulum, BoxUniform(SPACE), 200, settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 0.8})
-    objective = sac(*problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=4)
+    learning = SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=4)
+    objective = sac(*problem.specs, learning)
     steps, batches, simulations = (2, 2, 320) if settings.short else (4, 40, 480)
     workers = settings.workers()
     trainer = online_trainer(

@@ -20,6 +20,7 @@ from torchrl.objectives.value import GAE
 
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import Options, closing_line, place_of, status
 from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralPosteriorLoss, Posterior, fit
 from onlinebayes.objectives import state_value, stochastic_policy
 from onlinebayes.parameters import Parameter, ParameterSpace
@@ -27,8 +28,6 @@ from onlinebayes.runs import seed_everything
 from onlinebayes.trainers import Journal, Point, Problem, SimulatedPlayer, trajectories
 from onlinebayes.transforms import ParameterRandomization
 from recipes.cartpole import state
-from recipes.command import status
-from recipes.common import Options, place_of, written
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 WORLDS, STEPS = 64, 64  # of a batch
@@ -92,7 +91,7 @@ def main(settings: Options) -> int:
 
     gain = float(posterior.log_prob(truth) - prior.log_prob(truth))
     print(f"the truth gains {gain:.1f} nats over the prior; return {figures['return']:.0f} of {task.horizon}")
-    print(written(place))
+    print(closing_line(place))
     return 0 if gain > 0 and figures["return"] > 100 else 1
 
 

@@ -16,16 +16,15 @@ from typing import Any, Literal
 import torch
 
 from envs.dm_control import suite
+from onlinebayes import experiments
+from onlinebayes.experiments import Run, status
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Shape
 from onlinebayes.simulators.mujoco import drawing
 from onlinebayes.trainers import EnvPlayer, EnvProblem, Sizes, online_trainer
-from recipes import common
-from recipes.command import status
-from recipes.common import Run
 
 SPACES = {
     "cartpole-swingup": ParameterSpace(
@@ -36,7 +35,7 @@ SPACES = {
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     task: str = "cartpole-swingup"
@@ -62,7 +61,8 @@ def build(settings: Settings) -> Run[EnvProblem]:
     shipped, dt = make().reset()["theta"], make().inner.control_timestep()
     horizon = 200 if settings.short else 1000
     problem = EnvProblem(make, BoxUniform(space), horizon, settings.noise * torch.ones(1), episodes=2)
-    objective = sac(*problem.specs, normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
+    learning = SACSettings(normalise=True, memory=100_000, frames_per_update=4, tau=0.01, alpha=0.1)
+    objective = sac(*problem.specs, learning)
     steps, batches = (2, 4) if settings.short else (8, 50)
     workers = settings.workers()
     trainer = online_trainer(
@@ -81,7 +81,7 @@ def build(settings: Settings) -> Run[EnvProblem]:
 
 def run(settings: Settings) -> int:
     """One run in a folder of its own; 0 when the policy is better than it was."""
-    return common.run(f"dm_control-{settings.task}", build, settings)
+    return experiments.run(f"dm_control-{settings.task}", build, settings)
 
 
 if __name__ == "__main__":

@@ -28,9 +28,8 @@ from envs.egocentric import (
     read_sequences,
 )
 from envs.egocentric.battery_log import read_battery_log, write_battery_log
+from onlinebayes.experiments import Options, place_of, status
 from onlinebayes.runs import BadInput, seed_everything
-from recipes.command import status
-from recipes.common import Options, place_of
 from recipes.sensor_budget import (
     LOG_STEP,
     LOG_STEPS,

@@ -18,7 +18,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from envs.fetch import FetchSimulator, FetchTask, ScriptedPusher, motion, scene
 from onlinebayes.embeddings import LSTMEmbedding, TransitionFeatures
 from onlinebayes.inference import Belief, BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
-from onlinebayes.objectives import DDPG, Exploration, Hindsight, ddpg
+from onlinebayes.objectives import DDPG, DDPGSettings, Exploration, Hindsight, ddpg
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Point, Problem
@@ -31,6 +31,17 @@ WORDS = {"last": "success", "ever": "success at any step", "at_start": "met at t
 
 MOVED = 0.01
 """From where on an object counts as moved [m]."""
+
+
+LEARNING = DDPGSettings(
+    widths=(64, 64, 64),
+    memory=500_000,
+    frames_per_update=16,
+    gamma=0.95,
+    value_range=(-20.0, 0.0),
+    action_penalty=0.1,
+    tau=0.05,
+)
 
 
 @dataclass(frozen=True)
@@ -61,35 +72,19 @@ def fetch(name: str, space: ParameterSpace) -> Fetch:
     return Fetch(lean, exact)
 
 
-def objective(
-    made: Fetch,
-    *,
-    frames_per_update: int = 16,
-    demonstrations: float = 0.0,
-    memory: int = 500_000,
-    elsewhere: float = 0.5,
-) -> DDPG:
+def objective(made: Fetch, settings: DDPGSettings = LEARNING, *, elsewhere: float = 0.5) -> DDPG:
     """DDPG with hindsight.
 
     Args:
         made: the task.
-        frames_per_update: fresh frames for which one gradient step is taken.
-        demonstrations: share of a minibatch from demonstrations.
-        memory: steps that are remembered.
+        settings: of DDPG.
         elsewhere: share of a minibatch from steps that lead elsewhere; see :class:`Hindsight`.
     """
     return ddpg(
         *made.lean.specs,
+        settings,
         in_keys=["observation", "desired_goal"],
         hindsight=Hindsight(made.task.goal_reward, elsewhere=elsewhere),
-        widths=(64, 64, 64),
-        gamma=0.95,
-        value_range=(-20.0, 0.0),
-        action_penalty=0.1,
-        tau=0.05,
-        memory=memory,
-        frames_per_update=frames_per_update,
-        demonstrations=demonstrations,
     )
 
 

@@ -14,18 +14,28 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from envs.fetch import FRICTION
+from onlinebayes import experiments
+from onlinebayes.experiments import Run, hidden_truth
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.trainers import Sizes, online_trainer
-from recipes import common
-from recipes.common import Run, hidden_truth
-from recipes.fetch import STEPS, WORLDS, demonstrate, fetch, figures, friction_estimator, objective, refuse_noise
+from recipes.fetch import (
+    LEARNING,
+    STEPS,
+    WORLDS,
+    demonstrate,
+    fetch,
+    figures,
+    friction_estimator,
+    objective,
+    refuse_noise,
+)
 
 MEMORY = 200_000  # steps: by the end of a run the worlds of the prior are forgotten
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     noise: float = 0.0
@@ -91,9 +101,13 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
     """
     space = ParameterSpace({FRICTION: Parameter(settings.low, settings.high)})
     made = fetch(name, space)
-    learner = objective(
-        made, frames_per_update=much.frames_per_update, demonstrations=settings.demonstrations, memory=MEMORY
+    learning = replace(
+        LEARNING,
+        frames_per_update=much.frames_per_update,
+        demonstrations=settings.demonstrations,
+        memory=MEMORY,
     )
+    learner = objective(made, learning)
     if settings.demonstrations:
         demonstrate(made, learner, made.lean.prior, much.shown, settings.seed + 5000)
     own = float(made.exact.simulator.nominal.clamp(settings.low, settings.high))
@@ -114,4 +128,4 @@ def build_task(name: str, settings: Settings, much: Amounts) -> Run:
 
 
 if __name__ == "__main__":
-    sys.exit(common.main("fetch_push", build, __doc__, Settings))
+    sys.exit(experiments.main("fetch_push", build, __doc__, Settings))

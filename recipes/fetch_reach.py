@@ -8,18 +8,18 @@ Nothing is unknown here: nothing is touched. Needs the extra robotics.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
+from onlinebayes import experiments
+from onlinebayes.experiments import Run
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers import Sizes, online_trainer
-from recipes import common
-from recipes.common import Run
-from recipes.fetch import STEPS, fetch, figures, objective, refuse_noise
+from recipes.fetch import LEARNING, STEPS, fetch, figures, objective, refuse_noise
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     noise: float = 0.0
@@ -35,7 +35,7 @@ class Settings(common.Settings):
 def build(settings: Settings) -> Run:
     """The whole composition: worlds, objective, trainer."""
     made = fetch("reach", ParameterSpace({}))
-    learner = objective(made, frames_per_update=8)
+    learner = objective(made, replace(LEARNING, frames_per_update=8))
     truth = made.exact.simulator.nominal
     trainer = online_trainer(
         made.exact,
@@ -51,4 +51,4 @@ def build(settings: Settings) -> Run:
 
 
 if __name__ == "__main__":
-    sys.exit(common.main("fetch_reach", build, __doc__, Settings))
+    sys.exit(experiments.main("fetch_reach", build, __doc__, Settings))

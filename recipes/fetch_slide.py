@@ -11,8 +11,9 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 
-from recipes import common, fetch_push
-from recipes.common import Run
+from onlinebayes import experiments
+from onlinebayes.experiments import Run
+from recipes import fetch_push
 from recipes.fetch_push import SHORT, Amounts, build_task
 
 
@@ -35,4 +36,4 @@ def build(settings: Settings) -> Run:
 
 
 if __name__ == "__main__":
-    sys.exit(common.main("fetch_slide", build, __doc__, Settings))
+    sys.exit(experiments.main("fetch_slide", build, __doc__, Settings))

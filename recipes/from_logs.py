@@ -14,6 +14,7 @@ from time import monotonic as clock
 import torch
 
 from envs.driven_pendulum import Protocol
+from onlinebayes.experiments import Options, closing_line, place_of, status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.inference.saving import to_state
 from onlinebayes.problems import criticise, load_problem, load_refined
@@ -21,8 +22,6 @@ from onlinebayes.report import write_report
 from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Journal, Policy
-from recipes.command import status
-from recipes.common import Options, place_of, written
 from recipes.demo.measure import hidden_truth, known, measure, write_problem
 from recipes.demo.policy import Training, learner, player, score, train
 from recipes.demo.posterior import Rounds, infer
@@ -77,7 +76,7 @@ def main(settings: Options) -> int:
     scores = {**beside, "the mended model": judge(policy)["return"]}
     for name, value in scores.items():
         print(f"return on the machine, policy trained on {name}: {value:.1f} of 100")
-    print(written(place))
+    print(closing_line(place))
     better = scores["the mended model"] > scores["the model as it was"]
     return 0 if found.accepted and (better or small) else 1
 

@@ -23,8 +23,9 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
+from onlinebayes.experiments import STOPPED, Options, closing_line, hidden_truth, place_of, status
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
-from onlinebayes.objectives import Objective
+from onlinebayes.objectives import Objective, settings_of
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, RunFolder, seed_everything, write_atomic
 from onlinebayes.trainers import (
@@ -46,8 +47,6 @@ from onlinebayes.trainers import (
     run_in_folder,
 )
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import STOPPED, status
-from recipes.common import Options, hidden_truth, place_of, written
 from recipes.hidden_machine import Machine
 from recipes.hidden_systems import SYSTEMS, hides, known
 
@@ -177,8 +176,8 @@ def main(settings: Settings) -> int:
     seed_everything(settings.seed)
     place = folder_of(settings)
     told = {key: value for key, value in asdict(settings).items() if key != "out"}
-    with RunFolder(place, "hidden_effect", settings=told) as folder:
-        parts = build(settings)
+    parts = build(settings)
+    with RunFolder(place, "hidden_effect", settings=told, objective=settings_of(parts.objective)) as folder:
         recording = Recording(
             place,
             "hidden_effect",
@@ -197,7 +196,7 @@ def main(settings: Settings) -> int:
     last, hidden = state.records[-1], {name.rpartition(".")[0] for name in parts.further}
     print(f"hidden: {', '.join(hidden) or 'nothing'}; found: {', '.join(last.grown) or 'nothing'}")
     print(f"return on the machine: {last.figures['return']:.1f}")
-    print(written(place))
+    print(closing_line(place))
     return 0 if settings.kind != "criticised" or set(last.grown) == hidden else 1
 
 

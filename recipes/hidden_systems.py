@@ -14,7 +14,7 @@ from torch import Tensor
 from envs.cartpole import CartPole, CartPoleTask
 from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import Objective, ppo, sac
+from onlinebayes.objectives import Objective, PPOSettings, ppo, sac
 from onlinebayes.parameters import Parameter
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction, Effect
@@ -73,11 +73,6 @@ class System:
     excitation: Callable[[RealSystem], Excited] | None = None
 
 
-def soft(*specs: Any) -> Objective:
-    """SAC as in the pendulum's recipe."""
-    return sac(*specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000)
-
-
 def pushed(cart: RealSystem) -> Excited:
     """At most twice 2 s of full force one way or the other, half a second each, within a metre of the middle.
 
@@ -102,7 +97,7 @@ SYSTEMS = {
         PendulumTask(),
         PENDULUM,
         pendulum,
-        soft,
+        partial(sac, settings=pendulum.LEARNING),
         "hinge",
         {"length": (0.5, 0.9), "mass": (0.4, 0.8)},
         friction=0.8,
@@ -117,7 +112,7 @@ SYSTEMS = {
         CartPoleTask(),
         CARTPOLE,
         cartpole,
-        partial(ppo, epochs=10),
+        partial(ppo, settings=PPOSettings(epochs=10)),
         "cart",
         {"length": (0.4, 0.7), "mass": (0.2, 0.5)},
         friction=9.0,

@@ -17,7 +17,9 @@ from typing import Literal
 import torch
 
 from envs.hopper import FRICTION, DrakeHopper, standard_hopper, standard_task
+from onlinebayes import experiments
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import Run, hidden_truth, main
 from onlinebayes.inference import (
     Belief,
     BoxUniform,
@@ -27,13 +29,11 @@ from onlinebayes.inference import (
     PosteriorEstimator,
     fit,
 )
-from onlinebayes.objectives import PPO, ppo
+from onlinebayes.objectives import PPO, PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import Simulator
 from onlinebayes.trainers import Problem, SimulatedPlayer, Sizes, online_trainer
-from recipes import common
-from recipes.common import Run, hidden_truth, main
 
 RANGE = torch.tensor((*[1.0] * 5, *[10.0] * 6))  # positions [m, rad], velocities: 1 % is a centimetre
 HIGH, TRUTH = 0.5, 0.35
@@ -43,7 +43,7 @@ Engine = Literal["drake", "mujoco"]
 
 
 @dataclass(frozen=True)
-class Settings(common.Settings):
+class Settings(experiments.Settings):
     """One run."""
 
     real: Engine = "drake"
@@ -77,8 +77,7 @@ def estimator(epochs: int, proposal: Belief) -> PosteriorEstimator:
 
 def learning(problem: Problem, worlds: int, steps: int) -> PPO:
     """PPO on batches of ``worlds`` x ``steps`` frames, its learning rate as high as the divergence allows."""
-    return ppo(
-        *problem.specs,
+    settings = PPOSettings(
         normalise=True,
         frames_per_batch=worlds * steps,
         minibatch=2048,
@@ -89,6 +88,7 @@ def learning(problem: Problem, worlds: int, steps: int) -> PPO:
         lmbda=0.97,
         target_kl=0.03,
     )
+    return ppo(*problem.specs, settings)
 
 
 def build(settings: Settings) -> Run:

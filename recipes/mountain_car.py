@@ -16,11 +16,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.mountain_car import HIGH, LOW, MAX_SPEED, MountainCar, MountainCarTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
-from onlinebayes.objectives import ppo
+from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"force": Parameter(0.0005, 0.005, "length/step2")})
 RANGE = torch.tensor((HIGH - LOW, 2 * MAX_SPEED))
@@ -36,7 +36,8 @@ def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(MountainCar(SPACE), MountainCarTask(), BoxUniform(SPACE), settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"force": 0.001})
-    objective = ppo(*problem.specs, normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024)
+    learning = PPOSettings(normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024)
+    objective = ppo(*problem.specs, learning)
     steps, batches, simulations, epochs = (2, 2, 100, 4) if settings.short else (6, 14, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

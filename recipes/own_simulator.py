@@ -18,6 +18,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.embeddings import JoinedEmbedding, LSTMEmbedding, SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import Options, closing_line, hidden_truth, place_of, status
 from onlinebayes.inference import (
     Alarm,
     BoxUniform,
@@ -33,8 +34,6 @@ from onlinebayes.inference import (
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import seed_everything
 from onlinebayes.trainers import Journal
-from recipes.command import status
-from recipes.common import Options, hidden_truth, place_of, written
 
 SPACE = ParameterSpace(
     {
@@ -105,7 +104,7 @@ def main(settings: Settings) -> int:
     plots.save(plots.corner(posterior, truth=truth, prior=prior), place / "corner.png")
     saving.save(posterior, place / "posterior.json")  # posterior = saving.load(...)
     print(f"the truth gains {gain:.1f} nats over the prior")
-    print(written(place))
+    print(closing_line(place))
     return 0 if gain > 0 and not surprise else 1
 
 

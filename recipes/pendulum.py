@@ -16,14 +16,19 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, filtered_estimator, fit
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})
 RANGE = torch.tensor((2.0, 2.0, 2 * MAX_SPEED))  # of cos, sin and rate, to which sensor noise is relative
+
+
+# A tenth of the reward: with the whole of it the critics are still growing into their scale, and exploration has died
+# down, when the worlds have narrowed. The buffer is some 20 batches: old worlds fade within an outer step.
+LEARNING = SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000)
 
 
 def state(observation: Tensor) -> TensorDict:
@@ -36,11 +41,7 @@ def build(settings: Settings) -> Run:
     """The whole composition: system, prior, sensors, objective, estimator, real system, trainer."""
     problem = Problem(Pendulum(SPACE), PendulumTask(), BoxUniform(SPACE), settings.noise * RANGE)
     truth = hidden_truth(SPACE, settings.seed, {"length": 1.0, "mass": 1.0})
-    # A tenth of the reward: with the whole of it the critics are still growing into their scale, and exploration has
-    # died down, when the worlds have narrowed. The buffer is some 20 batches: old worlds fade within an outer step.
-    objective = sac(
-        *problem.specs, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8, memory=20_000
-    )
+    objective = sac(*problem.specs, LEARNING)
     steps, batches, simulations, epochs = (2, 3, 100, 4) if settings.short else (6, 20, 300, 25)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=1e-3)
     workers = settings.workers()

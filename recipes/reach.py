@@ -16,10 +16,10 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from envs.reach import PHYSICAL, ReachTask, arm, fingertip
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import BoxUniform, fit, residual_estimator
-from onlinebayes.objectives import Hindsight, ddpg
+from onlinebayes.objectives import DDPGSettings, Hindsight, ddpg
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = PHYSICAL.subspace(["joint.elbow.damping", "actuator.elbow.gear"])
 # Of cosines and sines, rates [rad/s] and fingertip [m], to which sensor noise is relative; goals are known exactly.
@@ -46,12 +46,9 @@ def build(settings: Settings) -> Run:
     truth = hidden_truth(SPACE, settings.seed, default)
     objective = ddpg(
         *problem.specs,
+        DDPGSettings(widths=(64, 64, 64), gamma=0.9, value_range=(-10.0, 0.0), action_penalty=0.1),
         in_keys=["observation", "desired_goal"],
         hindsight=Hindsight(task.goal_reward),
-        widths=(64, 64, 64),
-        gamma=0.9,
-        value_range=(-10.0, 0.0),
-        action_penalty=0.1,
     )
     steps, batches, simulations, epochs = (2, 2, 300, 30) if settings.short else (4, 8, 300, 20)
     train = partial(fit, epochs=epochs, batch_size=50, learning_rate=4e-3)

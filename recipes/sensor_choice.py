@@ -19,7 +19,7 @@ from torchrl.envs import Compose, TransformedEnv
 
 from envs.egocentric import CURRENTS, CameraCost, Phone, SensorChoice, Sequences, Stretches, features
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import ActorCritic, actor_critic
+from onlinebayes.objectives import ActorCritic, ActorCriticSettings, actor_critic
 from onlinebayes.runs import Progress
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers import collector_of
@@ -103,7 +103,8 @@ def learn(
     env.set_seed(seed)
     specs = env.observation_spec_unbatched, env.action_spec_unbatched
     # What is done now changes no later reward: a short horizon only takes noise from the advantage.
-    objective = actor_critic(*specs, in_keys=["observation", "cost"], gamma=0.5, learning_rate=training.learning_rate)
+    learning = ActorCriticSettings(gamma=0.5, learning_rate=training.learning_rate)
+    objective = actor_critic(*specs, learning, in_keys=["observation", "cost"])
     for transform in objective.transforms():
         env.append_transform(transform)
     rate = torch.optim.lr_scheduler.OneCycleLR(

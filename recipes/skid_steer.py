@@ -20,11 +20,11 @@ from torch import Tensor
 
 from envs.skid_steer import CircleTask, SkidSteerKinematics
 from onlinebayes.control import MPPI, Bounds, Knots, TaskCost
+from onlinebayes.experiments import Run, Settings, hidden_truth, main
 from onlinebayes.inference import Belief, BoxUniform, Windowed, filtered_estimator, fit
 from onlinebayes.objectives import Planned
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import Problem, Sizes, online_trainer
-from recipes.common import Run, Settings, hidden_truth, main
 
 SPACE = ParameterSpace(
     {

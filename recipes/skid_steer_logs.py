@@ -21,13 +21,12 @@ from torch import Tensor
 from envs.measured import FOLDER
 from envs.measured.skid_steer import SkidSteer, Warthog
 from onlinebayes.criticism import Criticism
+from onlinebayes.experiments import Options, place_of, status
 from onlinebayes.identification import Windows, make_windows, replay
 from onlinebayes.measurements import Measurement
 from onlinebayes.problems import ProblemFile, criticise, load_problem
 from onlinebayes.report import write_report
 from onlinebayes.simulators.identifiable import Identifiable
-from recipes.command import status
-from recipes.common import Options, place_of
 
 FILES = {"husky": "problem.toml", "warthog": "warthog.toml"}
 LIMITS = {"travel_acceleration@vehicle", "turn_acceleration@vehicle"}

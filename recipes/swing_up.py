@@ -26,6 +26,7 @@ from envs.cartpole import CartPole
 from envs.pendulum import MAX_SPEED, Pendulum, PendulumTask
 from envs.swing_up import SwingUpTask, cart_pole, state_of
 from onlinebayes.control import MPPI, Bounds, Knots, TaskCost
+from onlinebayes.experiments import Options, closing_line, hidden_truth, place_of, status
 from onlinebayes.inference import Belief, BoxUniform, TruncatedMixture
 from onlinebayes.inference.filtered import filter_of
 from onlinebayes.inference.likelihood import LikelihoodEstimator
@@ -36,8 +37,6 @@ from onlinebayes.trainers import Journal, Point, Problem, SimulatedPlayer
 from onlinebayes.trainers.trajectories import returns, trajectories
 from onlinebayes.transforms import ParameterRandomization
 from recipes import pendulum
-from recipes.command import status
-from recipes.common import Options, hidden_truth, place_of, written
 
 Name = Literal["cartpole", "pendulum", "mujoco"]
 NEAR = 1.05  # times the cost that the truth gets
@@ -181,7 +180,7 @@ def main(settings: Settings) -> int:
         best = float(cost().mean())
     print(f"cost of an episode: {blind:.1f} for the prior, {learnt:.1f} for the posterior, {best:.1f} for the truth")
     print(f"the truth gains {gain:.1f} nats over the prior")
-    print(written(place))
+    print(closing_line(place))
     return 0 if learnt <= NEAR * best and gain > 0 else 1
 
 

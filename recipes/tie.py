@@ -20,6 +20,7 @@ import torch
 from envs.driven_pendulum import BalanceTask, DrivenPendulumRig, Encoder, MeasuredSet
 from envs.driven_pendulum.sets import drive
 from onlinebayes.criticism import ModelMixture, worlds_of
+from onlinebayes.experiments import Options, closing_line, place_of, status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import PPO
 from onlinebayes.problems import criticise, load_problem
@@ -27,8 +28,6 @@ from onlinebayes.report import write_report
 from onlinebayes.runs import generator, seed_everything
 from onlinebayes.trainers import Journal, Problem, collector_of, improve
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.command import status
-from recipes.common import Options, place_of, written
 from recipes.demo.measure import hidden_truth, write_problem
 from recipes.demo.policy import Training, balance_ppo, player, training_worlds
 
@@ -66,7 +65,7 @@ def main(settings: Options) -> int:
     for name, objective in policies.items():
         returns = ", ".join(f"{value:.0f} with {law}" for law, value in scores(problem, objective, models).items())
         print(f"return of 100, policy for {name}: {returns}")
-    print(written(place))
+    print(closing_line(place))
     unlucky = min(worst(problem, policies[name], models) for name in models.names)
     return 0 if len(models.names) > 1 and (small or worst(problem, both, models) > unlucky) else 1
 

@@ -15,109 +15,73 @@ next step. So an environment needs two transforms, which :meth:`ActorCritic.tran
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import torch
-from jaxtyping import Bool, Float
 from tensordict import NestedKey, TensorDict, TensorDictBase
 from tensordict.nn import TensorDictModule
 from torch import Tensor, nn
 from torch.nn.utils import clip_grad_norm_
-from torchrl.data import Composite, TensorSpec, Unbounded
-from torchrl.envs import InitTracker, TensorDictPrimer, Transform
+from torchrl.data import TensorSpec
+from torchrl.envs import InitTracker, Transform
 from torchrl.modules import ProbabilisticActor
 from torchrl.objectives.value.functional import generalized_advantage_estimate
 
-from onlinebayes.objectives.checks import check_numbers
+from onlinebayes.objectives.checks import (
+    check_bound_on_gradients,
+    check_counts,
+    check_discount,
+    check_layers,
+    check_positive,
+    check_shares,
+    check_weights,
+)
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import action_head, mlp
+from onlinebayes.objectives.recurrent_network import RecurrentNetwork
 from onlinebayes.runs import BadInput, load_exactly
 
 INIT = "is_init"
 ENDS = [("next", name) for name in ("reward", "done", "terminated")]
 
 
-@final
-class RecurrentNetwork(nn.Module):
-    """Inputs and memory -> what the policy's head says, the value, the next memory.
+@dataclass(frozen=True, kw_only=True)
+class ActorCriticSettings:
+    """Settings of a recurrent actor-critic.
 
-    Args:
-        inputs: what is seen.
-        width: H, units of the memory and of the layer before it.
-        policy: (*batch, H) -> a distribution's parameters.
-        activation: of the layer before the memory.
-        memory_key: of the memory.
-        device: of the weights.
+    Raises:
+        BadInput: a number with which nothing can be learnt.
     """
 
-    def __init__(
-        self,
-        inputs: Inputs,
-        width: int,
-        policy: nn.Module,
-        activation: type[nn.Module] = nn.Tanh,
-        memory_key: NestedKey = "memory",
-        device: torch.device | str | None = None,
-    ) -> None:
-        super().__init__()
-        self.inputs, self.width, self.policy, self.memory_key = inputs, width, policy, memory_key
-        self.encoder = nn.Sequential(nn.Linear(inputs.width, width, device=device), activation())
-        self.lstm = nn.LSTM(width, width, batch_first=True, device=device)
-        self.value = nn.Linear(width, 1, device=device)
+    normalise: bool = False
+    """whether what is seen is normalised by its running mean and standard deviation"""
+    width: int = 64
+    """H, units of the memory and of the layer before it"""
+    activation: type[nn.Module] = nn.Tanh
+    """of the layer before the memory"""
+    gamma: float = 0.99
+    """discount factor of a step, at least 0 and below 1; the reward is multiplied by 1 - gamma"""
+    lmbda: float = 0.95
+    """lambda of the advantage, 0 to 1; 1 for returns of n steps, n the steps of a batch"""
+    entropy: float = 0.01
+    """c of the loss, 0 or more"""
+    value: float = 0.5
+    """c_v of the loss, 0 or more"""
+    learning_rate: float = 1e-3
+    """Adam's, above 0"""
+    max_grad_norm: float = 0.5
+    """bound on the gradient's norm; above 0, infinite for none"""
 
-    def forward(self, *values: Tensor) -> tuple[Tensor, ...]:
-        """One step: observed values (*batch, _), then ``is_init`` (*batch, 1) and the memory (*batch, 2, H)."""
-        *observed, begins, memory = values
-        batch = memory.shape[:-2]
-        row = self.inputs(*observed).reshape(-1, 1, self.inputs.width)
-        memory = (memory * ~begins.unsqueeze(-1)).reshape(-1, 2, self.width)
-        out, memory = self._run(self.encoder(row), memory)
-        out = out.reshape(*batch, self.width)
-        parameters = self.policy(out)
-        parameters = parameters if isinstance(parameters, tuple) else (parameters,)
-        return *parameters, self.value(out), memory.reshape(*batch, 2, self.width)
-
-    def unroll(
-        self,
-        row: Float[Tensor, "N T F"],
-        following: Float[Tensor, "N T F"],
-        begins: Bool[Tensor, "N T"],
-        memory: Float[Tensor, "N 2 H"],
-    ) -> tuple[Float[Tensor, "N T H"], Float[Tensor, "N T H"]]:
-        """What the heads see at each step of a batch, and at the state that follows each step.
-
-        Args:
-            row: what is seen.
-            following: what is seen after the step, before a reset.
-            begins: where an episode begins.
-            memory: before the first step.
-        """
-        steps = row.shape[1]
-        seen, outs, thens = self.encoder(row), [], []
-        # Between two columns in which some world begins anew, the LSTM runs through without a look.
-        edges = [0, *(begins[:, 1:].any(0).nonzero().flatten() + 1).tolist(), steps]
-        for first, last in itertools.pairwise(edges):
-            memory = memory * ~begins[:, first, None, None]
-            out, memory = self._run(seen[:, first:last], memory)
-            then, _ = self._run(self.encoder(following[:, last - 1 : last]), memory)
-            outs.append(out)
-            thens += [out[:, 1:], then]
-        return torch.cat(outs, 1), torch.cat(thens, 1)
-
-    def make_tensordict_primer(self) -> TensorDictPrimer:
-        """The transform that gives worlds an empty memory at their reset."""
-        empty = Unbounded((2, self.width), device=self.value.weight.device)
-        primers = Composite()
-        primers[self.memory_key] = empty
-        return TensorDictPrimer(primers, default_value=0.0, expand_specs=True)
-
-    def _run(self, seen: Float[Tensor, "B T H"], memory: Float[Tensor, "B 2 H"]) -> tuple[Tensor, Tensor]:
-        hidden, cell = (part.unsqueeze(0).contiguous() for part in memory.unbind(1))
-        out, (hidden, cell) = self.lstm(seen, (hidden, cell))
-        return out, torch.stack([hidden[0], cell[0]], 1)
+    def __post_init__(self) -> None:
+        check_discount(self.gamma)
+        check_layers((), self.activation)
+        check_counts(width=self.width)
+        check_shares(lmbda=self.lmbda)
+        check_weights(entropy=self.entropy, value=self.value)
+        check_positive(learning_rate=self.learning_rate)
+        check_bound_on_gradients(self.max_grad_norm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,25 +92,15 @@ class ActorCritic:
         policy: stochastic policy that also writes the value and the next memory.
         network: its network.
         optimiser: over the network.
-        gamma: discount factor.
-        lmbda: lambda of the advantage.
-        entropy: c.
-        value: c_v.
-        reward_scale: factor on the reward, 1 - gamma as built by :func:`actor_critic`.
-        max_grad_norm: bound on the gradient's norm.
         action_key: of the action.
+        settings: the numbers that it was built with.
     """
 
     policy: ProbabilisticActor
     network: RecurrentNetwork
     optimiser: torch.optim.Optimizer
-    gamma: float
-    lmbda: float
-    entropy: float
-    value: float
-    reward_scale: float
-    max_grad_norm: float
     action_key: NestedKey
+    settings: ActorCriticSettings
 
     @property
     def inputs(self) -> Inputs:
@@ -168,9 +122,10 @@ class ActorCritic:
         self.inputs.observe(data)
         losses = self._losses(data)
         self.optimiser.zero_grad()
-        total = losses["loss_policy"] + self.value * losses["loss_value"] + self.entropy * losses["loss_entropy"]
+        value, entropy = self.settings.value, self.settings.entropy
+        total = losses["loss_policy"] + value * losses["loss_value"] + entropy * losses["loss_entropy"]
         total.backward()
-        norm = clip_grad_norm_(self.network.parameters(), self.max_grad_norm)
+        norm = clip_grad_norm_(self.network.parameters(), self.settings.max_grad_norm)
         self.optimiser.step()
         return {**{name: float(loss.detach()) for name, loss in losses.items()}, "grad_norm": float(norm)}
 
@@ -201,11 +156,11 @@ class ActorCritic:
         value, (reward, done, terminated) = self.network.value(out), (data[key] for key in ENDS)
         with torch.no_grad():
             advantage, target = generalized_advantage_estimate(
-                self.gamma,
-                self.lmbda,
+                self.settings.gamma,
+                self.settings.lmbda,
                 value.detach(),
                 self.network.value(then),
-                self.reward_scale * reward.to(value),
+                (1 - self.settings.gamma) * reward.to(value),
                 done,
                 terminated,
             )
@@ -232,17 +187,9 @@ class ActorCritic:
 def actor_critic(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
+    settings: ActorCriticSettings = ActorCriticSettings(),
     *,
     in_keys: Sequence[NestedKey] = KEYS,
-    normalise: bool = False,
-    width: int = 64,
-    activation: type[nn.Module] = nn.Tanh,
-    gamma: float = 0.99,
-    lmbda: float = 0.95,
-    entropy: float = 0.01,
-    value: float = 0.5,
-    learning_rate: float = 1e-3,
-    max_grad_norm: float = 0.5,
     memory_key: NestedKey = "memory",
     action_key: NestedKey = "action",
 ) -> ActorCritic:
@@ -251,31 +198,22 @@ def actor_critic(
     Args:
         observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``OneHot``, ``Categorical`` or ``Bounded``.
+        settings: of network and loss.
         in_keys: what the network sees; add the last action or reward if the task asks for it.
-        normalise: whether that is normalised by its running mean and standard deviation.
-        width: H, of the memory and of the layer before it.
-        activation: of that layer.
-        gamma: discount factor, below 1.
-        lmbda: lambda of the advantage; 1 for returns of n steps, n the steps of a batch.
-        entropy: c.
-        value: c_v.
-        learning_rate: Adam's.
-        max_grad_norm: bound on the gradient's norm.
         memory_key: of the memory (2, H) in the tensordict.
         action_key: where the action goes.
 
     Raises:
-        BadInput: an action of another kind, a key that the spec lacks, or a number that cannot be.
+        BadInput: an action of another kind, or a key that the spec lacks.
     """
-    check_numbers(gamma=gamma, positive={"learning_rate": learning_rate}, counts={"width": width})
-    inputs, device = inputs_of(observation_spec, in_keys, normalise=normalise), observation_spec.device
-    head = action_head(action_spec)
+    inputs, device = inputs_of(observation_spec, in_keys, normalise=settings.normalise), observation_spec.device
+    head, width, activation = action_head(action_spec), settings.width, settings.activation
     body = nn.Sequential(mlp(width, head.outputs, (), activation, device), *head.modules)
     network = RecurrentNetwork(inputs, width, body, activation, memory_key, device)
     module = TensorDictModule(network, [*inputs.keys, INIT, memory_key], [*head.keys, "state_value", after(memory_key)])
     policy = head.actor(module, action_spec, action_key=action_key)
-    optimiser = torch.optim.Adam(network.parameters(), lr=learning_rate, eps=1e-5, fused=True)
-    return ActorCritic(policy, network, optimiser, gamma, lmbda, entropy, value, 1 - gamma, max_grad_norm, action_key)
+    optimiser = torch.optim.Adam(network.parameters(), lr=settings.learning_rate, eps=1e-5, fused=True)
+    return ActorCritic(policy, network, optimiser, action_key, settings)
 
 
 def _standardised(advantage: Tensor) -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict, is_dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from tensordict import TensorDictBase
@@ -34,3 +35,9 @@ class TakesBelief(Protocol):
 
     def set_belief(self, belief: Distribution, /) -> None:
         """Act for the worlds of this belief from now on."""
+
+
+def settings_of(objective: Objective) -> dict[str, Any]:
+    """The settings that an objective was built with, by name; none for one that keeps no ``settings``."""
+    settings = getattr(objective, "settings", None)
+    return asdict(settings) if is_dataclass(settings) and not isinstance(settings, type) else {}

@@ -5,8 +5,8 @@
     acting:  with probability epsilon a uniformly random action, else pi(s) + sigma N(0, 1) in units of the bounds
 
 Lillicrap et al., Continuous Control with Deep Reinforcement Learning (2016); Andrychowicz et al., Hindsight Experience
-Replay (2017), whose exploration, clip and action penalty are the defaults. The losses stand in ``deterministic_loss``,
-the replay in ``hindsight``.
+Replay (2017), whose exploration is the default. The losses stand in ``deterministic_loss``, the replay in
+``hindsight``, the way of acting in ``exploration``.
 """
 
 from __future__ import annotations
@@ -14,71 +14,79 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, final
+from typing import Any
 
 import torch
-from jaxtyping import Float
 from tensordict import NestedKey, TensorDictBase
 from tensordict.nn import TensorDictModule, TensorDictModuleBase, TensorDictSequential
 from torch import Tensor, nn
 from torchrl.data import Bounded, TensorSpec
-from torchrl.envs.utils import ExplorationType, exploration_type
 
-from onlinebayes.objectives.checks import check_bounds, check_numbers
+from onlinebayes.objectives.checks import (
+    check_bounds,
+    check_counts,
+    check_discount,
+    check_layers,
+    check_positive,
+    check_rate_of_targets,
+    check_shares,
+    check_weights,
+)
 from onlinebayes.objectives.deterministic_loss import DeterministicLoss
+from onlinebayes.objectives.exploration import Exploration
 from onlinebayes.objectives.hindsight import EpisodeReplay, Hindsight
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
-from onlinebayes.objectives.networks import Network, mlp, unsupported
+from onlinebayes.objectives.networks import Network, Scaled, mlp, unsupported
 from onlinebayes.objectives.targets import Follower
 from onlinebayes.runs import BadInput, load_exactly
 
 
-class Scaled(nn.Module):
-    """Actions in units of their bounds, -1 .. 1, to actions between ``low`` and ``high`` (A,)."""
+@dataclass(frozen=True, kw_only=True)
+class DDPGSettings:
+    """Settings of DDPG.
 
-    centre: Tensor
-    halfwidth: Tensor
-
-    def __init__(self, low: Float[Tensor, " A"], high: Float[Tensor, " A"]) -> None:
-        super().__init__()
-        self.register_buffer("centre", (high + low) / 2, persistent=False)
-        self.register_buffer("halfwidth", (high - low) / 2, persistent=False)
-
-    def forward(self, unit: Float[Tensor, "*batch A"]) -> Float[Tensor, "*batch A"]:
-        """The action."""
-        return self.centre + self.halfwidth * unit
-
-
-@final
-class Exploration(nn.Module):
-    """Disturb an action under ``ExplorationType.RANDOM`` only, which collectors set.
-
-    Args:
-        low, high: the action's bounds (A,).
-        epsilon: probability of a uniformly random action.
-        noise: standard deviation of what is added otherwise, in half widths of the bounds.
+    Raises:
+        BadInput: a number with which nothing can be learnt.
     """
 
-    low: Tensor
-    high: Tensor
+    normalise: bool = True
+    """whether what is seen is normalised by its running mean and standard deviation"""
+    widths: tuple[int, ...] = (256, 256, 256)
+    """units of the hidden layers, of the actor and of the critic"""
+    activation: type[nn.Module] = nn.ReLU
+    """between the layers"""
+    memory: int = 200_000
+    """steps kept; old ones are overwritten"""
+    minibatch: int = 256
+    """transitions of one gradient step"""
+    frames_per_update: int = 8
+    """fresh frames for which one gradient step is taken"""
+    demonstrations: float = 0.0
+    """share of a minibatch from demonstrations, 0 to 1, once :meth:`DDPG.demonstrate` was given some"""
+    gamma: float = 0.98
+    """discount factor of a step, at least 0 and below 1"""
+    steps: int = 3
+    """n, the most steps of a return"""
+    value_range: tuple[float, float] | None = None
+    """bounds of the critic's target; (-1 / (1 - gamma), 0) where rewards are -1 and 0; none without it"""
+    action_penalty: float = 0.0
+    """weight of the squared action, in units of its bounds, in the actor's loss; 0 or more"""
+    tau: float = 0.01
+    """share of the gap to actor and critic that their targets close at each gradient step, above 0 and at most 1"""
+    learning_rate: float = 1e-3
+    """Adam's, above 0"""
 
-    def __init__(
-        self, low: Float[Tensor, " A"], high: Float[Tensor, " A"], epsilon: float = 0.3, noise: float = 0.2
-    ) -> None:
-        super().__init__()
-        self.register_buffer("low", low.clone(), persistent=False)
-        self.register_buffer("high", high.clone(), persistent=False)
-        self.epsilon, self.noise = epsilon, noise
-
-    def forward(self, action: Float[Tensor, "*batch A"]) -> Float[Tensor, "*batch A"]:
-        """An action within the bounds."""
-        if exploration_type() is not ExplorationType.RANDOM:
-            return action
-        width = self.high - self.low
-        near = action + self.noise * width / 2 * torch.randn_like(action)
-        anywhere = self.low + width * torch.rand_like(action)
-        at_random = torch.rand_like(action[..., :1]) < self.epsilon
-        return torch.where(at_random, anywhere, near.clamp(self.low, self.high))
+    def __post_init__(self) -> None:
+        check_discount(self.gamma)
+        check_layers(self.widths, self.activation)
+        counts = {"memory": self.memory, "minibatch": self.minibatch, "frames_per_update": self.frames_per_update}
+        check_counts(**counts, steps=self.steps)
+        check_shares(demonstrations=self.demonstrations)
+        check_weights(action_penalty=self.action_penalty)
+        check_rate_of_targets(self.tau)
+        check_positive(learning_rate=self.learning_rate)
+        if self.value_range is not None and not self.value_range[0] < self.value_range[1]:
+            raise BadInput(f"value_range = {self.value_range}: the first must be below the second", "turn them round")
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +100,7 @@ class DDPG:
         target: moves the targets.
         buffer: episodes.
         optimiser: over what learns in the loss.
-        frames_per_update: fresh frames for which one gradient step is taken.
+        settings: the numbers that it was built with.
     """
 
     policy: TensorDictModuleBase
@@ -101,7 +109,7 @@ class DDPG:
     target: Follower
     buffer: EpisodeReplay
     optimiser: torch.optim.Optimizer
-    frames_per_update: int
+    settings: DDPGSettings
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
         """Remember a collector's batch (N, T) and take its share of gradient steps; returns the losses' means.
@@ -112,7 +120,7 @@ class DDPG:
             BadInput: a key is missing, or a value is NaN or infinite; nothing was learnt from the batch.
         """
         rows = self._remember(data, self.buffer.extend)
-        steps = max(1, rows.numel() // self.frames_per_update)
+        steps = max(1, rows.numel() // self.settings.frames_per_update)
         sums: dict[str, Any] = defaultdict(float)
         for _ in range(steps):
             for name, value in self.step().items():
@@ -171,64 +179,37 @@ class DDPG:
 def ddpg(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
+    settings: DDPGSettings = DDPGSettings(),
     *,
     in_keys: Sequence[NestedKey] = KEYS,
     action_key: NestedKey = "action",
     hindsight: Hindsight | None = None,
     exploration: nn.Module | None = None,
-    normalise: bool = True,
-    memory: int = 200_000,
-    minibatch: int = 256,
-    frames_per_update: int = 8,
-    demonstrations: float = 0.0,
-    widths: Sequence[int] = (256, 256, 256),
-    activation: type[nn.Module] = nn.ReLU,
-    gamma: float = 0.98,
-    steps: int = 3,
-    value_range: tuple[float, float] | None = None,
-    action_penalty: float = 0.0,
-    tau: float = 0.01,
-    learning_rate: float = 1e-3,
 ) -> DDPG:
     """DDPG with an actor and a critic built from the specs of one world.
 
     Args:
         observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``Bounded``, shape (A,).
+        settings: of networks, memory and loss.
         in_keys: what actor and critic see; with goals among them the desired one.
         action_key: where the action goes.
         hindsight: how goals are told anew; without it this is plain DDPG.
         exploration: action -> action, while data are collected; :class:`Exploration` without it.
-        normalise: whether inputs are normalised by their running mean and variance.
-        memory: steps kept; old ones are overwritten.
-        minibatch: transitions of one gradient step.
-        frames_per_update: fresh frames for which one gradient step is taken.
-        demonstrations: share of a minibatch from demonstrations, once :meth:`DDPG.demonstrate` was given some.
-        widths: units of the hidden layers.
-        activation: between the layers.
-        gamma: discount factor, below 1.
-        steps: n, of a return.
-        value_range: bounds of the critic's target; (-1 / (1 - gamma), 0) where rewards are -1 and 0.
-        action_penalty: weight of the squared action, in units of its bounds.
-        tau: share of actor and critic in their targets at each step.
-        learning_rate: Adam's.
 
     Raises:
-        BadInput: an action that is not bounded, a key that the spec lacks, a goal that the actor does not see, or a
-            number that cannot be.
+        BadInput: an action that is not bounded, a key that the spec lacks, or a goal that the actor does not see.
     """
     if not isinstance(action_spec, Bounded) or action_spec.ndim != 1:
         raise unsupported(action_spec, "Bounded (A,)")
     check_bounds(action_spec)
-    counts = {"memory": memory, "minibatch": minibatch, "frames_per_update": frames_per_update, "steps": steps}
-    check_numbers(gamma=gamma, positive={"tau": tau, "learning_rate": learning_rate}, counts=counts)
     if hindsight is not None and hindsight.desired_key not in in_keys:
         raise BadInput(f"in_keys = {list(in_keys)} has no {hindsight.desired_key!r}", "let the policy see its goal")
-    inputs, device = inputs_of(observation_spec, in_keys, normalise=normalise), observation_spec.device
+    inputs, device = inputs_of(observation_spec, in_keys, normalise=settings.normalise), observation_spec.device
     width, low, high = action_spec.shape[-1], action_spec.space.low, action_spec.space.high
-    actor = nn.Sequential(mlp(inputs.width, width, widths, activation, device), nn.Tanh())
-    critic = mlp(inputs.width + width, 1, widths, activation, device)
-    target = Follower(nn.ModuleList([actor, critic]), tau)
+    actor = nn.Sequential(mlp(inputs.width, width, settings.widths, settings.activation, device), nn.Tanh())
+    critic = mlp(inputs.width + width, 1, settings.widths, settings.activation, device)
+    target = Follower(nn.ModuleList([actor, critic]), settings.tau)
     policy = TensorDictSequential(
         TensorDictModule(Network(inputs, nn.Sequential(actor, Scaled(low, high))), list(inputs.keys), [action_key]),
         TensorDictModule(exploration or Exploration(low, high), [action_key], [action_key]),
@@ -240,20 +221,20 @@ def ddpg(
         target.network,
         low,
         high,
-        gamma=gamma,
-        value_range=value_range,
-        action_penalty=action_penalty,
+        gamma=settings.gamma,
+        value_range=settings.value_range,
+        action_penalty=settings.action_penalty,
         action_key=action_key,
     )
     learning = [weight for weight in loss.parameters() if weight.requires_grad]
-    optimiser = torch.optim.Adam(learning, lr=learning_rate, fused=True)
+    optimiser = torch.optim.Adam(learning, lr=settings.learning_rate, fused=True)
     buffer = EpisodeReplay(
-        memory,
-        minibatch,
-        gamma=gamma,
-        steps=steps,
+        settings.memory,
+        settings.minibatch,
+        gamma=settings.gamma,
+        steps=settings.steps,
         hindsight=hindsight,
-        demonstrations=demonstrations,
+        demonstrations=settings.demonstrations,
         device=device,
     )
-    return DDPG(policy, inputs, loss, target, buffer, optimiser, frames_per_update)
+    return DDPG(policy, inputs, loss, target, buffer, optimiser, settings)

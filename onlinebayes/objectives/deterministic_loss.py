@@ -49,7 +49,7 @@ class DeterministicLoss(TensorDictModuleBase):
         low: Float[Tensor, " A"],
         high: Float[Tensor, " A"],
         *,
-        gamma: float = 0.98,
+        gamma: float,
         value_range: tuple[float, float] | None = None,
         action_penalty: float = 0.0,
         action_key: NestedKey = "action",

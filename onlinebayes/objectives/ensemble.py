@@ -32,7 +32,7 @@ class EnsembleMLP(nn.Module):
         inputs: int,
         outputs: int,
         widths: Sequence[int],
-        activation: type[nn.Module] = nn.ReLU,
+        activation: type[nn.Module],
         device: torch.device | str | None = None,
     ) -> None:
         super().__init__()

@@ -78,9 +78,9 @@ class EpisodeReplay:
     def __init__(
         self,
         size: int,
-        minibatch: int = 256,
+        minibatch: int,
         *,
-        gamma: float = 0.98,
+        gamma: float,
         steps: int = 1,
         hindsight: Hindsight | None = None,
         demonstrations: float = 0.0,

@@ -58,6 +58,22 @@ class Network(nn.Module):
         return self.body(torch.cat([row, *(value.to(row) for value in values[-self._extra :])], dim=-1))
 
 
+class Scaled(nn.Module):
+    """Actions in units of their bounds, -1 .. 1, to actions between ``low`` and ``high`` (A,)."""
+
+    centre: Tensor
+    halfwidth: Tensor
+
+    def __init__(self, low: Float[Tensor, " A"], high: Float[Tensor, " A"]) -> None:
+        super().__init__()
+        self.register_buffer("centre", (high + low) / 2, persistent=False)
+        self.register_buffer("halfwidth", (high - low) / 2, persistent=False)
+
+    def forward(self, unit: Float[Tensor, "*batch A"]) -> Float[Tensor, "*batch A"]:
+        """The action."""
+        return self.centre + self.halfwidth * unit
+
+
 def stochastic_policy(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,

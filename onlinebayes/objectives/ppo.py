@@ -31,7 +31,15 @@ from torchrl.modules import ProbabilisticActor
 from torchrl.objectives import ClipPPOLoss
 from torchrl.objectives.value import GAE
 
-from onlinebayes.objectives.checks import check_numbers
+from onlinebayes.objectives.checks import (
+    check_bound_on_gradients,
+    check_counts,
+    check_discount,
+    check_layers,
+    check_positive,
+    check_shares,
+    check_weights,
+)
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import state_value, stochastic_policy
 from onlinebayes.runs import BadInput, load_exactly
@@ -40,6 +48,58 @@ LOG_PROB = "action_log_prob"
 PACE, SLOWEST, FASTEST = 1.5, 1e-5, 1e-2
 """Factor of the learning rate after a batch whose divergence is off its target, and its bounds."""
 LOSSES = ("loss_objective", "loss_critic", "loss_entropy")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PPOSettings:
+    """Settings of PPO.
+
+    Raises:
+        BadInput: a number with which nothing can be learnt.
+    """
+
+    normalise: bool = False
+    """whether what is seen is normalised by its running mean and standard deviation"""
+    widths: tuple[int, ...] = (64, 64)
+    """units of the hidden layers, of the policy and of the critic"""
+    activation: type[nn.Module] = nn.Tanh
+    """between the layers"""
+    frames_per_batch: int = 4096
+    """most frames N x T of one :meth:`PPO.update`"""
+    minibatch: int = 512
+    """frames of one gradient step; at most ``frames_per_batch``"""
+    epochs: int = 4
+    """passes over each batch"""
+    gamma: float = 0.99
+    """discount factor of a step, at least 0 and below 1; the reward is multiplied by 1 - gamma"""
+    lmbda: float = 0.95
+    """lambda of the advantage, 0 to 1"""
+    clip: float = 0.2
+    """eps of the objective, above 0"""
+    entropy: float = 0.01
+    """c of the objective, 0 or more"""
+    learning_rate: float = 1e-3
+    """Adam's, above 0; to begin with, where it follows ``target_kl``"""
+    max_grad_norm: float = 0.5
+    """bound on the gradient's norm, for the policy and for the critic; above 0, infinite for none"""
+    target_kl: float | None = None
+    """divergence that a batch should bring [nats], which the learning rate follows; it stays without it"""
+
+    def __post_init__(self) -> None:
+        check_discount(self.gamma)
+        check_layers(self.widths, self.activation)
+        check_counts(frames_per_batch=self.frames_per_batch, minibatch=self.minibatch, epochs=self.epochs)
+        check_shares(lmbda=self.lmbda)
+        check_positive(clip=self.clip, learning_rate=self.learning_rate)
+        check_weights(entropy=self.entropy)
+        if self.target_kl is not None:
+            check_positive(target_kl=self.target_kl)
+        check_bound_on_gradients(self.max_grad_norm)
+        if self.minibatch > self.frames_per_batch:
+            raise BadInput(
+                f"minibatch = {self.minibatch}: it must be at most frames_per_batch = {self.frames_per_batch}",
+                "give a smaller minibatch",
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,10 +113,7 @@ class PPO:
         advantage: writes ``"advantage"`` and ``"value_target"``.
         buffer: holds one batch of the collector and deals it out without replacement.
         optimiser: over the loss's parameters.
-        epochs: passes over each batch.
-        reward_scale: factor on the reward, 1 - gamma as built by :func:`ppo`.
-        max_grad_norm: bound on the gradient's norm, for the actor and for the critic.
-        target_kl: divergence that a batch should bring [nats]; the learning rate stays without it.
+        settings: the numbers that it was built with.
     """
 
     policy: ProbabilisticActor
@@ -65,10 +122,7 @@ class PPO:
     advantage: GAE
     buffer: ReplayBuffer
     optimiser: torch.optim.Optimizer
-    epochs: int
-    reward_scale: float
-    max_grad_norm: float
-    target_kl: float | None = None
+    settings: PPOSettings
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
         """One PPO pass over a collector's batch (N, T); returns the losses' means.
@@ -88,14 +142,14 @@ class PPO:
         if self.inputs.normalisation is not None:
             # The statistics have moved since the policy acted: ratios are those of what learns, not of what they did.
             data[LOG_PROB] = self._log_prob(data)
-        data["next", "reward"] = self.reward_scale * data["next", "reward"]
+        data["next", "reward"] = (1 - self.settings.gamma) * data["next", "reward"]
         with torch.no_grad():
             data = self.advantage(data)
         self.buffer.empty()
         self.buffer.extend(data.reshape(-1))
         sums: dict[str, float] = defaultdict(float)
         steps = 0
-        for _ in range(self.epochs):
+        for _ in range(self.settings.epochs):
             for batch in self.buffer:
                 losses = self.loss(batch)
                 self._step(sum(losses[name] for name in LOSSES))
@@ -103,8 +157,8 @@ class PPO:
                 for name in (*LOSSES, "kl_approx"):
                     sums[name] += float(losses[name].detach())
         means = {name: value / max(steps, 1) for name, value in sums.items()}
-        if self.target_kl is not None:
-            self._pace(means["kl_approx"] / self.target_kl)
+        if self.settings.target_kl is not None:
+            self._pace(means["kl_approx"] / self.settings.target_kl)
         return means
 
     def _pace(self, ratio: float) -> None:
@@ -129,7 +183,7 @@ class PPO:
     def _step(self, total: torch.Tensor) -> None:
         total.backward()
         for network in (self.loss.actor_network_params, self.loss.critic_network_params):
-            clip_grad_norm_(list(network.parameters()), self.max_grad_norm)
+            clip_grad_norm_(list(network.parameters()), self.settings.max_grad_norm)
         self.optimiser.step()
         self.optimiser.zero_grad()
 
@@ -137,61 +191,47 @@ class PPO:
 def ppo(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
+    settings: PPOSettings = PPOSettings(),
     *,
     in_keys: Sequence[NestedKey] = KEYS,
-    normalise: bool = False,
-    frames_per_batch: int = 4096,
-    minibatch: int = 512,
-    epochs: int = 4,
-    widths: Sequence[int] = (64, 64),
-    activation: type[nn.Module] = nn.Tanh,
-    gamma: float = 0.99,
-    lmbda: float = 0.95,
-    clip: float = 0.2,
-    entropy: float = 0.01,
-    learning_rate: float = 1e-3,
-    max_grad_norm: float = 0.5,
-    target_kl: float | None = None,
 ) -> PPO:
     """PPO with a policy and a critic built from the specs of one world.
 
     Args:
         observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``OneHot``, ``Categorical`` or ``Bounded``.
+        settings: of networks, batches and loss.
         in_keys: what policy and critic see.
-        normalise: whether that is normalised by its running mean and standard deviation.
-        frames_per_batch: most frames N x T of one :meth:`PPO.update`.
-        minibatch: frames of one gradient step.
-        epochs: passes over each batch.
-        widths: units of the hidden layers, of the policy and of the critic.
-        activation: between the layers.
-        gamma: discount factor, below 1.
-        lmbda: GAE's lambda.
-        clip: eps of the objective.
-        entropy: c of the objective.
-        learning_rate: Adam's.
-        max_grad_norm: bound on each network's gradient.
-        target_kl: divergence that a batch should bring [nats], which the learning rate follows; it stays without it.
 
     Raises:
-        BadInput: an action of another kind, a key that the spec lacks, or a number that cannot be.
+        BadInput: an action of another kind, or a key that the spec lacks.
     """
-    counts = {"frames_per_batch": frames_per_batch, "minibatch": minibatch, "epochs": epochs}
-    check_numbers(gamma=gamma, positive={"clip": clip, "learning_rate": learning_rate}, counts=counts)
-    inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
+    inputs = inputs_of(observation_spec, in_keys, normalise=settings.normalise)
     policy = stochastic_policy(
-        observation_spec, action_spec, widths, activation=activation, log_prob=True, inputs=inputs
+        observation_spec,
+        action_spec,
+        settings.widths,
+        activation=settings.activation,
+        log_prob=True,
+        inputs=inputs,
     )
-    critic = state_value(observation_spec, widths, activation=activation, inputs=inputs)
+    critic = state_value(observation_spec, settings.widths, activation=settings.activation, inputs=inputs)
     loss = ClipPPOLoss(
-        policy, critic, clip_epsilon=clip, entropy_coeff=entropy, critic_coeff=1.0, normalize_advantage=True
+        policy,
+        critic,
+        clip_epsilon=settings.clip,
+        entropy_coeff=settings.entropy,
+        critic_coeff=1.0,
+        normalize_advantage=True,
     )
     # A plain loop over T: the vectorised form splits episodes apart, which costs more than it saves below ~1000 steps.
-    advantage = GAE(gamma=gamma, lmbda=lmbda, value_network=critic, vectorized=False, deactivate_vmap=True)
-    buffer = ReplayBuffer(
-        storage=LazyTensorStorage(frames_per_batch, device=observation_spec.device or "cpu"),
-        sampler=SamplerWithoutReplacement(drop_last=True),
-        batch_size=minibatch,
+    advantage = GAE(
+        gamma=settings.gamma, lmbda=settings.lmbda, value_network=critic, vectorized=False, deactivate_vmap=True
     )
-    optimiser = torch.optim.Adam(loss.parameters(), lr=learning_rate, eps=1e-5, fused=True)
-    return PPO(policy, inputs, loss, advantage, buffer, optimiser, epochs, 1 - gamma, max_grad_norm, target_kl)
+    buffer = ReplayBuffer(
+        storage=LazyTensorStorage(settings.frames_per_batch, device=observation_spec.device or "cpu"),
+        sampler=SamplerWithoutReplacement(drop_last=True),
+        batch_size=settings.minibatch,
+    )
+    optimiser = torch.optim.Adam(loss.parameters(), lr=settings.learning_rate, eps=1e-5, fused=True)
+    return PPO(policy, inputs, loss, advantage, buffer, optimiser, settings)

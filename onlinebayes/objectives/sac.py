@@ -25,13 +25,59 @@ from torchrl.data import Bounded, TensorSpec
 from torchrl.modules import ProbabilisticActor
 
 from onlinebayes.objectives.buffer import TransitionBuffer
-from onlinebayes.objectives.checks import check_bounds, check_numbers
+from onlinebayes.objectives.checks import (
+    check_bounds,
+    check_counts,
+    check_discount,
+    check_layers,
+    check_positive,
+    check_rate_of_targets,
+)
 from onlinebayes.objectives.ensemble import EnsembleMLP
 from onlinebayes.objectives.inputs import KEYS, Inputs, after, inputs_of, selected
 from onlinebayes.objectives.networks import stochastic_policy, unsupported
 from onlinebayes.objectives.soft_loss import SoftLoss
 from onlinebayes.objectives.targets import Follower
 from onlinebayes.runs import load_exactly
+
+
+@dataclass(frozen=True, kw_only=True)
+class SACSettings:
+    """Settings of SAC.
+
+    Raises:
+        BadInput: a number with which nothing can be learnt.
+    """
+
+    normalise: bool = False
+    """whether what is seen is normalised by its running mean and standard deviation"""
+    widths: tuple[int, ...] = (64, 64)
+    """units of the hidden layers, of the policy and of each critic"""
+    activation: type[nn.Module] = nn.ReLU
+    """between the layers"""
+    memory: int = 20_000
+    """transitions kept; old ones are overwritten"""
+    minibatch: int = 256
+    """transitions of one gradient step"""
+    frames_per_update: int = 8
+    """fresh frames for which one gradient step is taken"""
+    gamma: float = 0.99
+    """discount factor of a step, at least 0 and below 1"""
+    tau: float = 0.005
+    """share of the gap to the critics that their targets close at each gradient step, above 0 and at most 1"""
+    learning_rate: float = 1e-3
+    """Adam's, above 0"""
+    alpha: float = 1.0
+    """the entropy's weight to begin with [reward / nat], above 0; it is learnt"""
+    reward_scale: float = 1.0
+    """factor on the reward, above 0; values of order 1 to 100 learn best"""
+
+    def __post_init__(self) -> None:
+        check_discount(self.gamma)
+        check_layers(self.widths, self.activation)
+        check_counts(memory=self.memory, minibatch=self.minibatch, frames_per_update=self.frames_per_update)
+        check_rate_of_targets(self.tau)
+        check_positive(learning_rate=self.learning_rate, alpha=self.alpha, reward_scale=self.reward_scale)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,9 +91,7 @@ class SAC:
         target: moves the target networks.
         buffer: transitions; its size says how soon old worlds fade.
         optimiser: over what learns in the loss.
-        minibatch: transitions of one gradient step.
-        frames_per_update: fresh frames for which one gradient step is taken.
-        reward_scale: factor on the reward.
+        settings: the numbers that it was built with.
     """
 
     policy: ProbabilisticActor
@@ -56,9 +100,7 @@ class SAC:
     target: Follower[EnsembleMLP]
     buffer: TransitionBuffer
     optimiser: torch.optim.Optimizer
-    minibatch: int
-    frames_per_update: int
-    reward_scale: float
+    settings: SACSettings
 
     def update(self, data: TensorDictBase) -> dict[str, float]:
         """Remember a collector's batch (N, T) and take its share of gradient steps; returns the losses' means.
@@ -69,9 +111,9 @@ class SAC:
         """
         fresh = selected(data, self.loss.in_keys).reshape(-1)
         self.inputs.observe(fresh)
-        fresh["next", "reward"] = self.reward_scale * fresh["next", "reward"]
+        fresh["next", "reward"] = self.settings.reward_scale * fresh["next", "reward"]
         self.buffer.extend(fresh)
-        steps = max(1, fresh.numel() // self.frames_per_update)
+        steps = max(1, fresh.numel() // self.settings.frames_per_update)
         sums: dict[str, Any] = defaultdict(float)
         for _ in range(steps):
             for name, value in self.step().items():
@@ -80,7 +122,7 @@ class SAC:
 
     def step(self) -> dict[str, torch.Tensor]:
         """One gradient step on a minibatch of the buffer; the losses, detached."""
-        rows = self.buffer.draw(self.minibatch)
+        rows = self.buffer.draw(self.settings.minibatch)
         row = self.inputs(*(rows[key] for key in self.inputs.keys))
         following = self.inputs(*(rows[after(key)] for key in self.inputs.keys))
         actor, qvalue, alpha, entropy = self.loss.losses(
@@ -120,55 +162,33 @@ class SAC:
 def sac(
     observation_spec: TensorSpec,
     action_spec: TensorSpec,
+    settings: SACSettings = SACSettings(),
     *,
     in_keys: Sequence[NestedKey] = KEYS,
-    normalise: bool = False,
-    memory: int = 20_000,
-    minibatch: int = 256,
-    frames_per_update: int = 8,
-    widths: Sequence[int] = (64, 64),
-    activation: type[nn.Module] = nn.ReLU,
-    gamma: float = 0.99,
-    tau: float = 0.005,
-    learning_rate: float = 1e-3,
-    alpha: float = 1.0,
-    reward_scale: float = 1.0,
 ) -> SAC:
     """SAC with a policy and two critics built from the specs of one world.
 
     Args:
         observation_spec: shape (O,), or a Composite that holds every key.
         action_spec: ``Bounded``, shape (A,).
+        settings: of networks, memory and loss.
         in_keys: what policy and critics see.
-        normalise: whether that is normalised by its running mean and standard deviation.
-        memory: transitions kept; old ones are overwritten.
-        minibatch: transitions of one gradient step.
-        frames_per_update: fresh frames for which one gradient step is taken.
-        widths: units of the hidden layers.
-        activation: between the layers.
-        gamma: discount factor, below 1.
-        tau: share of the critics in their targets at each step.
-        learning_rate: Adam's.
-        alpha: the entropy's weight to begin with; it is learnt.
-        reward_scale: factor on the reward; values of order 1 to 100 learn best.
 
     Raises:
-        BadInput: an action that is not bounded, a key that the spec lacks, or a number that cannot be.
+        BadInput: an action that is not bounded, or a key that the spec lacks.
     """
     if not isinstance(action_spec, Bounded) or action_spec.ndim != 1:
         raise unsupported(action_spec, "Bounded (A,)")
     check_bounds(action_spec)
-    positive = {"tau": tau, "learning_rate": learning_rate, "alpha": alpha, "reward_scale": reward_scale}
-    counts = {"memory": memory, "minibatch": minibatch, "frames_per_update": frames_per_update}
-    check_numbers(gamma=gamma, positive=positive, counts=counts)
-    inputs = inputs_of(observation_spec, in_keys, normalise=normalise)
+    widths, activation = settings.widths, settings.activation
+    inputs = inputs_of(observation_spec, in_keys, normalise=settings.normalise)
     policy = stochastic_policy(observation_spec, action_spec, widths, activation=activation, inputs=inputs)
     actor, device = policy.get_submodule("module.0.module").body, observation_spec.device
     critics = EnsembleMLP(2, inputs.width + action_spec.shape[-1], 1, widths, activation, device)
-    target = Follower(critics, tau)
+    target = Follower(critics, settings.tau)
     bounds = (action_spec.space.low, action_spec.space.high)
-    loss = SoftLoss(inputs, actor, critics, target.network, *bounds, gamma=gamma, alpha=alpha)
+    loss = SoftLoss(inputs, actor, critics, target.network, *bounds, gamma=settings.gamma, alpha=settings.alpha)
     learning = [weight for weight in loss.parameters() if weight.requires_grad]
-    optimiser = torch.optim.Adam(learning, lr=learning_rate, fused=True)
-    buffer = TransitionBuffer(memory, device=device)
-    return SAC(policy, inputs, loss, target, buffer, optimiser, minibatch, frames_per_update, reward_scale)
+    optimiser = torch.optim.Adam(learning, lr=settings.learning_rate, fused=True)
+    buffer = TransitionBuffer(settings.memory, device=device)
+    return SAC(policy, inputs, loss, target, buffer, optimiser, settings)

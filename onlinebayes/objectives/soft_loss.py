@@ -81,8 +81,8 @@ class SoftLoss(TensorDictModuleBase):
         low: Float[Tensor, " A"],
         high: Float[Tensor, " A"],
         *,
-        gamma: float = 0.99,
-        alpha: float = 1.0,
+        gamma: float,
+        alpha: float,
         target_entropy: float | None = None,
         action_key: NestedKey = "action",
     ) -> None:

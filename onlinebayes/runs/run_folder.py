@@ -32,6 +32,7 @@ class RunFolder:
         folder: made if it is missing.
         recipe: which kind of run.
         settings: what the run was begun with; a run goes on only with the same.
+        objective: settings of what learns in it; a run goes on only with the same, where its folder tells any.
         keep: how many checkpoints are kept.
 
     Raises:
@@ -40,10 +41,16 @@ class RunFolder:
     """
 
     def __init__(
-        self, folder: str | Path, recipe: str, *, settings: Mapping[str, Any] | None = None, keep: int = 3
+        self,
+        folder: str | Path,
+        recipe: str,
+        *,
+        settings: Mapping[str, Any] | None = None,
+        objective: Mapping[str, Any] | None = None,
+        keep: int = 3,
     ) -> None:
         self.folder, self.recipe = Path(folder), recipe
-        self.settings = dict(settings) if settings is not None else {}
+        self.settings, self.objective = dict(settings or {}), dict(objective or {})
         self.checkpoints = Checkpoints(self.folder, recipe, keep=keep)
         self._lock = Lock(self.folder / LOCK)
 
@@ -80,13 +87,15 @@ class RunFolder:
     def _claim(self) -> None:
         """Write down whose folder it is, or see that it is ours."""
         about = self.folder / ABOUT
-        mine = json.loads(json.dumps({"recipe": self.recipe, "settings": self.settings}, default=str))
+        told = {"recipe": self.recipe, "settings": self.settings, "objective": self.objective}
+        mine = json.loads(json.dumps(told, default=str))
         if not about.exists():
             write_atomic(about, json.dumps(mine, indent=1) + "\n", durable=True)
             return
         try:
             theirs = json.loads(about.read_text("utf-8"))
             recipe, settings = theirs["recipe"], dict(theirs["settings"])
+            objective = dict(theirs.get("objective", {}))  # runs of before it was kept have none
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise BadInput(f"{ABOUT} cannot be read", "choose another folder", where=str(self.folder)) from error
         if recipe != self.recipe:
@@ -95,9 +104,20 @@ class RunFolder:
                 "choose another folder",
                 where=str(self.folder),
             )
-        other = sorted(key for key in {*settings, *mine["settings"]} if settings.get(key) != mine["settings"].get(key))
+        other = _differences(settings, mine["settings"])
+        if objective and self.objective:
+            other += _differences(objective, mine["objective"])
         if other:
-            told = ", ".join(f"{key} = {settings.get(key)} (now {mine['settings'].get(key)})" for key in other)
             raise BadInput(
-                f"the run was begun with {told}", "give the same settings, or another folder", where=str(self.folder)
+                f"the run was begun with {', '.join(other)}",
+                "give the same settings, or another folder",
+                where=str(self.folder),
             )
+
+
+def _differences(theirs: Mapping[str, Any], mine: Mapping[str, Any]) -> list[str]:
+    """Each value that is another one now, in words."""
+    names = sorted({*theirs, *mine})
+    return [
+        f"{name} = {theirs.get(name)} (now {mine.get(name)})" for name in names if theirs.get(name) != mine.get(name)
+    ]

@@ -2,7 +2,7 @@
 
 | file               | what it holds                                                  |
 |--------------------|----------------------------------------------------------------|
-| ``run.json``       | recipe and settings                                            |
+| ``run.json``       | recipe, settings of the run and of its objective               |
 | ``checkpoint-*``   | all that the run needs to go on                                |
 | ``log.csv``        | one row a step: frames, seconds, losses, belief, figures       |
 """

@@ -6,9 +6,8 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
+from onlinebayes.experiments import closing_line, status
 from onlinebayes.runs import atomic_path
-from recipes.command import status
-from recipes.common import written
 from recipes.demo.picture import picture
 from recipes.demo.run import QUICK, SIGNAL, Branch, Budget, Outcome, run
 
@@ -66,7 +65,7 @@ def directions(out: Path) -> str:
         [
             f"criticism: {refine / 'report.html'} and {refine / 'run.rrd'}   open both with: onlinebayes show {refine}",
             f"picture:   {out / 'demo.png'}",
-            written(out),
+            closing_line(out),
         ]
     )
 

@@ -14,7 +14,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.driven_pendulum import MODEL, BalanceTask, DrivenPendulumRig
 from onlinebayes.inference import Belief, BoxUniform
-from onlinebayes.objectives import PPO, ppo
+from onlinebayes.objectives import PPO, PPOSettings, ppo
 from onlinebayes.simulators import Identifiable, SimulatorEnv
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.trainers import Policy, Problem, SimulatedPlayer, collector_of, improve
@@ -60,15 +60,10 @@ def balance_ppo(problem: Problem, how: Training, seed: int) -> PPO:
     """PPO for the balance task, nothing learnt yet."""
     torch.manual_seed(seed)
     frames = how.worlds * how.steps
-    return ppo(
-        *problem.specs,
-        frames_per_batch=frames,
-        minibatch=frames // 4,
-        epochs=6,
-        gamma=0.98,
-        lmbda=0.9,
-        entropy=0.002,
+    settings = PPOSettings(
+        frames_per_batch=frames, minibatch=frames // 4, epochs=6, gamma=0.98, lmbda=0.9, entropy=0.002
     )
+    return ppo(*problem.specs, settings)
 
 
 def train(problem: Problem, objective: PPO, how: Training, seed: int, told: Told) -> None:

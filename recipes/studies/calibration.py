@@ -24,10 +24,10 @@ from typing import Any, Literal
 
 import torch
 
+from onlinebayes.experiments import status
 from onlinebayes.inference import NeuralEstimator
 from onlinebayes.inference.calibration import ball_credibility, credibility_of
 from onlinebayes.runs import ResultTable
-from recipes.command import status
 from recipes.studies.exact import coverage_error
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
 from recipes.studies.resumable import each_kept_or_done

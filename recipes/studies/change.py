@@ -30,6 +30,7 @@ from torch import Tensor
 from torchrl.envs import step_mdp
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
+from onlinebayes.experiments import status
 from onlinebayes.inference import (
     Alarm,
     Density,
@@ -46,7 +47,6 @@ from onlinebayes.runs import ResultTable, generator
 from onlinebayes.trainers import Listed
 from onlinebayes.trainers.trajectories import trajectories
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
 from recipes.studies.one_round import OneRound, begun, mixture
 from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.studies.ringing import SIZES, measured

@@ -17,12 +17,11 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from onlinebayes.experiments import Run, Settings, status
 from onlinebayes.inference import NeuralEstimator
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import Progress, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
-from recipes.command import status
-from recipes.common import Run, Settings
 
 BUILD: dict[str, Callable[[Settings], Run]] = {
     "pendulum": pendulum.build,

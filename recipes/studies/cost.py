@@ -30,8 +30,8 @@ from typing import Any, Literal
 import numpy as np
 
 from envs.rigs import RIGS, Rig, sized_case, write_case
+from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput, ResultTable
-from recipes.command import status
 
 Part = Literal["arm", "long log", "growth", "six joints"]
 MEMORY = 4.0  # GB

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from envs.driven_pendulum.rig import DELAY
+from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable, atomic_path
-from recipes.command import status
 from recipes.demo.picture import picture
 from recipes.demo.run import SIGNAL, Budget, Outcome, run
 

@@ -23,11 +23,11 @@ from tensordict import TensorDict
 from envs.cartpole import CartPole
 from envs.pendulum import Pendulum
 from onlinebayes.embeddings import Embedding, LSTMEmbedding, SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import status
 from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralPosteriorLoss, fit
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import Progress, ResultTable, seed_everything
 from onlinebayes.simulators import TorchSimulator
-from recipes.command import status
 from recipes.studies.timing import median, rate, spread
 
 SPACE = ParameterSpace({"length": Parameter(0.1, 1.0, "m"), "mass": Parameter(0.1, 1.0, "kg")})

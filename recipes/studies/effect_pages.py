@@ -15,11 +15,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from onlinebayes.experiments import status
 from onlinebayes.identification import quantities
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput, Progress, ResultTable, write_atomic
 from onlinebayes.simulators.effects import EFFECTS, Effect
-from recipes.command import status
 from recipes.studies.effect_pages_likeness import Likeness, Trace, nearest, traces
 from recipes.studies.effect_pages_machine import (
     SPECIMENS,

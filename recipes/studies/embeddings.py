@@ -16,9 +16,9 @@ from pathlib import Path
 from time import process_time
 from typing import Any
 
+from onlinebayes.experiments import status
 from onlinebayes.inference.calibration import ball_credibility
 from onlinebayes.runs import ResultTable
-from recipes.command import status
 from recipes.studies.calibration import NOISE, SIMULATIONS, THETAS
 from recipes.studies.exact import coverage_error
 from recipes.studies.one_round import EMBEDDINGS, TASKS, OneRound, begun, mixture

@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from envs.measured import FOLDER
+from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput, ResultTable
-from recipes.command import status
 
 SIGNAL = "qpos.carriage"
 PROBLEM = FOLDER / "emps" / "problem.toml"

@@ -17,13 +17,12 @@ from functools import partial
 from pathlib import Path
 
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.experiments import hidden_truth, status
 from onlinebayes.inference import BoxUniform, fit, residual_estimator
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.runs import ResultTable, RunFolder, seed_everything
 from onlinebayes.trainers import OnlineState, OnlineTrainer, Problem, Schedule, Sizes, online_trainer, run_in_folder
 from recipes import pendulum
-from recipes.command import status
-from recipes.common import hidden_truth
 
 GROWTH, OVERHEAD = 0.02, 0.05
 
@@ -49,7 +48,7 @@ def build(seed: int) -> tuple[Problem, OnlineTrainer]:
     train = partial(fit, epochs=8, batch_size=50, learning_rate=4e-3)
     trainer = online_trainer(
         problem,
-        sac(*problem.specs, memory=20_000),
+        sac(*problem.specs, SACSettings(memory=20_000)),
         estimator=residual_estimator(problem.simulator, problem.task, state=pendulum.state, train=train),
         real=problem.hidden(truth, seed + 2000),
         schedule=Schedule(10_000, 8, real_steps=50),

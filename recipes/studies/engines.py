@@ -31,8 +31,8 @@ from typing import Any
 
 from envs.hopper.standard import JOINTS
 from onlinebayes.criticism import same_as
+from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable
-from recipes.command import status
 from recipes.studies.engines_data import CASES, Case, written
 from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 

@@ -26,12 +26,11 @@ from typing import Any, Literal
 
 import torch
 
+from onlinebayes.experiments import Run, Settings, status
 from onlinebayes.inference import filtered_estimator, fit
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from recipes import cartpole, pendulum
-from recipes.command import status
-from recipes.common import Run, Settings
 from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_online import ended, reference
 

@@ -21,7 +21,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -29,6 +29,7 @@ from typing import Any
 import torch
 
 from envs.fetch import FRICTION, ScriptedPusher
+from onlinebayes.experiments import status
 from onlinebayes.objectives import DDPG
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import (
@@ -41,8 +42,7 @@ from onlinebayes.runs import (
 )
 from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
-from recipes.command import status
-from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
+from recipes.fetch import LEARNING, STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
 from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
 
 SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
@@ -146,12 +146,8 @@ def policy_of(case: Case, seed: int, place: Path) -> tuple[DDPG, list[dict[str, 
     """The learner after its last batch, and how it came there; it goes on from what is saved in ``place``."""
     seed_everything(seed)
     made, worlds = made_of(case)
-    learner = objective(
-        made,
-        frames_per_update=case.frames_per_update,
-        demonstrations=case.demonstrations,
-        elsewhere=case.elsewhere,
-    )
+    learning = replace(LEARNING, frames_per_update=case.frames_per_update, demonstrations=case.demonstrations)
+    learner = objective(made, learning, elsewhere=case.elsewhere)
     saved, course, done = Checkpoints(place, "fetch", keep=1), [], 0
     if (checkpoint := saved.load()) is not None:
         if checkpoint.state.get("case") != asdict(case):

@@ -33,13 +33,13 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 
 from envs.fetch import FRICTION, motion
 from onlinebayes.embeddings import TransitionFeatures
+from onlinebayes.experiments import status
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.objectives import Exploration
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.trainers.trajectories import Policy
-from recipes.command import status
 from recipes.fetch import STEPS, Fetch, fetch, friction_estimator
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error

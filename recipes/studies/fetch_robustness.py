@@ -27,12 +27,11 @@ from matplotlib.figure import Figure
 from torch import Tensor
 
 from envs.fetch import FRICTION
+from onlinebayes.experiments import Kind, Run, folder_of, status
 from onlinebayes.inference.plots import POSTERIOR, PRIOR, TRUTH, save
 from onlinebayes.runs import Progress, ResultTable
 from onlinebayes.trainers import Listed
 from recipes import fetch_push, fetch_slide
-from recipes.command import status
-from recipes.common import Kind, Run, folder_of
 from recipes.fetch import WORDS, outcomes
 from recipes.studies.finished_run import finished_run
 from recipes.studies.resumable import printed_by

@@ -19,9 +19,9 @@ import numpy as np
 import torch
 
 from envs.fetch import FetchSimulator, FetchTask, scene
+from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable
 from onlinebayes.simulators import SimulatorEnv
-from recipes.command import status
 from recipes.studies.fetch_peer import environments
 from recipes.studies.resumable import check_names
 

@@ -20,10 +20,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.trainers import collector_of
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
 from recipes.fetch import STEPS, WORLDS, objective, success
 from recipes.studies.fetch import CASES, made_of
 from recipes.studies.fetch_peer import environments

@@ -25,6 +25,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from onlinebayes.experiments import Kind, Run, Settings, status
 from onlinebayes.inference import Belief, BoxUniform, Density
 from onlinebayes.inference.plots import POSTERIOR, PRIOR, TRUTH, save
 from onlinebayes.parameters import ParameterSpace
@@ -32,8 +33,6 @@ from onlinebayes.runs import Progress, seed_everything
 from onlinebayes.trainers import Listed, OnlineState, returns
 from onlinebayes.transforms import ParameterRandomization
 from recipes import cartpole, pendulum
-from recipes.command import status
-from recipes.common import Kind, Run, Settings
 from recipes.studies import tables
 from recipes.studies.one_round import OneRound, begun, mixture
 from recipes.studies.table_systems import SYSTEMS

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TypeVar
 
+from onlinebayes.experiments import STOPPED, Run, Settings, place_of, recorded_settings, run
 from onlinebayes.runs import BadInput, Checkpoints, RunFolder
 from onlinebayes.trainers import OnlineState, Saver
-from recipes.command import STOPPED
-from recipes.common import Run, Settings, place_of, run, told
 
 S = TypeVar("S", bound=Settings)
 
@@ -28,7 +27,7 @@ def finished_run(name: str, build: Callable[[S], Run], settings: S) -> tuple[Run
     folder = place_of(name, settings)
     if not (folder / "finished").exists() and run(name, build, settings) == STOPPED:
         raise KeyboardInterrupt
-    with RunFolder(folder, name, settings=told(settings)):  # which refuses other settings
+    with RunFolder(folder, name, settings=recorded_settings(settings)):  # which refuses other settings
         made = build(settings)
         state = OnlineState.begin(made.problem.prior)
         if not Saver(made.trainer, Checkpoints(folder, name)).resume(state):

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from onlinebayes.experiments import status
 from onlinebayes.runs import write_atomic
-from recipes.command import status
 
 HEAD = """# Goals
 

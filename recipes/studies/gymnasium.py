@@ -33,14 +33,14 @@ from envs.acrobot import Acrobot, AcrobotTask
 from envs.cartpole import CartPole, CartPoleTask
 from envs.mountain_car import MountainCar, MountainCarContinuous, MountainCarContinuousTask, MountainCarTask
 from envs.pendulum import Pendulum, PendulumTask
+from onlinebayes.experiments import status
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import Objective, ppo, sac
+from onlinebayes.objectives import Objective, PPOSettings, SACSettings, ppo, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.trainers import Point, Problem, collector_of
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
 
 EPISODES = 100
 
@@ -81,7 +81,7 @@ CASES = {
         Pendulum,
         PendulumTask(),
         SAME,
-        partial(sac, tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8),
+        partial(sac, settings=SACSettings(tau=0.02, gamma=0.98, reward_scale=0.1, alpha=0.3, frames_per_update=8)),
         64,
         16,
         60,
@@ -89,13 +89,25 @@ CASES = {
         -160.0,
     ),
     "Acrobot-v1": Case(
-        Acrobot, AcrobotTask(), SAME, partial(ppo, learning_rate=3e-4, epochs=8), 64, 64, 120, 0, -80.0, episodes=512
+        Acrobot,
+        AcrobotTask(),
+        SAME,
+        partial(ppo, settings=PPOSettings(learning_rate=3e-4, epochs=8)),
+        64,
+        64,
+        120,
+        0,
+        -80.0,
+        episodes=512,
     ),
     "MountainCar-v0": Case(
         MountainCar,
         MountainCarTask(),
         FORCE,
-        partial(ppo, normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024),
+        partial(
+            ppo,
+            settings=PPOSettings(normalise=True, gamma=0.998, lmbda=1.0, frames_per_batch=8192, minibatch=1024),
+        ),
         64,
         128,
         80,
@@ -106,7 +118,10 @@ CASES = {
         MountainCarContinuous,
         MountainCarContinuousTask(),
         POWER,
-        partial(sac, normalise=True, gamma=0.995, tau=0.01, reward_scale=0.1, alpha=0.1, memory=200_000),
+        partial(
+            sac,
+            settings=SACSettings(normalise=True, gamma=0.995, tau=0.01, reward_scale=0.1, alpha=0.1, memory=200_000),
+        ),
         64,
         32,
         60,

@@ -29,10 +29,10 @@ from typing import Any, Literal
 
 from tensordict import TensorDict
 
+from onlinebayes.experiments import status
 from onlinebayes.runs import Interrupt, Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.trainers import Excited, Finding, GrowingTrainer, OnlineState, improve
 from onlinebayes.trainers.real import united
-from recipes.command import status
 from recipes.hidden_effect import MOMENTS, Settings, build
 from recipes.hidden_systems import SYSTEMS
 

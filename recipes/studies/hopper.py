@@ -27,14 +27,13 @@ from typing import Any, Literal, get_args
 
 from tensordict import TensorDictBase
 
+from onlinebayes.experiments import Kind, Run, status
 from onlinebayes.inference import PosteriorEstimator
 from onlinebayes.inference.calibration import ball_credibility
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import Listed, OnlineState, Problem
 from recipes import hopper
-from recipes.command import status
-from recipes.common import Kind, Run
 from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error

@@ -24,6 +24,7 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import status
 from onlinebayes.inference import (
     BoxUniform,
     FlowEstimator,
@@ -33,7 +34,6 @@ from onlinebayes.inference import (
     fit,
 )
 from onlinebayes.runs import ResultTable
-from recipes.command import status
 from recipes.studies.known_tasks import TASKS, KnownTask
 from recipes.studies.one_round import begun
 from recipes.studies.resumable import each_kept_or_done

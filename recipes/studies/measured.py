@@ -18,8 +18,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
+from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput, ResultTable, Row
-from recipes.command import status
 from recipes.studies import measured_sets
 from recipes.studies.resumable import check_names
 

@@ -40,9 +40,9 @@ from onlinebayes.criticism import (
     prepare,
     wider_bounds,
 )
+from onlinebayes.experiments import STOPPED, status
 from onlinebayes.problems import ProblemFile
 from onlinebayes.runs import UNWATCHED, BadInput, Progress, ResultTable, one_torch_thread, write_atomic
-from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
 from recipes.studies.blind_rigs.table import Goal, add_share

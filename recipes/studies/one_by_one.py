@@ -22,13 +22,13 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import status
 from onlinebayes.inference import Belief, BoxUniform, Density, EpsilonFree, PopulationABC, proposals
 from onlinebayes.inference.calibration import ball_credibility, credibility_of
 from onlinebayes.inference.neural import mixture_of
 from onlinebayes.inference.population import Simulate
 from onlinebayes.runs import ResultTable
 from onlinebayes.trainers import Listed
-from recipes.command import status
 from recipes.studies.calibration import NOISE, SEED, add_cell
 from recipes.studies.one_round import TRAIN, OneRound, begun
 from recipes.studies.resumable import each_kept_or_done

@@ -29,6 +29,7 @@ from onlinebayes.embeddings import (
     SummaryEmbedding,
     TransitionFeatures,
 )
+from onlinebayes.experiments import Settings
 from onlinebayes.inference import (
     FlowEstimator,
     FourierFeatures,
@@ -44,7 +45,6 @@ from onlinebayes.inference import (
 from onlinebayes.trainers import Problem, Simulations
 from onlinebayes.trainers.trajectories import Policy
 from recipes import acrobot, cartpole, mountain_car, pendulum
-from recipes.common import Settings
 
 TASKS: dict[str, ModuleType] = {
     "pendulum": pendulum,

@@ -18,10 +18,9 @@ from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 
+from onlinebayes.experiments import STOPPED, Kind, Run, Settings, run, settle, status
 from onlinebayes.runs import Progress, ResultTable
 from recipes import acrobot, cartpole, pendulum
-from recipes.command import STOPPED, settle, status
-from recipes.common import Kind, Run, Settings, run
 
 KINDS: tuple[Kind, ...] = ("online", "posterior-first", "prior", "oracle")
 BUILD: dict[str, Callable[[Settings], Run]] = {

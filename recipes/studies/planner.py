@@ -30,14 +30,13 @@ from torch import Generator, Tensor
 
 from envs.skid_steer import CircleTask, SkidSteerKinematics
 from onlinebayes.control import MPPI, Bounds, Coloured, CVaR, Knots, Mean, Noise, Risk, Unscented, White, WorstCase
+from onlinebayes.experiments import hidden_truth, status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.trainers import Listed, Point
 from onlinebayes.trainers.trajectories import returns
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
-from recipes.common import hidden_truth
 from recipes.studies.planner_peer import torchrl_planner
 from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.swing_up import NEAR, SYSTEMS, Name, belief_of, cost_of, planner_of, problem_of

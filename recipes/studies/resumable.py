@@ -14,9 +14,9 @@ from typing import Any, TypeVar, final
 import envs
 import onlinebayes
 import recipes
+from onlinebayes.experiments import workers_of
 from onlinebayes.runs import BadInput, Progress, ResultTable, commit, write_atomic
 from onlinebayes.trainers.distributed import Here
-from recipes.common import workers_of
 
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")

@@ -18,11 +18,10 @@ from jaxtyping import Float
 from matplotlib.figure import Figure
 from torch import Tensor
 
+from onlinebayes.experiments import Kind, Run, Settings, folder_of, status
 from onlinebayes.runs import BadInput, Checkpoints, Progress, ResultTable, atomic_path
 from onlinebayes.trainers import Listed, OnlineState, Saver, returns
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
-from recipes.common import Kind, Run, Settings, folder_of
 from recipes.studies.online import BUILD
 
 SIDE, EPISODES, NEAR = 15, 4, 0.1

@@ -22,13 +22,12 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.experiments import Settings, status
 from onlinebayes.inference import BoxUniform, saving
 from onlinebayes.inference.changing import ChangingBelief
 from onlinebayes.inference.run_length import Hazard
 from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.trainers import AdaptivePlanner, OnlineState, Point
-from recipes.command import status
-from recipes.common import Settings
 from recipes.skid_steer import SPACE, composed
 from recipes.studies.resumable import check_names, each_kept_or_done, print_rows, printed_by
 from recipes.studies.skid_steer_drives import STEPS, WINDOW, drive, estimator_for_loops, planned_for

@@ -21,13 +21,13 @@ from torch import Tensor
 
 from envs.measured.skid_steer import SkidSteer
 from onlinebayes.criticism import Criticism, fit
+from onlinebayes.experiments import status
 from onlinebayes.identification import make_windows, split
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.problems import ProblemFile, criticise
 from onlinebayes.report import write_report
 from onlinebayes.runs import ResultTable, Row, generator, write_atomic
-from recipes.command import status
 from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
 from recipes.studies.resumable import check_names, kept, printed_by
 

@@ -24,10 +24,10 @@ from torchrl.envs import EnvBase, GymEnv, TransformedEnv
 from torchrl.modules import MLP, OneHotCategorical, ProbabilisticActor
 
 from envs.cartpole import CartPole, CartPoleTask
+from onlinebayes.experiments import status
 from onlinebayes.runs import Progress, ResultTable, seed_everything
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.transforms import ParameterRandomization
-from recipes.command import status
 from recipes.studies.speed_hopper import Bench, hopper_rows
 from recipes.studies.timing import PAIRS, alternate, median, rate, spread
 

@@ -20,8 +20,8 @@ from typing import Any
 
 import torch
 
+from onlinebayes.experiments import status
 from onlinebayes.runs import Checkpoints, Progress, ResultTable
-from recipes.command import status
 
 
 @dataclass(frozen=True)

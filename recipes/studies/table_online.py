@@ -19,13 +19,12 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from onlinebayes.experiments import Run, Settings, status
 from onlinebayes.inference import LikelihoodEstimator, filter_of
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState
 from recipes import acrobot, cartpole, pendulum
-from recipes.command import status
-from recipes.common import Run, Settings
 from recipes.studies.resumable import each_kept_or_done
 
 SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300

@@ -25,6 +25,7 @@ import torch
 from tensordict import TensorDict, TensorDictBase
 
 from onlinebayes.embeddings import Embedding, PooledEmbedding, StatisticsEmbedding, SummaryEmbedding, TransitionFeatures
+from onlinebayes.experiments import status
 from onlinebayes.inference import (
     BoxUniform,
     FlowEstimator,
@@ -39,7 +40,6 @@ from onlinebayes.inference import (
 )
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable
-from recipes.command import status
 from recipes.studies.one_round import FEATURES, begun
 from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_systems import SYSTEMS, System

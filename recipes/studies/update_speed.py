@@ -30,9 +30,9 @@ from torchrl.envs import CatTensors
 from torchrl.modules import MLP, ValueOperator
 from torchrl.objectives import DDPGLoss, SACLoss, SoftUpdate
 
-from onlinebayes.objectives import Hindsight, ddpg, sac, stochastic_policy
+from onlinebayes.experiments import status
+from onlinebayes.objectives import DDPGSettings, Hindsight, SACSettings, ddpg, sac, stochastic_policy
 from onlinebayes.runs import Progress, ResultTable, seed_everything
-from recipes.command import status
 from recipes.studies.timing import Pairs, alternate, median, spread
 
 Step = Callable[[], object]
@@ -142,7 +142,7 @@ def sac_by_hand(data: TensorDict) -> Step:
 
 def sac_of_ours(data: TensorDict) -> Step:
     """The library's."""
-    objective = sac(Unbounded((OBS,)), Bounded(-1, 1, (A,)), minibatch=B, widths=(64, 64))
+    objective = sac(Unbounded((OBS,)), Bounded(-1, 1, (A,)), SACSettings(minibatch=B, widths=(64, 64)))
     objective.buffer.extend(data.select(*objective.loss.in_keys).reshape(-1))
     return objective.step
 
@@ -201,17 +201,8 @@ def ddpg_by_hand(data: TensorDict) -> Step:
 def ddpg_of_ours(data: TensorDict) -> Step:
     """The library's."""
     observed = Composite(observation=Unbounded((OBS,)), desired_goal=Unbounded((G,)))
-    objective = ddpg(
-        observed,
-        Bounded(-1, 1, (A,)),
-        in_keys=KEYS,
-        hindsight=Hindsight(reward),
-        minibatch=B,
-        memory=EPISODES * T,
-        value_range=(-50.0, 0.0),
-        action_penalty=0.1,
-        steps=1,
-    )
+    settings = DDPGSettings(minibatch=B, memory=EPISODES * T, value_range=(-50.0, 0.0), action_penalty=0.1, steps=1)
+    objective = ddpg(observed, Bounded(-1, 1, (A,)), settings, in_keys=KEYS, hindsight=Hindsight(reward))
     objective.buffer.extend(data)
     return objective.step
 

@@ -34,12 +34,11 @@ import torch
 from tensordict import TensorDict
 from torch import Tensor
 
+from onlinebayes.experiments import Settings, status
 from onlinebayes.inference import NeuralEstimator, fit, residual_estimator
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import BadInput, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
-from recipes.command import status
-from recipes.common import Settings
 from recipes.studies.exact import coverage_error
 from recipes.studies.resumable import UNKNOWN, check_names, each_kept_or_done
 from recipes.studies.resumable import kept as found_in

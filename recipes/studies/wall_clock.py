@@ -23,11 +23,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from onlinebayes.experiments import Run, Settings, status
 from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomic
 from onlinebayes.trainers import OnlineState
 from recipes import cartpole, pendulum
-from recipes.command import status
-from recipes.common import Run, Settings
 
 BUILD: dict[str, Callable[[Settings], Run]] = {"cartpole": cartpole.build, "pendulum": pendulum.build}
 SOLVED = {"cartpole": 475.0, "pendulum": -200.0}

@@ -28,8 +28,8 @@ from stable_baselines3.common.env_util import make_vec_env
 from torch import Tensor
 from torch.utils.tensorboard import SummaryWriter
 
+from onlinebayes.experiments import hidden_truth
 from recipes import cartpole, pendulum
-from recipes.common import hidden_truth
 from recipes.studies.wall_clock import SOLVED, Outcome, Stopwatch
 
 Array = NDArray[np.float64]

@@ -12,7 +12,7 @@ from torchrl.envs.utils import ExplorationType, check_env_specs, set_exploration
 
 from envs.reach import MODEL, PHYSICAL, ReachTask, arm, fingertip
 from envs.reach.task import AWAY, START
-from onlinebayes.objectives import Hindsight, ddpg
+from onlinebayes.objectives import DDPGSettings, Hindsight, ddpg
 from onlinebayes.simulators import Drawable, GoalTask, SimulatorEnv
 from onlinebayes.simulators.testing import check_simulator
 
@@ -124,13 +124,9 @@ def test_hindsight_solves_it_and_the_same_without_does_not(hindsight: bool) -> N
     objective = ddpg(
         made.observation_spec_unbatched,
         made.action_spec_unbatched,
+        DDPGSettings(widths=(128, 128), gamma=0.95, value_range=(-20.0, 0.0), action_penalty=0.1, frames_per_update=8),
         in_keys=("observation", "desired_goal"),
         hindsight=Hindsight(made.task.goal_reward) if hindsight else None,
-        widths=(128, 128),
-        gamma=0.95,
-        value_range=(-20.0, 0.0),
-        action_penalty=0.1,
-        frames_per_update=8,
     )
     collector = Collector(
         made, objective.policy, frames_per_batch=1600, total_frames=40_000, auto_register_policy_transforms=False

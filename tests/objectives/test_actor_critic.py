@@ -10,10 +10,10 @@ from torchrl.data import Bounded, Categorical, Composite, OneHot, Unbounded
 from torchrl.envs import Compose, EnvBase, TransformedEnv
 from torchrl.envs.utils import ExplorationType, check_env_specs, set_exploration_type
 
-from onlinebayes.objectives import Objective, actor_critic, ppo
+from onlinebayes.objectives import ActorCriticSettings, Objective, PPOSettings, actor_critic, ppo
 from onlinebayes.runs import BadInput
 
-OBSERVATION = Unbounded((3,))
+OBSERVATION, USUAL = Unbounded((3,)), ActorCriticSettings()
 
 
 class Recall(EnvBase):
@@ -71,22 +71,23 @@ def score(env, policy) -> float:
     return float(told["reward"].sum() / told["done"].sum())
 
 
-def remembering(ragged: bool = False, n: int = 64, delay: int = 4, **settings):
+def remembering(settings=USUAL, *, ragged: bool = False, n: int = 64, delay: int = 4):
     """An objective for the recall task and its environment."""
     plain = Recall(n, delay, ragged)
-    objective = actor_critic(plain.observation_spec_unbatched, plain.action_spec_unbatched, **settings)
+    objective = actor_critic(plain.observation_spec_unbatched, plain.action_spec_unbatched, settings)
     return objective, TransformedEnv(plain, Compose(*objective.transforms()))
 
 
 @pytest.mark.usefixtures("without_shape_checks")
 def test_recall_is_solved_with_memory_and_stays_at_chance_without():
-    objective, env = remembering(width=32, learning_rate=2e-3, gamma=0.9)
+    objective, env = remembering(ActorCriticSettings(width=32, learning_rate=2e-3, gamma=0.9))
     for data in collected(env, objective, 110, 10):
         objective.update(data)
     assert score(env, objective.policy) > 0.98
 
     plain = Recall(delay=4)
-    forgetful = ppo(plain.observation_spec_unbatched, plain.action_spec_unbatched, minibatch=320, gamma=0.9)
+    settings = PPOSettings(minibatch=320, gamma=0.9)
+    forgetful = ppo(plain.observation_spec_unbatched, plain.action_spec_unbatched, settings)
     for data in collected(plain, forgetful, 20, 10):
         forgetful.update(data)
     # 512 episodes: 4.5 standard deviations of a coin's share, a false failure in 100 000.
@@ -142,7 +143,7 @@ def batch(objective, n: int = 8, t: int = 12) -> TensorDict:
     "spec", [OneHot(2, dtype=torch.int64), Categorical(3), Bounded(torch.tensor([-2.0, 0.0]), torch.tensor([2.0, 1.0]))]
 )
 def test_it_acts_within_a_spec_and_gradient_reaches_every_weight(spec):
-    objective = actor_critic(OBSERVATION, spec, normalise=True)
+    objective = actor_critic(OBSERVATION, spec, ActorCriticSettings(normalise=True))
     data = batch(objective)
     assert spec.expand(*data.shape, *spec.shape).is_in(data["action"])
     with set_exploration_type(ExplorationType.DETERMINISTIC):
@@ -158,7 +159,8 @@ def test_it_acts_within_a_spec_and_gradient_reaches_every_weight(spec):
 
 def test_values_of_a_world_that_always_pays_one_are_its_discounted_sum():
     # Worlds that go on and worlds that end after 3 steps, all seen alike but for the clock.
-    objective = actor_critic(OBSERVATION, Categorical(2), gamma=0.5, lmbda=1.0, learning_rate=1e-2, max_grad_norm=10.0)
+    settings = ActorCriticSettings(gamma=0.5, lmbda=1.0, learning_rate=1e-2, max_grad_norm=10.0)
+    objective = actor_critic(OBSERVATION, Categorical(2), settings)
     n, t = 16, 12
     clock = torch.arange(t).remainder(3).float()[None, :, None].expand(n, t, 1)
     begins, done = clock == 0, clock == 2
@@ -185,9 +187,9 @@ def test_it_goes_on_bit_for_bit(tmp_path):
             objective.update(batch(objective))
         return objective
 
-    first = learnt(actor_critic(OBSERVATION, Categorical(2), normalise=True), 3)
+    first = learnt(actor_critic(OBSERVATION, Categorical(2), ActorCriticSettings(normalise=True)), 3)
     torch.save(first.state_dict(), tmp_path / "state.pt")
-    second = actor_critic(OBSERVATION, Categorical(2), normalise=True)
+    second = actor_critic(OBSERVATION, Categorical(2), ActorCriticSettings(normalise=True))
     second.load_state_dict(torch.load(tmp_path / "state.pt", weights_only=True))
     for objective in (first, second):
         torch.manual_seed(1)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 import torch
@@ -10,7 +11,19 @@ from torchrl.envs import Compose, EnvBase, StepCounter, TransformedEnv
 
 from envs.cartpole import CartPole, CartPoleTask
 from envs.pendulum import Pendulum, PendulumTask
-from onlinebayes.objectives import Hindsight, Objective, actor_critic, ddpg, inputs, ppo, sac
+from onlinebayes.objectives import (
+    ActorCriticSettings,
+    DDPGSettings,
+    Hindsight,
+    Objective,
+    PPOSettings,
+    SACSettings,
+    actor_critic,
+    ddpg,
+    inputs,
+    ppo,
+    sac,
+)
 from onlinebayes.objectives.testing import check_objective
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import SimulatorEnv
@@ -32,7 +45,7 @@ def points() -> EnvBase:
 
 
 def with_memory() -> EnvBase:
-    return TransformedEnv(cartpoles(), Compose(*actor_critic(*specs(cartpoles), width=8).transforms()))
+    return TransformedEnv(cartpoles(), Compose(*actor_critic(*specs(cartpoles), NARROW).transforms()))
 
 
 def specs(make_env: Callable[[], EnvBase]) -> tuple:
@@ -40,20 +53,25 @@ def specs(make_env: Callable[[], EnvBase]) -> tuple:
     return env.observation_spec_unbatched, env.action_spec_unbatched
 
 
-small = {"minibatch": 32, "widths": (8, 8)}
-hindsight = {"in_keys": KEYS, "hindsight": Hindsight(reward), "frames_per_update": 64}
+ONCE = PPOSettings(epochs=1, minibatch=32, widths=(8, 8))
+SOFT = SACSettings(memory=256, frames_per_update=64, minibatch=32, widths=(8, 8))
+DETERMINISTIC = DDPGSettings(memory=256, frames_per_update=64, minibatch=32, widths=(8, 8))
+NARROW = ActorCriticSettings(width=8)
 BUILT: dict[str, tuple[Callable[[], EnvBase], Callable[[], Objective]]] = {
-    "ppo": (cartpoles, lambda: ppo(*specs(cartpoles), epochs=1, **small)),
-    "ppo, normalised": (pendulums, lambda: ppo(*specs(pendulums), epochs=1, normalise=True, **small)),
-    "sac": (pendulums, lambda: sac(*specs(pendulums), memory=256, frames_per_update=64, **small)),
-    "sac, normalised": (
-        pendulums,
-        lambda: sac(*specs(pendulums), memory=256, normalise=True, frames_per_update=64, **small),
+    "ppo": (cartpoles, lambda: ppo(*specs(cartpoles), ONCE)),
+    "ppo, normalised": (pendulums, lambda: ppo(*specs(pendulums), replace(ONCE, normalise=True))),
+    "sac": (pendulums, lambda: sac(*specs(pendulums), SOFT)),
+    "sac, normalised": (pendulums, lambda: sac(*specs(pendulums), replace(SOFT, normalise=True))),
+    "ddpg": (pendulums, lambda: ddpg(*specs(pendulums), DETERMINISTIC)),
+    "ddpg, hindsight": (
+        points,
+        lambda: ddpg(*specs(points), DETERMINISTIC, in_keys=KEYS, hindsight=Hindsight(reward)),
     ),
-    "ddpg": (pendulums, lambda: ddpg(*specs(pendulums), memory=256, frames_per_update=64, **small)),
-    "ddpg, hindsight": (points, lambda: ddpg(*specs(points), memory=256, **hindsight, **small)),
-    "recurrent": (with_memory, lambda: actor_critic(*specs(cartpoles), width=8)),
-    "recurrent, normalised": (with_memory, lambda: actor_critic(*specs(cartpoles), width=8, normalise=True)),
+    "recurrent": (with_memory, lambda: actor_critic(*specs(cartpoles), NARROW)),
+    "recurrent, normalised": (
+        with_memory,
+        lambda: actor_critic(*specs(cartpoles), replace(NARROW, normalise=True)),
+    ),
 }
 
 

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import copy
+from dataclasses import replace
 
 import pytest
 import torch
@@ -12,7 +13,7 @@ from torchrl.envs.utils import ExplorationType, set_exploration_type
 from torchrl.modules import ValueOperator
 from torchrl.objectives import DDPGLoss, SoftUpdate
 
-from onlinebayes.objectives import DDPG, DeterministicLoss, Exploration, Hindsight, Objective, ddpg
+from onlinebayes.objectives import DDPG, DDPGSettings, DeterministicLoss, Exploration, Hindsight, Objective, ddpg
 from onlinebayes.runs import BadInput, seed_everything
 
 LOW, HIGH = torch.tensor([-2.0, 0.0]), torch.tensor([2.0, 1.0])
@@ -48,9 +49,11 @@ def walk(policy, n: int = 16, t: int = 20, kind=ExplorationType.RANDOM) -> Tenso
     return torch.stack(steps, 1).contiguous()
 
 
-def walker(**settings) -> DDPG:
-    settings = {"hindsight": Hindsight(reward), "in_keys": KEYS, "widths": (64, 64), "minibatch": 64} | settings
-    return ddpg(GOALS, Bounded(-1, 1, (2,)), **settings)
+SMALL, FUTURE = DDPGSettings(widths=(64, 64), minibatch=64), Hindsight(reward)
+
+
+def walker(settings: DDPGSettings = SMALL, hindsight: Hindsight | None = FUTURE) -> DDPG:
+    return ddpg(GOALS, Bounded(-1, 1, (2,)), settings, in_keys=KEYS, hindsight=hindsight)
 
 
 def transitions(n: int = 32, observation: int = 3) -> TensorDict:
@@ -70,7 +73,7 @@ def test_it_is_an_objective():
 @pytest.mark.parametrize("steps", [False, True])
 @pytest.mark.parametrize("normalise", [False, True])
 def test_losses_and_gradients_are_torchrls(steps, normalise):
-    objective = ddpg(OBSERVATION, ACTION, widths=(16, 16), gamma=0.9, normalise=normalise).loss.double()
+    objective = ddpg(OBSERVATION, ACTION, DDPGSettings(widths=(16, 16), gamma=0.9, normalise=normalise)).loss.double()
     inputs, actor, critic = objective.inputs, objective.actor, objective.critic
     objective.targets.load_state_dict(
         {k: v + 0.1 * torch.randn_like(v) for k, v in objective.targets.state_dict().items()}
@@ -132,7 +135,8 @@ def test_losses_and_gradients_are_torchrls(steps, normalise):
 
 def test_the_target_is_clipped():
     data = transitions(500)
-    inside, outside = (ddpg(OBSERVATION, ACTION, widths=(8,), value_range=r) for r in ((-0.2, 0.1), None))
+    ranges = (-0.2, 0.1), None
+    inside, outside = (ddpg(OBSERVATION, ACTION, DDPGSettings(widths=(8,), value_range=r)) for r in ranges)
     outside.load_state_dict(inside.state_dict())
     with torch.no_grad():
         actor, critic = inside.loss.targets
@@ -145,7 +149,8 @@ def test_the_target_is_clipped():
 
 def test_the_action_penalty_is_in_units_of_the_bounds():
     data = transitions()
-    without, with_penalty = (ddpg(OBSERVATION, ACTION, widths=(8,), action_penalty=c) for c in (0.0, 3.0))
+    settings = (DDPGSettings(widths=(8,), action_penalty=c) for c in (0.0, 3.0))
+    without, with_penalty = (ddpg(OBSERVATION, ACTION, each) for each in settings)
     with_penalty.load_state_dict(without.state_dict())
     with set_exploration_type(ExplorationType.DETERMINISTIC):
         action = without.policy(data.select("observation"))["action"].detach()
@@ -180,7 +185,7 @@ def test_exploration_is_uniform_at_times_and_else_near():
 
 
 def test_gradient_reaches_every_weight_and_targets_follow():
-    objective = walker(steps=3, tau=0.5)
+    objective = walker(replace(SMALL, steps=3, tau=0.5))
     names = [name for name, value in objective.loss.named_parameters() if value.requires_grad]
     assert names
     assert not any(name.startswith("targets") for name in names)
@@ -199,20 +204,21 @@ def solve(objective: DDPG, rounds: int = 16) -> float:
     return float((end == 0).float().mean())
 
 
-SETTINGS = {"gamma": 0.95, "value_range": (-20.0, 0.0), "action_penalty": 0.1, "frames_per_update": 8}
+GOALS_AHEAD = replace(SMALL, gamma=0.95, value_range=(-20.0, 0.0), action_penalty=0.1, frames_per_update=8)
 
 
 @pytest.mark.usefixtures("without_shape_checks")
 def test_goals_are_reached_with_hindsight_and_not_without():
     # Six seeds of each: with hindsight 1.0, without it at most .05.
-    assert solve(walker(**SETTINGS)) > 0.9
+    assert solve(walker(GOALS_AHEAD)) > 0.9
     seed_everything(0)
-    assert solve(walker(**SETTINGS, hindsight=None)) < 0.3
+    assert solve(walker(GOALS_AHEAD, hindsight=None)) < 0.3
 
 
 @pytest.mark.usefixtures("without_shape_checks")
 def test_plain_ddpg_learns_a_bandit():
-    objective = ddpg(OBSERVATION, ACTION, widths=(32, 32), gamma=0.5, minibatch=64, frames_per_update=8)
+    settings = DDPGSettings(widths=(32, 32), gamma=0.5, minibatch=64, frames_per_update=8)
+    objective = ddpg(OBSERVATION, ACTION, settings)
     best = torch.tensor([1.0, 0.5])
 
     def play(kind: ExplorationType) -> TensorDict:
@@ -231,7 +237,7 @@ def test_plain_ddpg_learns_a_bandit():
 
 
 def test_it_goes_on_bit_identically():
-    first, second = (walker(steps=2, demonstrations=0.2) for _ in range(2))
+    first, second = (walker(replace(SMALL, steps=2, demonstrations=0.2)) for _ in range(2))
     first.demonstrate(walk(first.policy))
     first.update(walk(first.policy))
     second.load_state_dict(copy.deepcopy(first.state_dict()))
@@ -282,7 +288,7 @@ def test_a_value_that_is_no_number_is_named_and_nothing_learnt():
 
 
 def test_padding_is_not_learnt_from():
-    objective = walker(frames_per_update=1000)
+    objective = walker(replace(SMALL, frames_per_update=1000))
     data = walk(objective.policy)
     mask = torch.arange(20).expand(16, 20) < 5
     data = torch.where(mask, data, data.clone().zero_()).set(("collector", "mask"), mask)
@@ -310,6 +316,7 @@ def test_the_loss_takes_any_networks():
         objective.loss.targets,
         -torch.ones(2),
         torch.ones(2),
+        gamma=0.98,
     )
     data = walk(objective.policy).reshape(-1)
     loss(data.select(*loss.in_keys))["loss_value"].backward()

@@ -13,7 +13,18 @@ from torchrl.envs import TransformedEnv
 
 from envs.cartpole import CartPole, CartPoleTask
 from envs.pendulum import Pendulum, PendulumTask
-from onlinebayes.objectives import ActorCritic, Hindsight, Objective, actor_critic, ddpg, ppo, sac
+from onlinebayes.objectives import (
+    ActorCritic,
+    DDPGSettings,
+    Hindsight,
+    Objective,
+    PPOSettings,
+    SACSettings,
+    actor_critic,
+    ddpg,
+    ppo,
+    sac,
+)
 from onlinebayes.simulators import SimulatorEnv
 from tests.objectives.test_ddpg import GOALS, KEYS, reward, walk, walker
 
@@ -32,10 +43,10 @@ def cartpoles() -> SimulatorEnv:
 
 
 BUILT: dict[str, tuple[Callable[[], SimulatorEnv], Callable[..., Objective]]] = {
-    "ppo of a choice": (cartpoles, partial(ppo, minibatch=64, normalise=True)),
-    "ppo": (pendulums, partial(ppo, minibatch=64)),
-    "sac": (pendulums, partial(sac, minibatch=32, normalise=True)),
-    "ddpg": (pendulums, partial(ddpg, minibatch=32, widths=(32, 32))),
+    "ppo of a choice": (cartpoles, partial(ppo, settings=PPOSettings(minibatch=64, normalise=True))),
+    "ppo": (pendulums, partial(ppo, settings=PPOSettings(minibatch=64))),
+    "sac": (pendulums, partial(sac, settings=SACSettings(minibatch=32, normalise=True))),
+    "ddpg": (pendulums, partial(ddpg, settings=DDPGSettings(minibatch=32, widths=(32, 32)))),
     "recurrent": (cartpoles, actor_critic),
 }
 
@@ -82,9 +93,9 @@ def on_the_cpu(state: object) -> object:
 
 def test_hindsight_and_demonstrations() -> None:
     action = Bounded(-1, 1, (2,)).to(DEVICE)
-    settings = {"hindsight": Hindsight(reward), "widths": (32, 32), "minibatch": 64, "demonstrations": 0.25}
-    objective = ddpg(GOALS.to(DEVICE), action, in_keys=KEYS, **settings)
-    walked = walk(walker(widths=(32, 32)).policy)
+    settings = DDPGSettings(widths=(32, 32), minibatch=64, demonstrations=0.25)
+    objective = ddpg(GOALS.to(DEVICE), action, settings, in_keys=KEYS, hindsight=Hindsight(reward))
+    walked = walk(walker(DDPGSettings(widths=(32, 32))).policy)
     objective.demonstrate(walked.to(DEVICE))
     losses = objective.update(walked.to(DEVICE))
     assert torch.tensor(list(losses.values())).isfinite().all()

@@ -11,7 +11,7 @@ from torchrl.collectors import Collector
 from torchrl.envs import EnvBase, GymWrapper, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from onlinebayes.objectives import actor_critic, ppo, sac
+from onlinebayes.objectives import ActorCriticSettings, PPOSettings, SACSettings, actor_critic, ppo, sac
 from tests.objectives.test_actor_critic import Recall
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
@@ -40,10 +40,10 @@ def mean_return(env: EnvBase, policy, steps: int) -> float:
 
 def test_ppo_in_a_loop_of_ones_own():
     env = gym("CartPole-v1", 16)
-    objective = ppo(env.observation_spec_unbatched, env.action_spec_unbatched, minibatch=256)
+    objective = ppo(env.observation_spec_unbatched, env.action_spec_unbatched, PPOSettings(minibatch=256))
     policy, loss, optimiser = objective.policy, objective.loss, objective.optimiser
     for data in batches(env, policy, 64, 12):
-        data["next", "reward"] *= objective.reward_scale
+        data["next", "reward"] *= 1 - objective.settings.gamma
         with torch.no_grad():
             objective.advantage(data)
         objective.buffer.empty()
@@ -61,9 +61,8 @@ def test_ppo_in_a_loop_of_ones_own():
 @pytest.mark.slow
 def test_sac_in_a_loop_of_ones_own():
     env = gym("Pendulum-v1", 8)
-    objective = sac(
-        env.observation_spec_unbatched, env.action_spec_unbatched, gamma=0.98, tau=0.02, alpha=0.3, learning_rate=2e-3
-    )
+    settings = SACSettings(gamma=0.98, tau=0.02, alpha=0.3, learning_rate=2e-3)
+    objective = sac(env.observation_spec_unbatched, env.action_spec_unbatched, settings)
     loss, buffer, optimiser = objective.loss, objective.buffer, objective.optimiser
     for data in batches(env, objective.policy, 25, 40):
         fresh = data.select(*loss.in_keys).reshape(-1)
@@ -81,9 +80,8 @@ def test_sac_in_a_loop_of_ones_own():
 def test_a_recurrent_actor_critic_in_a_loop_of_ones_own():
     # A cue is shown at the first step only; the action that repeats it two steps later is worth 1.
     env = TransformedEnv(Recall(delay=2))
-    objective = actor_critic(
-        env.observation_spec_unbatched, env.action_spec_unbatched, width=32, gamma=0.9, learning_rate=3e-3
-    )
+    settings = ActorCriticSettings(width=32, gamma=0.9, learning_rate=3e-3)
+    objective = actor_critic(env.observation_spec_unbatched, env.action_spec_unbatched, settings)
     for transform in objective.transforms():
         env.append_transform(transform)
     for data in batches(env, objective.policy, 6, 60):

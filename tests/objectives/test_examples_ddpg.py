@@ -10,7 +10,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.envs import EnvBase, StepCounter, TransformedEnv
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from onlinebayes.objectives import Hindsight, ddpg
+from onlinebayes.objectives import DDPGSettings, Hindsight, ddpg
 
 KEYS = ("observation", "desired_goal")
 
@@ -52,13 +52,9 @@ def test_hindsight_in_a_loop_of_ones_own():
     objective = ddpg(
         env.observation_spec_unbatched,
         env.action_spec_unbatched,
+        DDPGSettings(widths=(64, 64), minibatch=64, gamma=0.95, value_range=(-20.0, 0.0), action_penalty=0.1),
         in_keys=KEYS,
         hindsight=Hindsight(reward),
-        widths=(64, 64),
-        minibatch=64,
-        gamma=0.95,
-        value_range=(-20.0, 0.0),
-        action_penalty=0.1,
     )
     policy, loss, buffer, optimiser = objective.policy, objective.loss, objective.buffer, objective.optimiser
     collector = Collector(env, policy, frames_per_batch=320, total_frames=6400, auto_register_policy_transforms=False)

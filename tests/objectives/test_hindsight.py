@@ -56,7 +56,7 @@ def episodes(n: int, t: int, *, first: int = 0, length: int | None = None) -> Te
 
 
 def test_a_goal_is_one_that_the_same_episode_reached_later():
-    buffer = EpisodeReplay(1000, 4000, hindsight=HINDSIGHT)
+    buffer = EpisodeReplay(1000, 4000, hindsight=HINDSIGHT, gamma=GAMMA)
     buffer.extend(episodes(10, 60, length=15))
     batch = buffer.sample()
     anew = batch["desired_goal"][:, 0] < 1e5
@@ -101,7 +101,7 @@ def test_a_ring_that_is_full_goes_on(size):
 
 
 def test_a_batch_larger_than_the_ring_leaves_its_last_steps():
-    buffer = EpisodeReplay(10, 200, hindsight=HINDSIGHT)
+    buffer = EpisodeReplay(10, 200, hindsight=HINDSIGHT, gamma=GAMMA)
     buffer.extend(episodes(3, 8))
     batch = buffer.sample()
     assert set(batch["observation"][:, 0].tolist()) == {1.0, 2.0}
@@ -143,7 +143,7 @@ def test_one_that_terminates_at_its_goal_ends_there():
 def test_the_recorded_end_stays_where_nobody_asked():
     data = episodes(2, 8)
     data["next", "terminated"][:, -1] = True
-    buffer = EpisodeReplay(100, 500, hindsight=HINDSIGHT)
+    buffer = EpisodeReplay(100, 500, hindsight=HINDSIGHT, gamma=GAMMA)
     buffer.extend(data)
     batch = buffer.sample()
     assert torch.equal(batch["next", "terminated"][:, 0], batch["observation"][:, 1] == 7)
@@ -152,7 +152,7 @@ def test_the_recorded_end_stays_where_nobody_asked():
 def test_padding_is_no_step():
     data = episodes(3, 10)
     mask = torch.arange(10) < torch.tensor([[10], [4], [1]])
-    buffer = EpisodeReplay(100, 1000, hindsight=HINDSIGHT, steps=2)
+    buffer = EpisodeReplay(100, 1000, hindsight=HINDSIGHT, steps=2, gamma=GAMMA)
     for shape in ((3, 10), (3, 10, 1)):
         buffer.extend(data.copy().set(("collector", "mask"), mask.reshape(shape)))
     assert len(buffer) == 2 * 15
@@ -171,7 +171,7 @@ def test_steps_left_counts_to_the_nearest_end():
 
 
 def test_demonstrations_keep_their_share():
-    buffer = EpisodeReplay(50, 100, demonstrations=0.25)
+    buffer = EpisodeReplay(50, 100, demonstrations=0.25, gamma=GAMMA)
     with pytest.raises(ValueError, match="empty"):
         buffer.sample()
     shown = copy.deepcopy(buffer)
@@ -189,7 +189,9 @@ def test_demonstrations_keep_their_share():
 
 
 def test_another_buffer_goes_on_where_the_first_was_saved():
-    first, second = (EpisodeReplay(50, 64, hindsight=HINDSIGHT, steps=2, demonstrations=0.5) for _ in range(2))
+    first, second = (
+        EpisodeReplay(50, 64, hindsight=HINDSIGHT, steps=2, demonstrations=0.5, gamma=GAMMA) for _ in range(2)
+    )
     first.extend(episodes(4, 17, length=6))
     first.extend_demonstrations(episodes(2, 7))
     second.load_state_dict(copy.deepcopy(first.state_dict()))
@@ -202,7 +204,7 @@ def test_another_buffer_goes_on_where_the_first_was_saved():
         assert sorted(map(str, one.keys(True, True))) == sorted(map(str, other.keys(True, True)))
         assert (one == other).all()
     with pytest.raises(BadInput, match="size 50"):
-        EpisodeReplay(60).load_state_dict(first.state_dict())
+        EpisodeReplay(60, 64, gamma=GAMMA).load_state_dict(first.state_dict())
 
 
 def test_keys_go_by_any_name():
@@ -212,18 +214,18 @@ def test_keys_go_by_any_name():
     data["next"].rename_key_("achieved_goal", "tip")
     data["next"].rename_key_("reward", "gain")
     hindsight = Hindsight(reward, achieved_key="tip", desired_key=("task", "goal"))
-    buffer = EpisodeReplay(50, 64, hindsight=hindsight, reward_key="gain")
+    buffer = EpisodeReplay(50, 64, hindsight=hindsight, reward_key="gain", gamma=GAMMA)
     buffer.extend(data)
     batch = buffer.sample()
     assert torch.equal(batch["task", "goal"], batch["next", "task", "goal"])
     assert (batch["task", "goal"] < 1e5).any()
     assert (batch["next", "gain"] > -7).any()
     with pytest.raises(BadInput, match="reward"):
-        EpisodeReplay(50, hindsight=hindsight).extend(data)
+        EpisodeReplay(50, 64, hindsight=hindsight, gamma=GAMMA).extend(data)
 
 
 def test_the_first_batch_says_which_keys_are_kept():
-    buffer = EpisodeReplay(50, 8)
+    buffer = EpisodeReplay(50, 8, gamma=GAMMA)
     buffer.extend(episodes(2, 6))
     buffer.extend_demonstrations(episodes(2, 6).set("theta", torch.zeros(2, 6, 1)))
     assert buffer.sample().get("theta", None) is None
@@ -232,7 +234,7 @@ def test_the_first_batch_says_which_keys_are_kept():
 
 
 def test_one_row_is_an_episode():
-    buffer = EpisodeReplay(50, 64)
+    buffer = EpisodeReplay(50, 64, gamma=GAMMA)
     buffer.extend(episodes(1, 6)[0])
     assert len(buffer) == 6
     assert buffer.sample(3).batch_size == (3,)
@@ -246,7 +248,7 @@ def test_steps_that_lead_elsewhere_come_as_often_as_is_asked() -> None:
     left = steps_left(data["next", "done"][..., 0], torch.ones(2, 5, dtype=torch.bool))
     flags = leads_elsewhere(data["next", "achieved_goal"], left, reward)
     assert flags.tolist() == [[False] * 5, [True, True, False, False, False]]
-    buffer = EpisodeReplay(100, 1000, hindsight=Hindsight(reward, elsewhere=0.6))
+    buffer = EpisodeReplay(100, 1000, hindsight=Hindsight(reward, elsewhere=0.6), gamma=GAMMA)
     buffer.extend(data)
     episode, step = buffer.sample()["observation"].unbind(-1)
     share = float(((episode == 1) & (step < 2)).float().mean())

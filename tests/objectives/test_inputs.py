@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import pytest
 import torch
 from tensordict import TensorDict
 from torchrl.data import Bounded, Categorical, Composite, OneHot, Unbounded
 from torchrl.envs.utils import ExplorationType, set_exploration_type
 
-from onlinebayes.objectives import action_value, actor_critic, ddpg, inputs_of, ppo, sac, state_value, stochastic_policy
+from onlinebayes.objectives import (
+    ActorCriticSettings,
+    DDPGSettings,
+    PPOSettings,
+    SACSettings,
+    action_value,
+    actor_critic,
+    ddpg,
+    inputs_of,
+    ppo,
+    sac,
+    state_value,
+    stochastic_policy,
+)
 from onlinebayes.runs import BadInput
 
 KEYS = ("observation", ("embedding", "vector"))
 SPEC = Composite(observation=Unbounded((3,)), embedding=Composite(vector=Unbounded((2,), dtype=torch.float64)))
 ACTION = Bounded(torch.tensor([-2.0, 0.0]), torch.tensor([2.0, 1.0]))
-BUILDERS = (ppo, sac)
+BUILDERS = pytest.mark.parametrize(
+    ("build", "settings"), [(ppo, PPOSettings(minibatch=32)), (sac, SACSettings(minibatch=32))]
+)
 
 
 def observed(n: int, t: int, offset: float = 0.0) -> dict:
@@ -60,9 +77,9 @@ def test_a_leaf_goes_by_the_name_of_its_one_key():
     assert value(TensorDict(observed(4, 1), (4, 1)))["state_value"].shape == (4, 1, 1)
 
 
-@pytest.mark.parametrize("build", BUILDERS)
-def test_objectives_learn_from_several_keys(build):
-    objective = build(SPEC, ACTION, in_keys=KEYS, minibatch=32)
+@BUILDERS
+def test_objectives_learn_from_several_keys(build, settings):
+    objective = build(SPEC, ACTION, settings, in_keys=KEYS)
     before = {name: value.clone() for name, value in objective.loss.named_parameters()}
     assert all(torch.isfinite(torch.tensor(value)) for value in objective.update(batch(objective.policy)).values())
     learnt = dict(objective.loss.named_parameters())
@@ -70,18 +87,18 @@ def test_objectives_learn_from_several_keys(build):
     assert not still, f"no gradient reached {still}"
 
 
-@pytest.mark.parametrize("build", BUILDERS)
+@BUILDERS
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_specs_of_either_precision_serve(build, dtype):
+def test_specs_of_either_precision_serve(build, settings, dtype):
     action = Bounded(-1, 1, (2,), dtype=dtype)
-    objective = build(Unbounded((3,), dtype=dtype), action, minibatch=32)
+    objective = build(Unbounded((3,), dtype=dtype), action, settings)
     data = batch(objective.policy).apply(lambda x: x.to(dtype) if x.is_floating_point() else x)
     assert all(torch.isfinite(torch.tensor(value)) for value in objective.update(data).values())
 
 
-@pytest.mark.parametrize("build", BUILDERS)
-def test_normalisation_follows_what_is_learnt_from_and_stands_still_else(build):
-    objective = build(SPEC, ACTION, in_keys=KEYS, minibatch=32, normalise=True)
+@BUILDERS
+def test_normalisation_follows_what_is_learnt_from_and_stands_still_else(build, settings):
+    objective = build(SPEC, ACTION, replace(settings, normalise=True), in_keys=KEYS)
     normalisation = objective.inputs.normalisation
     data = batch(objective.policy, offset=100.0)
     assert normalisation.count == 0
@@ -97,15 +114,16 @@ def test_normalisation_follows_what_is_learnt_from_and_stands_still_else(build):
 
 def test_ppo_with_normalisation_starts_from_ratios_of_one():
     # The statistics move before it learns; what moves the policy is the gradient alone.
-    objective = ppo(SPEC, ACTION, in_keys=KEYS, minibatch=128, epochs=1, normalise=True)
+    settings = PPOSettings(minibatch=128, epochs=1, normalise=True)
+    objective = ppo(SPEC, ACTION, settings, in_keys=KEYS)
     assert abs(objective.update(batch(objective.policy, offset=100.0))["kl_approx"]) < 1e-5
 
 
-@pytest.mark.parametrize("build", BUILDERS)
+@BUILDERS
 @pytest.mark.parametrize("normalise", [False, True])
-def test_it_goes_on_bit_for_bit(build, normalise, tmp_path):
+def test_it_goes_on_bit_for_bit(build, settings, normalise, tmp_path):
     def fresh():
-        return build(SPEC, ACTION, in_keys=KEYS, minibatch=32, normalise=normalise)
+        return build(SPEC, ACTION, replace(settings, normalise=normalise), in_keys=KEYS)
 
     def learnt(objective):
         for _ in range(3):
@@ -129,17 +147,20 @@ def test_it_goes_on_bit_for_bit(build, normalise, tmp_path):
         assert all(torch.equal(a, b) for a, b in pairs)
 
 
-@pytest.mark.parametrize("build", [ppo, sac, ddpg, actor_critic])
+@pytest.mark.parametrize(
+    ("build", "settings"),
+    [(ppo, PPOSettings), (sac, SACSettings), (ddpg, DDPGSettings), (actor_critic, ActorCriticSettings)],
+)
 @pytest.mark.parametrize("normalise", [False, True])
-def test_a_state_with_other_statistics_than_the_networks_have_is_refused(build, normalise):
-    saved = build(Unbounded((3,)), ACTION, normalise=normalise).state_dict()
+def test_a_state_with_other_statistics_than_the_networks_have_is_refused(build, settings, normalise):
+    saved = build(Unbounded((3,)), ACTION, settings(normalise=normalise)).state_dict()
     with pytest.raises(BadInput, match=r"does not fit this run: only .* has .*normalisation"):
-        build(Unbounded((3,)), ACTION, normalise=not normalise).load_state_dict(saved)
+        build(Unbounded((3,)), ACTION, settings(normalise=not normalise)).load_state_dict(saved)
 
 
-@pytest.mark.parametrize("build", BUILDERS)
-def test_a_batch_that_does_not_fit_is_refused_in_one_line(build):
-    objective = build(SPEC, ACTION, in_keys=KEYS, minibatch=32)
+@BUILDERS
+def test_a_batch_that_does_not_fit_is_refused_in_one_line(build, settings):
+    objective = build(SPEC, ACTION, settings, in_keys=KEYS)
     data = batch(objective.policy)
     for missing in (("embedding", "vector"), "action", ("next", "reward"), ("next", "observation")):
         with pytest.raises(BadInput, match="the batch has no"):

@@ -13,7 +13,7 @@ from torchrl.data import Bounded, Composite, Unbounded
 from torchrl.modules import ProbabilisticActor, TanhNormal, ValueOperator
 from torchrl.objectives import SACLoss, SoftUpdate
 
-from onlinebayes.objectives import EnsembleMLP, Follower, TransitionBuffer, sac
+from onlinebayes.objectives import EnsembleMLP, Follower, SACSettings, TransitionBuffer, sac
 from onlinebayes.runs import BadInput
 
 LOW, HIGH = torch.tensor([-2.0, 0.0]), torch.tensor([2.0, 1.0])
@@ -58,7 +58,8 @@ def member(critics: EnsembleMLP, k: int) -> nn.Sequential:
 
 @pytest.mark.parametrize("normalise", [False, True])
 def test_losses_and_gradients_are_torchrls(normalise, monkeypatch):
-    objective = sac(SPEC, Bounded(LOW, HIGH), in_keys=KEYS, widths=(16, 16), gamma=0.9, alpha=0.4, normalise=normalise)
+    settings = SACSettings(widths=(16, 16), gamma=0.9, alpha=0.4, normalise=normalise)
+    objective = sac(SPEC, Bounded(LOW, HIGH), settings, in_keys=KEYS)
     loss = objective.loss.double()
     inputs, critics, targets = loss.inputs, loss.critics, loss.targets
     for weight in targets.parameters():
@@ -120,7 +121,7 @@ def test_losses_and_gradients_are_torchrls(normalise, monkeypatch):
 
 
 def test_networks_of_an_ensemble_are_perceptrons_side_by_side():
-    critics, rows = EnsembleMLP(2, 5, 1, (8, 8)).double(), torch.randn(7, 5, dtype=torch.float64)
+    critics, rows = EnsembleMLP(2, 5, 1, (8, 8), nn.ReLU).double(), torch.randn(7, 5, dtype=torch.float64)
     alone = torch.stack([member(critics, k)(rows) for k in range(2)])
     torch.testing.assert_close(critics(rows), alone)
     rows.requires_grad_()

@@ -8,7 +8,7 @@ from torchrl.collectors import Collector
 from torchrl.envs import CatTensors, InitTracker, StepCounter, TransformedEnv
 
 from onlinebayes.embeddings import LSTMEmbedding, TransitionFeatures
-from onlinebayes.objectives import actor_critic, ppo, sac
+from onlinebayes.objectives import ActorCriticSettings, PPOSettings, SACSettings, actor_critic, ppo, sac
 from onlinebayes.runs import BadInput
 from onlinebayes.transforms import TrajectoryEmbedding
 from tests.objectives.test_examples_ddpg import Points
@@ -29,7 +29,14 @@ def batch(env, policy):
     return data
 
 
-@pytest.mark.parametrize("build", [ppo, sac, actor_critic])
+@pytest.mark.parametrize(
+    ("build", "settings"),
+    [
+        (ppo, PPOSettings(minibatch=80, normalise=True)),
+        (sac, SACSettings(minibatch=80, normalise=True)),
+        (actor_critic, ActorCriticSettings(normalise=True)),
+    ],
+)
 @pytest.mark.parametrize(
     ("transform", "keys"),
     [
@@ -38,14 +45,11 @@ def batch(env, policy):
         (embedded, [("embedding", "vector"), "observation", "desired_goal"]),
     ],
 )
-def test_in_keys_name_what_a_transform_writes(build, transform, keys):
+def test_in_keys_name_what_a_transform_writes(build, settings, transform, keys):
     env = TransformedEnv(Points(), StepCounter(max_steps=7))
     env.append_transform(InitTracker())
     env.append_transform(transform())
-    settings = {} if build is actor_critic else {"minibatch": 80}
-    objective = build(
-        env.observation_spec_unbatched, env.action_spec_unbatched, in_keys=keys, normalise=True, **settings
-    )
+    objective = build(env.observation_spec_unbatched, env.action_spec_unbatched, settings, in_keys=keys)
     if build is actor_critic:
         env.append_transform(objective.network.make_tensordict_primer())
     data = batch(env, objective.policy)

@@ -11,9 +11,9 @@ import torch
 
 from envs.driven_pendulum import Protocol
 from envs.driven_pendulum.rig import DAMPING, DELAY, MASS
+from onlinebayes.experiments import closing_line
 from onlinebayes.problems import load_problem
 from onlinebayes.runs import atomic_path
-from recipes.common import written
 from recipes.demo.__main__ import directions, table
 from recipes.demo.measure import hidden_truth, measure, write_problem
 from recipes.demo.picture import picture
@@ -68,7 +68,7 @@ def test_the_table_the_picture_and_the_files_tell_the_same(quick: tuple[Outcome,
     assert f"{1e3 * outcome.criticism.heldout_error.before[SIGNAL]:.1f} mrad" in text
     assert str(out / "refine" / "report.html") in directions(out)
     assert str(out / "refine" / "run.rrd") in directions(out)
-    assert written(out) in directions(out)
+    assert closing_line(out) in directions(out)
     with atomic_path(out / "demo.png") as path:
         picture(outcome).savefig(path, dpi=40)
     assert (out / "demo.png").stat().st_size > 5000

@@ -11,10 +11,10 @@ import pytest
 import torch
 
 from envs.fetch import FRICTION, ScriptedPusher
+from onlinebayes.experiments import run
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput
 from recipes import fetch_push, fetch_reach, fetch_slide
-from recipes.common import run
 from recipes.fetch import Success, fetch, outcomes
 from recipes.studies import fetch as learning
 from recipes.studies import fetch_friction, fetch_robustness

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import pytest
 
+from onlinebayes import experiments
+from onlinebayes.experiments import Settings
 from onlinebayes.runs import BadInput
-from recipes import common, pendulum
-from recipes.common import Settings
+from recipes import pendulum
 from recipes.studies.finished_run import finished_run
 
 pytestmark = pytest.mark.usefixtures("without_shape_checks")
@@ -36,7 +37,7 @@ def test_another_run_in_its_folder_is_refused(settings: Settings) -> None:
 
 
 def test_a_run_without_its_checkpoints_is_refused(settings: Settings) -> None:
-    for file in Path(common.place_of("pendulum", settings)).glob("checkpoint-*"):
+    for file in Path(experiments.place_of("pendulum", settings)).glob("checkpoint-*"):
         file.unlink()
     with pytest.raises(BadInput, match="no checkpoint"):
         finished_run("pendulum", pendulum.build, settings)

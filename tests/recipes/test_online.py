@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from onlinebayes.experiments import Options, Settings, closing_line, run
 from onlinebayes.inference import saving
 from onlinebayes.runs import BadInput
 from recipes import (
@@ -26,7 +27,6 @@ from recipes import (
     skid_steer,
     tie,
 )
-from recipes.common import Options, Settings, run, written
 from recipes.studies import survival
 from recipes.studies.online import Study, _frames_to, tabulate
 
@@ -71,7 +71,7 @@ def test_a_hopper_is_measured_and_judged_in_either_engine(real: hopper.Engine, t
 def left(folder: Path, said: str) -> list[dict[str, str]]:
     """The log's rows of a run that wrote its whole folder, and said so."""
     assert {"run.json", "run.rrd", "run.html", "log.csv"} <= {path.name for path in folder.iterdir()}
-    assert written(folder) in said
+    assert closing_line(folder) in said
     assert (folder / "run.rrd").stat().st_size < 50e6
     page = (folder / "run.html").read_text("utf-8")
     assert all(words in page for words in ("<svg", "An episode", "return"))
@@ -99,7 +99,7 @@ def test_our_pieces_work_in_a_loop_of_ones_own(tmp_path: Path, capsys: Capture) 
 def test_a_function_is_a_simulator(tmp_path: Path, capsys: Capture) -> None:
     assert own_simulator.main(own_simulator.Settings(short=True, out=str(tmp_path))) == 0
     said, folder = capsys.readouterr().out, tmp_path / "own_simulator-0-short"
-    assert written(folder) in said
+    assert closing_line(folder) in said
     assert "<svg" in (folder / "run.html").read_text("utf-8")
     assert "% region holds" in said
     assert "of the prior's width" in said

@@ -17,10 +17,11 @@ from typing import Any
 import cloudpickle
 import pytest
 
+from onlinebayes import experiments
+from onlinebayes.experiments import Run, Settings
 from onlinebayes.runs import BadInput, seed_everything
 from onlinebayes.trainers.distributed import Here
-from recipes import acrobot, cartpole, common, custom_gym, dm_control, mountain_car, pendulum, reach
-from recipes.common import Run, Settings
+from recipes import acrobot, cartpole, custom_gym, dm_control, mountain_car, pendulum, reach
 from recipes.studies.resumable import each_kept_or_done
 
 BUILDS = {
@@ -61,7 +62,7 @@ class Travelling:
 @checked_elsewhere
 @pytest.mark.parametrize("name", CASES)
 def test_a_recipe_steps_its_worlds_in_parts(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(common, "workers_of", lambda number: Travelling() if number else None)
+    monkeypatch.setattr("onlinebayes.experiments.settings.workers_of", lambda number: Travelling() if number else None)
     made = BUILDS[name](SETTINGS.get(name, Settings)(short=True, ray_workers=2))
     trainer = made.trainer
     trainer.collector.reset()
@@ -153,7 +154,7 @@ def test_without_ray_a_run_says_what_to_install(
 ) -> None:
     monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
     monkeypatch.setattr(sys, "argv", ["recipe", "--ray-workers", "2", "--out", str(tmp_path / "out")])
-    assert common.main("cartpole", cartpole.build, None) == 2
+    assert experiments.main("cartpole", cartpole.build, None) == 2
     assert capsys.readouterr().err == "Ray is not installed; pip install 'onlinebayes[ray]'\n"
     assert not (tmp_path / "out").exists()
 
@@ -163,6 +164,6 @@ def test_a_recipe_that_does_without_ray_says_so(tmp_path: Path) -> None:
         return replace(pendulum.build(settings), workers=None)
 
     with pytest.raises(BadInput, match="leave out --ray-workers"):
-        common.run("pendulum", build, Settings(short=True, ray_workers=2, out=str(tmp_path)))
+        experiments.run("pendulum", build, Settings(short=True, ray_workers=2, out=str(tmp_path)))
     with pytest.raises(BadInput, match="give at least one of each"):
-        common.run("pendulum", pendulum.build, Settings(ray_workers=-1, out=str(tmp_path)))
+        experiments.run("pendulum", pendulum.build, Settings(ray_workers=-1, out=str(tmp_path)))

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from onlinebayes.experiments import baselines, place_of, recorded_settings
 from onlinebayes.runs import BadInput
 from recipes import fetch_push, fetch_reach, fetch_slide, hopper
-from recipes.common import baselines, place_of, told
 from recipes.studies import engines, fetch, fetch_friction, fetch_speed, versus_sbi
 from recipes.studies.resumable import each_kept_or_done, printed_by
 
@@ -54,7 +54,7 @@ def test_a_baseline_has_the_same_settings_but_for_its_kind(tmp_path: Path) -> No
         other = replace(mine, kind=kind, low=low)
         place = place_of("hopper", other)
         place.mkdir()
-        (place / "run.json").write_text(json.dumps({"recipe": "hopper", "settings": told(other)}))
+        (place / "run.json").write_text(json.dumps({"recipe": "hopper", "settings": recorded_settings(other)}))
         (place / "log.csv").write_text("step,figure/return\n1,10\n2,20\n")
     assert baselines("hopper", mine) == {"prior": 20.0}
 

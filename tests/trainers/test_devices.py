@@ -10,7 +10,7 @@ import torch
 
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.inference import residual_estimator
-from onlinebayes.objectives import ppo
+from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.runs import Checkpoints, seed_everything
 from onlinebayes.simulators.drawing import scene
 from onlinebayes.trainers import OnlineState, OnlineTrainer, Problem, Saver, Schedule, Sizes, online_trainer
@@ -35,7 +35,7 @@ def build(steps: int) -> OnlineTrainer:
     train = partial(fit, epochs=5, batch_size=50, learning_rate=6e-3)
     return online_trainer(
         system,
-        ppo(*system.specs, minibatch=64, epochs=1),
+        ppo(*system.specs, PPOSettings(minibatch=64, epochs=1)),
         estimator=residual_estimator(system.simulator, TASK, state=everything_observed, train=train),
         real=system.hidden(TRUTH, 7),
         schedule=Schedule(steps, 2, real_steps=30, behaviours=2),

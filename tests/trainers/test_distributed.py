@@ -20,7 +20,7 @@ from torchrl.envs import Transform
 from envs.pendulum import Pendulum, PendulumTask
 from onlinebayes.embeddings import SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import Belief, BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
-from onlinebayes.objectives import ppo
+from onlinebayes.objectives import PPOSettings, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Checkpoints, plain, seed_everything
 from onlinebayes.trainers import (
@@ -282,7 +282,7 @@ def trainer(workers: Workers) -> OnlineTrainer:
     problem = replace(PROBLEM, task=PendulumTask(horizon=30))
     return online_trainer(
         problem,
-        ppo(*problem.specs, minibatch=64, epochs=1),
+        ppo(*problem.specs, PPOSettings(minibatch=64, epochs=1)),
         estimator=estimator,
         real=Deadly(problem.hidden(BELIEVED, 7), workers),
         schedule=Schedule(2, 2, real_steps=20, behaviours=2),

@@ -24,7 +24,7 @@ from onlinebayes.inference import (
     filtered_estimator,
     fit,
 )
-from onlinebayes.objectives import sac
+from onlinebayes.objectives import SACSettings, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Checkpoints, Interrupt, seed_everything
 from onlinebayes.simulators.effects import ActuatorDelay, DryFriction
@@ -96,7 +96,7 @@ def over(objective, real, problem: Problem, steps: int = 3, real_steps: int = 10
 
 def build(critic, moments=(1,), **settings) -> GrowingTrainer:
     seed_everything(0)
-    objective = sac(*PROBLEM.specs, minibatch=32)
+    objective = sac(*PROBLEM.specs, SACSettings(minibatch=32))
     real = settings.pop("real", None) or machine(Hidden(friction=0.8))
     return GrowingTrainer(PROBLEM, partial(over, objective, real, **settings), critic, moments)
 

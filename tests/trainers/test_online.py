@@ -17,7 +17,7 @@ from tensordict import TensorDict
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.embeddings import SimulatorReference, SummaryEmbedding, TransitionFeatures
 from onlinebayes.inference import BoxUniform, MixtureEstimator, NeuralEstimator, NeuralPosteriorLoss, fit
-from onlinebayes.objectives import actor_critic, ppo
+from onlinebayes.objectives import ActorCriticSettings, PPOSettings, actor_critic, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import BadInput, Checkpoints, seed_everything
 from onlinebayes.runs.checkpoints import plain
@@ -48,7 +48,7 @@ def estimator(epochs: int, proposal) -> NeuralEstimator:
 
 def build(steps: int = 2, batches: int = 2, *, epochs: int = 2, simulations: int = 60, **settings) -> OnlineTrainer:
     seed_everything(0)
-    objective = ppo(*PROBLEM.specs, minibatch=64, epochs=1)
+    objective = ppo(*PROBLEM.specs, PPOSettings(minibatch=64, epochs=1))
     order = settings.pop("order", "online")
     return online_trainer(
         PROBLEM,
@@ -203,7 +203,7 @@ def test_the_first_time_that_it_learns_has_batches_of_its_own(order) -> None:
 def recurrent() -> OnlineTrainer:
     """A policy with a memory, which its transforms carry through every environment of the problem."""
     seed_everything(0)
-    objective = actor_critic(*PROBLEM.specs, width=16)
+    objective = actor_critic(*PROBLEM.specs, ActorCriticSettings(width=16))
     problem = replace(PROBLEM, transforms=objective.transforms)
     return online_trainer(
         problem,
@@ -247,7 +247,7 @@ def test_a_checkpoint_of_other_networks_is_refused_in_one_line(tmp_path: Path) -
     trainer, state = build(), OnlineState.begin(PRIOR)
     Saver(trainer, Checkpoints(tmp_path, "test"))(state, True)
     other = build()
-    object.__setattr__(other, "objective", ppo(*PROBLEM.specs, widths=(32, 32), minibatch=64))
+    object.__setattr__(other, "objective", ppo(*PROBLEM.specs, PPOSettings(widths=(32, 32), minibatch=64)))
     with pytest.raises(BadInput, match="does not fit this run") as error:
         Saver(other, Checkpoints(tmp_path, "test")).resume(OnlineState.begin(PRIOR))
     assert "\n" not in str(error.value)

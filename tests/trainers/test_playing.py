@@ -9,7 +9,7 @@ import torch
 
 from envs.cartpole import CartPole, CartPoleTask
 from onlinebayes.inference import BoxUniform
-from onlinebayes.objectives import actor_critic, ppo
+from onlinebayes.objectives import ActorCriticSettings, actor_critic, ppo
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.trainers import OnlineState, Problem, SimulatedPlayer
 from tests.trainers.test_online import PRIOR, PROBLEM, TRUTH
@@ -36,7 +36,7 @@ def test_a_right_belief_moves_as_the_real_system_and_a_wrong_one_parts_from_it()
 
 @pytest.mark.parametrize("noise", [None, torch.full((4,), 0.01)])
 def test_a_policy_with_a_memory_plays_through_the_transforms_that_carry_it(noise: torch.Tensor | None) -> None:
-    objective = actor_critic(*PROBLEM.specs, width=8)
+    objective = actor_critic(*PROBLEM.specs, ActorCriticSettings(width=8))
     problem = replace(PROBLEM, transforms=objective.transforms, sensor_sd=noise)
     assert len(SimulatedPlayer(problem, objective.policy, TRUTH)(after_a_step(TRUTH))["real"].poses) > 5
 

@@ -19,8 +19,8 @@ from pathlib import Path
 import envs.rigs
 import onlinebayes
 from envs.rigs import KINDS, RIGS
+from onlinebayes.experiments import STOPPED, status
 from onlinebayes.runs import BadInput, Progress, write_atomic
-from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.judging import Judge, unanswered
 from recipes.studies.blind_rigs.plan import REPORTED, in_words, jobs, pair_jobs, seconds_to_go
 from recipes.studies.blind_rigs.record import Judged, from_json

@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 from envs.rigs import RIGS, HiddenEffect, OffNumber, Rig, Tie, sized_case
+from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput
-from recipes.command import status
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.truth import base_error
 

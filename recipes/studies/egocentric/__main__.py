@@ -21,10 +21,10 @@ import torch
 from torch import Tensor
 
 from envs.egocentric import PolicyRun, Recorded, Sequences, Stretches, read_predictions, read_sequences
+from onlinebayes.experiments import status
 from onlinebayes.inference.plots import save
 from onlinebayes.runs import BadInput, ResultTable, seed_everything
 from onlinebayes.trainers import Point
-from recipes.command import status
 from recipes.sensor_budget import choices, day, log_estimator, log_problem, logs
 from recipes.sensor_choice import Training, accuracy_at, mixed, outcome
 from recipes.studies.egocentric import figures, published

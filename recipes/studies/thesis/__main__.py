@@ -16,8 +16,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from onlinebayes.experiments import status
 from onlinebayes.runs import write_atomic
-from recipes.command import status
 from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.studies.table_online import ROWS
 from recipes.studies.table_systems import SYSTEMS

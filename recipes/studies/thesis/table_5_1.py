@@ -20,11 +20,11 @@ from tensordict import TensorDict
 from torch import Tensor
 
 from onlinebayes.embeddings import FilteredEmbedding, LSTMEmbedding, TransitionFeatures
+from onlinebayes.experiments import Run, Settings
 from onlinebayes.inference import Belief, BoxUniform, PosteriorEstimator, filter_of
 from onlinebayes.inference.neural import mixture_of
 from onlinebayes.runs import generator, seed_everything
 from onlinebayes.trainers import Listed, OnlineState
-from recipes.common import Run, Settings
 from recipes.studies.table_online import ROWS, reference
 from recipes.studies.thesis.columns import CEILING, COLUMNS, LSTM_TRAIN, Data, beliefs
 from recipes.studies.thesis.printed import LOOP

@@ -18,8 +18,8 @@ from pathlib import Path
 import envs.rigs
 import onlinebayes
 import recipes.studies.versus_sysid
+from onlinebayes.experiments import STOPPED, status
 from onlinebayes.runs import BadInput, Progress, write_atomic
-from recipes.command import STOPPED, status
 from recipes.studies.blind_rigs.plan import in_words
 from recipes.studies.blind_rigs.workers import work
 from recipes.studies.json_line import line

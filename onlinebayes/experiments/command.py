@@ -1,4 +1,4 @@
-"""How a script of this folder ends as a command: its exit status, and what it says of bad input and of Ctrl-C.
+"""How a script ends as a command: its exit status, and what it says of bad input and of Ctrl-C.
 
 | exit status | what happened                                                        |
 |-------------|----------------------------------------------------------------------|

@@ -1,4 +1,4 @@
-"""Every script of ``recipes`` ends as a command does: exit status, one line for bad input, clean-up when stopped."""
+"""How a script ends as a command: exit status, one line for bad input, clean-up when stopped."""
 
 from __future__ import annotations
 
@@ -6,20 +6,12 @@ import os
 import signal
 import sys
 from dataclasses import dataclass
-from pathlib import Path
 
 import pytest
 import torch
 
-import recipes
+from onlinebayes.experiments import STOPPED, status
 from onlinebayes.runs import BadInput
-from recipes.command import STOPPED, status
-
-SCRIPTS = [
-    path
-    for path in sorted(Path(str(recipes.__file__)).parent.rglob("*.py"))
-    if "__main__" in path.read_text(encoding="utf-8")
-]
 
 
 @dataclass(frozen=True)
@@ -76,9 +68,3 @@ def test_what_is_stopped_cleans_up(sent: signal.Signals, capsys: pytest.CaptureF
     assert cleaned == [True]
     assert capsys.readouterr().err == "stopped\n"
     assert signal.getsignal(signal.SIGTERM) is before
-
-
-@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.stem)
-def test_every_script_ends_so(script: Path) -> None:
-    end = script.read_text(encoding="utf-8").split('if __name__ == "__main__":\n')[1]
-    assert end.strip().startswith(("sys.exit(status(", "sys.exit(main(", "sys.exit(common.main("))

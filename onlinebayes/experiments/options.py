@@ -1,0 +1,27 @@
+"""What every experiment can be told: a seed, a small budget, where its folder goes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from onlinebayes.runs import BadInput
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of an experiment.
+
+    Raises:
+        BadInput: a negative seed.
+    """
+
+    seed: int = 0
+    """of networks, worlds and draws"""
+    short: bool = False
+    """a small budget: shows that the pieces connect"""
+    out: str = "out"
+    """the run's folder goes here"""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise BadInput(f"seed {self.seed}", "needs seed >= 0")

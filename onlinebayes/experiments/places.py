@@ -1,0 +1,24 @@
+"""Where a run's folder lies, and what a run says of it at its end."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from onlinebayes.experiments.options import Options
+from onlinebayes.experiments.settings import Settings
+
+
+def place_of(name: str, settings: Options) -> Path:
+    """A run's folder, below ``settings.out``."""
+    return Path(settings.out) / folder_of(name, settings)
+
+
+def folder_of(name: str, settings: Options) -> str:
+    """Name of a run's folder: experiment, kind of run where there are several, seed."""
+    kind = [settings.kind] if isinstance(settings, Settings) else []
+    return "-".join([name, *kind, str(settings.seed), *["short"] * settings.short])
+
+
+def closing_line(place: Path) -> str:
+    """What an experiment says at its end: where its files lie, and how they are opened."""
+    return f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser"

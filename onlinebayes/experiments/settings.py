@@ -1,0 +1,70 @@
+"""What one run with a hidden system is told: which truth, how noisy, which kind of run, who steps the worlds."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from jaxtyping import Float
+from torch import Tensor
+
+from onlinebayes.experiments.options import Options
+from onlinebayes.runs import BadInput
+from onlinebayes.trainers import Point, Schedule, Worlds
+from onlinebayes.trainers.distributed import OnRay, Workers
+from onlinebayes.transforms import Distribution
+
+Kind = Literal["online", "posterior-first", "prior", "oracle"]
+"""Algorithm 1; the posterior first, then the policy; a policy in worlds of the prior; one in worlds of the truth."""
+
+
+@dataclass(frozen=True)
+class Settings(Options):
+    """Settings of a run with a hidden system.
+
+    Raises:
+        BadInput: a negative seed, or noise that is no share below 1.
+    """
+
+    seed: int = 0
+    """which truth and which random numbers: 0 for the experiment's own values, s for point s + 1 of a Sobol sequence"""
+    noise: float = 0.01
+    """standard deviation of the sensor noise, as a share of each observed value's range"""
+    kind: Kind = "online"
+    """online; posterior first, then the policy; a policy in worlds of the prior; an oracle's, in worlds of the truth"""
+    ray_workers: int = 0
+    """workers on Ray that step the worlds, of this machine or of the cluster at RAY_ADDRESS; 0: this process does;
+    not in every experiment"""
+
+    def __post_init__(self) -> None:
+        if self.seed < 0 or not 0 <= self.noise < 1:
+            raise BadInput(f"seed {self.seed}, noise {self.noise}", "needs seed >= 0 and 0 <= noise < 1")
+
+    def workers(self) -> Workers | None:
+        """What steps the worlds; None for this process."""
+        return workers_of(self.ray_workers)
+
+    def schedule(self, steps: int, policy_batches: int, real_steps: int) -> Schedule:
+        """The schedule of this kind of run."""
+        order = {"online": "online", "posterior-first": "posterior-first"}.get(self.kind, "policy-only")
+        return Schedule(steps, policy_batches, real_steps, order=order)  # type: ignore[arg-type]
+
+    def worlds(self, problem: Worlds, truth: Float[Tensor, " P"]) -> Distribution | None:
+        """Where the policy's worlds come from: the belief where that is None."""
+        if self.kind == "prior":
+            return problem.prior
+        return Point(truth) if self.kind == "oracle" else None
+
+
+def workers_of(number: int) -> Workers | None:
+    """So many on Ray; None for this process alone. Nothing is started before they are needed."""
+    return OnRay(number) if number else None
+
+
+def recorded_settings(settings: Settings) -> dict[str, Any]:
+    """What a run's folder remembers of its settings, for it goes on with the same only.
+
+    Not where it lies, and no workers where there are none: a run is the same in another place.
+    """
+    left_out = {"out"} if settings.ray_workers else {"out", "ray_workers"}
+    return {key: value for key, value in asdict(settings).items() if key not in left_out}
