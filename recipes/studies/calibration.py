@@ -6,8 +6,7 @@
 | alarm     | measurements of a system with a hidden effect, and clean ones: how often does the alarm ring?     |
 
 TARP error: the mean over levels of | share of truths inside the ball of that credibility - level | (Lemos et al. 2023);
-for an exact posterior .014 with 500 thetas. Sensors have 1 % noise. Each finished job is kept. Samplers that need a run
-for each measurement are judged by ``make calibration-one-by-one``.
+for an exact posterior .014 with 500 thetas. Sensors have 1 % noise. Each finished job is kept.
 
     python -m recipes.studies.calibration [--tasks pendulum] [--parts amortised]       -> docs/results/calibration.json
 """

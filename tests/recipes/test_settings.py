@@ -11,7 +11,7 @@ import pytest
 from onlinebayes.runs import BadInput
 from recipes import fetch_push, fetch_reach, fetch_slide, hopper
 from recipes.common import baselines, place_of, told
-from recipes.studies import engines, fetch, fetch_friction, fetch_speed, versus_sbi
+from recipes.studies import engines, fetch, fetch_friction, versus_sbi
 from recipes.studies.resumable import each_kept_or_done, printed_by
 
 
@@ -33,7 +33,6 @@ def test_a_prior_of_the_hoppers_friction_without_its_truth_is_refused(low: float
         (engines, "cases"),
         (fetch, "cases"),
         (fetch_friction, "questions"),
-        (fetch_speed, "tasks"),
         (versus_sbi, "tasks"),
     ],
 )
