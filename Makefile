@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival versus-sbi emps measured cost goals versus-sysid effect-pages exact calibration tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness planner clean
+.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival versus-sbi measured cost goals versus-sysid effect-pages exact calibration tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness planner clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -55,8 +55,6 @@ blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 9100 --out $(OUT)/blind_pairs
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json
 	$(BIN)/python -m recipes.studies.messy --out $(OUT)/messy
-emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
-	$(BIN)/python -m recipes.studies.emps
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json
 	$(BIN)/python -m recipes.studies.measured
 .PHONY: skid-steer-logs

@@ -11,15 +11,17 @@ from dataclasses import dataclass
 from typing import final
 
 from envs.driven_pendulum import KINDS
+from envs.measured import FOLDER
 from envs.rigs import case as rig_case
 from onlinebayes.identification import in_step, split
 from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from recipes.studies import blind_data, emps
+from recipes.studies import blind_data
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import Answer, answer, spelt
 from recipes.studies.job import Job
+from recipes.studies.measured_sets import emps as measured_emps
 from recipes.studies.versus_sysid.task import Task
 
 PENDULUM, EMPS = "driven_pendulum", "emps"
@@ -27,7 +29,7 @@ RIGS = ("thrown_ball", "swing", PENDULUM, "position_servo", "slide_drive", "cart
 EVERY = 5
 FIRST = 2000
 """Seed of a rig's first case of a kind."""
-PUBLISHED = ("dry_friction@carriage", "constant_load@carriage")
+PUBLISHED = measured_emps.WANTED
 """What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""
 
 
@@ -99,7 +101,7 @@ def _pendulum(job: Job) -> Case:
 def _emps() -> Case:
     if not os.environ.get("ONLINEBAYES_DATA"):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds emps/emps.csv")
-    problem = load_problem(emps.PROBLEM)
+    problem = load_problem(FOLDER / "emps" / "problem.toml")
     assert isinstance(problem.simulator, MujocoSimulator)
     assert problem.holdout is not None
     simulator = MujocoSimulator(problem.simulator.spec, problem.simulator.parameters, threads=1)
