@@ -28,8 +28,8 @@ from onlinebayes.inference.calibration import ball_credibility, credibility_of
 from onlinebayes.runs import ResultTable
 from recipes.command import status
 from recipes.studies.exact import coverage_error
+from recipes.studies.jobs import each_kept_or_done
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
-from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.ringing import SIZES as EFFECT_SIZES
 from recipes.studies.ringing import way
 

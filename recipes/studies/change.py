@@ -47,8 +47,8 @@ from onlinebayes.trainers import Listed
 from onlinebayes.trainers.trajectories import trajectories
 from onlinebayes.transforms import ParameterRandomization
 from recipes.command import status
+from recipes.studies.jobs import each_kept_or_done, printed_by
 from recipes.studies.one_round import OneRound, begun, mixture
-from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.studies.ringing import SIZES, measured
 
 Part = Literal["drawn", "small", "same", "words"]

@@ -34,7 +34,7 @@ from onlinebayes.criticism import same_as
 from onlinebayes.runs import ResultTable
 from recipes.command import status
 from recipes.studies.engines_data import CASES, Case, written
-from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import check_names, each_kept_or_done, printed_by
 
 SEEDS = (1, 2, 3)
 OFF, SECONDS = 1.0, 180.0

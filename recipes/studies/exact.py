@@ -32,7 +32,7 @@ from onlinebayes.runs import ResultTable, generator, seed_everything
 from recipes import cartpole, pendulum
 from recipes.command import status
 from recipes.common import Run, Settings
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.jobs import each_kept_or_done
 from recipes.studies.table_online import ended, reference
 
 Part = Literal["one round", "recipes"]

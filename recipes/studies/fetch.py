@@ -43,7 +43,7 @@ from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
 from recipes.command import status
 from recipes.fetch import STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
-from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import check_names, each_kept_or_done, printed_by
 
 SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
 

@@ -43,7 +43,7 @@ from recipes.command import status
 from recipes.fetch import STEPS, Fetch, fetch, friction_estimator
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import check_names, each_kept_or_done, printed_by
 
 SIMULATIONS, HELD_OUT, STARTS, EPOCHS, NOISE = 2000, 500, 10, 60, 0.1
 

@@ -35,7 +35,7 @@ from recipes.command import status
 from recipes.common import Kind, Run, folder_of
 from recipes.fetch import WORDS, outcomes
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import printed_by
+from recipes.studies.jobs import printed_by
 
 Task = Literal["push", "slide"]
 CELLS, EPISODES, NEAR = 12, 64, 0.1

@@ -39,7 +39,7 @@ from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import Found, each_kept_or_done, printed_by
+from recipes.studies.jobs import Found, each_kept_or_done, printed_by
 
 Part = Literal["policies", "friction"]
 Key = tuple[Any, ...]

@@ -34,9 +34,9 @@ from onlinebayes.inference import (
 )
 from onlinebayes.runs import ResultTable
 from recipes.command import status
+from recipes.studies.jobs import each_kept_or_done
 from recipes.studies.known_tasks import TASKS, KnownTask
 from recipes.studies.one_round import begun
-from recipes.studies.resumable import each_kept_or_done
 
 SIMULATIONS, MEASUREMENTS, DRAWS, SEED, SAME = 10_000, 5, 1000, 561, 0.55
 GAUSSIAN = ("linear Gaussian, 2", "linear Gaussian, 10")

@@ -22,7 +22,7 @@ from pathlib import Path
 from onlinebayes.runs import BadInput, ResultTable, Row
 from recipes.command import status
 from recipes.studies import measured_sets
-from recipes.studies.resumable import check_names
+from recipes.studies.jobs import check_names
 
 PROCESSES = 2
 

@@ -38,8 +38,8 @@ from onlinebayes.trainers.trajectories import returns
 from onlinebayes.transforms import ParameterRandomization
 from recipes.command import status
 from recipes.common import hidden_truth
+from recipes.studies.jobs import each_kept_or_done, printed_by
 from recipes.studies.planner_peer import torchrl_planner
-from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.swing_up import NEAR, SYSTEMS, Name, belief_of, cost_of, planner_of, problem_of
 
 Part = Literal["swing-ups", "samples", "risk", "speed"]

@@ -26,7 +26,7 @@ from onlinebayes.trainers import OnlineState
 from recipes import acrobot, cartpole, pendulum
 from recipes.command import status
 from recipes.common import Run, Settings
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.jobs import each_kept_or_done
 
 SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300
 

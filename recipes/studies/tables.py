@@ -40,8 +40,8 @@ from onlinebayes.inference import (
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable
 from recipes.command import status
+from recipes.studies.jobs import each_kept_or_done
 from recipes.studies.one_round import FEATURES, begun
-from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_systems import SYSTEMS, System
 
 SIMULATIONS, SEEDS = 2000, (541, 542, 543, 544, 545)

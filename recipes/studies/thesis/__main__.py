@@ -18,7 +18,7 @@ from typing import Any
 
 from onlinebayes.runs import write_atomic
 from recipes.command import status
-from recipes.studies.resumable import each_kept_or_done, printed_by
+from recipes.studies.jobs import each_kept_or_done, printed_by
 from recipes.studies.table_online import ROWS
 from recipes.studies.table_systems import SYSTEMS
 from recipes.studies.thesis import page, table_4_1, table_5_1
