@@ -35,6 +35,7 @@ from onlinebayes.trainers.real import united
 from recipes.command import status
 from recipes.hidden_effect import MOMENTS, Settings, build
 from recipes.hidden_systems import SYSTEMS
+from recipes.studies.jobs import finished
 
 Part = Literal["naming", "learning"]
 KINDS = ("criticised", "blind", "oracle")
@@ -94,9 +95,7 @@ def main(study: Study) -> int:
             if path.exists():
                 found[job] = json.loads(path.read_text(encoding="utf-8"))
     table = tabled(found, study)
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results)
 
 
 def jobs_of(study: Study) -> list[Job]:

@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import asdict, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar, final
@@ -24,6 +24,18 @@ from recipes.studies.spawned import Failed, spawned
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
 UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Places:
+    """Where a study keeps what it has done, and what does its jobs."""
+
+    out: str
+    """finished jobs go here"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
+    ray_workers: int = 0
+    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 @final
@@ -135,6 +147,21 @@ def printed_by(target: str, study: Any) -> str:
     own, whole = asdict(study), asdict(type(study)())
     some = any(own[name] != whole[name] for name in own if name not in places)
     return f"make {target}{' (a part)' if some else ''}"
+
+
+def finished(table: ResultTable, results: Path, found: Found[Any] | None = None) -> int:
+    """Write a table, print it, and give the exit status: 1 where a goal is missed.
+
+    Args:
+        table: with all its rows.
+        results: folder of the table.
+        found: the jobs that it rests on, where it does; they name the commits.
+    """
+    if found is not None:
+        table.commit = found.commit
+    print(table.to_markdown())
+    print(f"written: {table.write(results)}")
+    return 0 if table.holds else 1
 
 
 def _call(job: Callable[[], R]) -> R:

@@ -38,7 +38,7 @@ from onlinebayes.trainers.trajectories import returns
 from onlinebayes.transforms import ParameterRandomization
 from recipes.command import status
 from recipes.common import hidden_truth
-from recipes.studies.jobs import each_kept_or_done, printed_by
+from recipes.studies.jobs import each_kept_or_done, finished, printed_by
 from recipes.studies.planner_peer import torchrl_planner
 from recipes.swing_up import NEAR, SYSTEMS, Name, belief_of, cost_of, planner_of, problem_of
 
@@ -88,9 +88,7 @@ def main(study: Study) -> int:
     add_samples(table, found)
     add_risk(table, found)
     add_speed(table, found)
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results)
 
 
 # --- swing-ups ------------------------------------------------------------------------------------------------------

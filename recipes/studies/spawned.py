@@ -9,7 +9,7 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
@@ -38,7 +38,7 @@ class _Begun:
     began: float
 
 
-def spawned(jobs: Iterable[Callable[[], R]], processes: int, limit: float) -> Iterator[tuple[int, R | Failed]]:
+def spawned(jobs: Iterable[Callable[[], R]], processes: int, limit: float) -> Generator[tuple[int, R | Failed]]:
     """Do all jobs; (which, result) as they come.
 
     Args:

@@ -25,7 +25,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -40,7 +39,7 @@ from recipes import acrobot, cartpole, pendulum
 from recipes.command import status
 from recipes.common import Settings
 from recipes.studies.exact import coverage_error
-from recipes.studies.jobs import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import Places, check_names, each_kept_or_done, finished, printed_by
 
 TASKS: dict[str, ModuleType] = {"pendulum": pendulum, "cartpole": cartpole, "acrobot": acrobot}
 BUDGETS, SEEDS = (200, 2000, 10_000), (1, 2, 3)
@@ -57,8 +56,8 @@ Result = dict[str, Any]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to compare."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
@@ -72,11 +71,6 @@ class Study:
     points: int = MILLION
     """draws and log densities that are timed, a tenth of it for flows; the table is for a million"""
     out: str = "out/versus_sbi"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
     def __post_init__(self) -> None:
         check_names(self.tasks, TASKS)
@@ -89,9 +83,7 @@ def main(study: Study) -> int:
     jobs = {each: partial(compared, *each, study.points) for each in wanted}
     found = each_kept_or_done("versus-sbi", study.out, jobs, lambda each: name_of(*each), study.ray_workers)
     table = tabled(found, ResultTable("versus-sbi", printed_by("versus-sbi", study), study.seeds, commit=found.commit))
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results)
 
 
 def name_of(task: str, budget: int, seed: int, method: str) -> str:

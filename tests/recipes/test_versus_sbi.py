@@ -42,7 +42,13 @@ def test_an_unknown_method_is_refused() -> None:
 def test_sbi_is_compared_and_a_second_start_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("sbi", reason="sbi is one of the peers")
     study = versus_sbi.Study(
-        ("pendulum",), (200,), (1,), ("mdn",), points=10_000, out=str(tmp_path / "out"), results=tmp_path / "results"
+        tasks=("pendulum",),
+        budgets=(200,),
+        seeds=(1,),
+        methods=("mdn",),
+        points=10_000,
+        out=str(tmp_path / "out"),
+        results=tmp_path / "results",
     )
     assert versus_sbi.main(study) == 0
     rows = json.loads((study.results / "versus-sbi.json").read_text(encoding="utf-8"))["rows"]
