@@ -81,6 +81,7 @@ def each_kept_or_done(
 
     Raises:
         BadInput: no process at all is to do them where each may fail.
+        RuntimeError: a job gave no answer, and none is kept of such ones.
     """
     if failed and processes < 1:
         raise BadInput(f"{processes} processes cannot do anything", "use one or more")
@@ -97,14 +98,16 @@ def each_kept_or_done(
 
     with ExitStack() as stack:
         progress = stack.enter_context(Progress(label, len(jobs)))
-        if failed:
+        done: Iterator[tuple[int, dict[str, Any] | Failed]]
+        if processes:
             done = stack.enter_context(closing(spawned(missing(), processes, limit)))
         else:
             done = stack.enter_context(closing(workers_of(ray_workers) or Here())).work(_call, missing())
         try:
             for number, result in done:
                 if isinstance(result, Failed):
-                    assert failed is not None
+                    if failed is None:
+                        raise RuntimeError(f"{named(begun[number])}: {result.problem}")
                     result = failed(begun[number], result)
                 write_atomic(files[begun[number]], json.dumps({**result, "code": mark, "commit": own}))
         except KeyboardInterrupt:
