@@ -89,8 +89,7 @@ def main(study: Study) -> int:
     jobs["pendulum, words"] = partial(words, study.runs)
     jobs = {name: job for name, job in jobs.items() if name.split(", ")[1] in study.parts}
     found = each_kept_or_done("change", study.out, jobs, lambda name: name.replace(", ", "_"))
-    table = tabled(found, printed_by("change", study))
-    return finished(table, study.results)
+    return finished(tabled(found, printed_by("change", study)), study.results, found)
 
 
 @cache

@@ -58,10 +58,10 @@ def main(study: Study) -> int:
     wanted = [case for case in CASES if case.name in study.cases]
     jobs = {(case.name, seed): partial(judged, case, seed, study.out) for case in wanted for seed in study.seeds}
     found = each_kept_or_done("engines", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
-    table = ResultTable("engines", printed_by("engines", study), study.seeds, commit=found.commit)
+    table = ResultTable("engines", printed_by("engines", study), study.seeds)
     for case in wanted:
         add_case(table, case, [found[case.name, seed] for seed in study.seeds])
-    return finished(table, study.results)
+    return finished(table, study.results, found)
 
 
 def judged(case: Case, seed: int, out: str) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from pathlib import Path
 from onlinebayes.runs import BadInput, ResultTable, Row
 from recipes.command import status
 from recipes.studies import measured_sets
-from recipes.studies.jobs import check_names
+from recipes.studies.jobs import check_names, finished
 
 PROCESSES = 2
 
@@ -76,10 +76,7 @@ def main(study: Study) -> int:
     check_names(study.sets, sets())
     if not (data := os.environ.get("ONLINEBAYES_DATA")):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds the measured sets")
-    results = table(study.sets, Path(data), known_rows(study.results / "measured.json"))
-    print(results.to_markdown())
-    print(results.write(study.results))
-    return 0 if results.holds else 1
+    return finished(table(study.sets, Path(data), known_rows(study.results / "measured.json")), study.results)
 
 
 if __name__ == "__main__":

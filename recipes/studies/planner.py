@@ -83,12 +83,11 @@ def main(study: Study) -> int:
         jobs["speed"] = speed
     found = each_kept_or_done("planner", study.out, jobs, str)
     table = ResultTable("planner", printed_by("planner", study), study.seeds)
-    table.commit = found.commit
     add_swing_ups(table, found, study.seeds)
     add_samples(table, found)
     add_risk(table, found)
     add_speed(table, found)
-    return finished(table, study.results)
+    return finished(table, study.results, found)
 
 
 # --- swing-ups ------------------------------------------------------------------------------------------------------

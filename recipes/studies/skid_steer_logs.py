@@ -30,7 +30,7 @@ from onlinebayes.report import write_report
 from onlinebayes.runs import ResultTable, Row, generator
 from recipes.command import status
 from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
-from recipes.studies.jobs import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import check_names, each_kept_or_done, finished, printed_by
 
 STEPS = 15
 """Of the fit over a split, which begins at what refine found."""
@@ -132,11 +132,9 @@ def main(study: Study) -> int:
     check_names(study.robots, GOALS)
     jobs = {robot: partial(judge, robot, study) for robot in study.robots}
     found = each_kept_or_done("skid-steer-logs", study.out, jobs, str)
-    table = ResultTable("skid-steer-logs", printed_by("skid-steer-logs", study), study.seeds, commit=found.commit)
+    table = ResultTable("skid-steer-logs", printed_by("skid-steer-logs", study), study.seeds)
     table.rows += [Row(**row) for kept in found.values() for row in kept["rows"]]
-    print(table.to_markdown())
-    table.write(study.results)
-    return 0 if table.holds else 1
+    return finished(table, study.results, found)
 
 
 if __name__ == "__main__":

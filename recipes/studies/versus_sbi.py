@@ -82,8 +82,8 @@ def main(study: Study) -> int:
     wanted = product(study.tasks, study.budgets, study.seeds, study.methods)
     jobs = {each: partial(compared, *each, study.points) for each in wanted}
     found = each_kept_or_done("versus-sbi", study.out, jobs, lambda each: name_of(*each), study.ray_workers)
-    table = tabled(found, ResultTable("versus-sbi", printed_by("versus-sbi", study), study.seeds, commit=found.commit))
-    return finished(table, study.results)
+    table = tabled(found, ResultTable("versus-sbi", printed_by("versus-sbi", study), study.seeds))
+    return finished(table, study.results, found)
 
 
 def name_of(task: str, budget: int, seed: int, method: str) -> str:

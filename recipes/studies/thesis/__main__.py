@@ -67,7 +67,7 @@ def main(study: Study) -> int:
         finished(table, study.results, found)
         for table in tables(found, printed_by("thesis", study), sorted({job[-1] for job in found}))
     ]
-    return max(*missed, written(study))
+    return max([*missed, written(study)])
 
 
 def written(study: Study) -> int:
