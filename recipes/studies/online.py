@@ -17,9 +17,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from onlinebayes.runs import ResultTable
+from onlinebayes.runs import ResultTable, seed_everything
 from recipes import acrobot, cartpole, pendulum
-from recipes.command import settle, status
+from recipes.command import STOPPED, settle, status
 from recipes.common import Kind, Run, Settings, place_of, run
 from recipes.studies.jobs import each_kept_or_done, finished, printed_by, record
 
@@ -76,9 +76,11 @@ def tabulate(study: Study, curves: Mapping[tuple[str, Kind, int], Curve]) -> Res
     table = ResultTable("online", printed_by("online", study), study.seeds)
     for task in study.tasks:
         found = {(kind, seed): curves[task, kind, seed] for kind in KINDS for seed in study.seeds}
+        oracle = {seed: found["oracle", seed] for seed in study.seeds}
+        lowest = {seed: curve.untrained for seed, curve in oracle.items()}
         shares = {
-            key: tuple((r - c.untrained) / (found["oracle", key[1]].returns[-1] - c.untrained) for r in c.returns)
-            for key, c in found.items()
+            (kind, s): tuple((r - lowest[s]) / (oracle[s].returns[-1] - lowest[s]) for r in curve.returns)
+            for (kind, s), curve in found.items()
         }
         for kind in KINDS:
             table.add_seeds(f"{task}, {kind}: return", [found[kind, s].returns[-1] for s in study.seeds])
@@ -111,10 +113,11 @@ def learnt(out: str, task: str, kind: Kind, seed: int) -> dict[str, Any]:
     """A run in its own folder, gone on with where it was stopped: the fields of its :class:`Curve`."""
     settle()
     settings = Settings(seed=seed, kind=kind, out=out)
-    if not (place_of(task, settings) / "finished").exists():
-        run(task, BUILD[task], settings)
+    if not (place_of(task, settings) / "finished").exists() and run(task, BUILD[task], settings) == STOPPED:
+        raise KeyboardInterrupt
     with (place_of(task, settings) / "log.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if int(row["frames"])]
+    seed_everything(seed)
     made = BUILD[task](settings)
     return {
         "frames": [int(row["frames"]) + int(row["simulated"]) for row in rows],
