@@ -12,7 +12,7 @@ export OMP_NUM_THREADS ?= 1
 # Compiling the tests and the checked library anew takes every process of pytest 20 seconds.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival update-speed endurance combination robustness wall-clock versus-sbi emps measured cost goals versus-sysid effect-pages exact calibration calibration-one-by-one embeddings tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness fetch-speed fetch-wall-clock planner clean
+.PHONY: change help setup demo demo-seeds test lint check check-all bench messy blind-rigs blind-pairs online gymnasium survival versus-sbi measured cost goals versus-sysid effect-pages exact calibration tables table-online thesis thesis-page known-posteriors figures hidden-effect hopper egocentric engines devices skid-steer fetch fetch-friction fetch-robustness planner clean
 help:            ## list the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 18
 
@@ -55,8 +55,6 @@ blind-pairs: setup  ## two effects at once on seeds of their own (an hour or two
 	$(BIN)/python -m recipes.studies.blind_rigs --pairs 5 --first 9100 --out $(OUT)/blind_pairs
 messy: setup     ## refine on machines with one or two large faults and six to ten small ones (goes on where it was stopped) -> docs/results/messy.json
 	$(BIN)/python -m recipes.studies.messy --out $(OUT)/messy
-emps: setup      ## refine the EMPS drive (needs ONLINEBAYES_DATA) -> docs/results/emps.json
-	$(BIN)/python -m recipes.studies.emps
 measured: setup  ## refine measured machines (needs ONLINEBAYES_DATA) -> docs/results/measured.json
 	$(BIN)/python -m recipes.studies.measured
 .PHONY: skid-steer-logs
@@ -76,10 +74,6 @@ exact: setup     ## the neural posterior beside the exact one (an hour; goes on 
 	$(BIN)/python -m recipes.studies.exact --out $(OUT)/exact
 calibration: setup  ## does every amortised estimator's posterior mean what it says, and does the alarm ring (an hour or two; goes on where it was stopped) -> docs/results/calibration.json
 	$(BIN)/python -m recipes.studies.calibration --out $(OUT)/calibration
-calibration-one-by-one: setup  ## the same of samplers that need a run for each measurement (half an hour; goes on where it was stopped) -> docs/results/calibration-one-by-one.json
-	$(BIN)/python -m recipes.studies.one_by_one --out $(OUT)/one_by_one
-embeddings: setup  ## what each embedding is worth on four systems (an hour; goes on where it was stopped) -> docs/results/embeddings.json
-	$(BIN)/python -m recipes.studies.embeddings --out $(OUT)/embeddings
 tables: setup    ## Table 4.1 of the thesis, classic systems (an hour; goes on where it was stopped) -> docs/results/tables.json
 	$(BIN)/python -m recipes.studies.tables --out $(OUT)/tables
 table-online: setup  ## Table 5.1 of the thesis, classic systems, without noise and with (an hour or two; goes on where it was stopped) -> docs/results/table-online.json
@@ -103,11 +97,6 @@ fetch-robustness: setup  ## figures 4.6 and 5.3 of the thesis: policies of the p
 	$(BIN)/python -m recipes.studies.fetch_robustness --out $(OUT)/fetch_robustness
 planner: setup   ## a planner over the belief: swing-ups, noises, risk, speed (ten minutes; goes on where it was stopped) -> docs/results/planner.json
 	$(BIN)/python -m recipes.studies.planner --out $(OUT)/planner
-fetch-speed: setup  ## steps a second of the Fetch worlds beside Gymnasium-Robotics (five minutes) -> docs/results/fetch-speed.json
-	$(BIN)/python -m recipes.studies.fetch_speed
-fetch-wall-clock: setup  ## Push without demonstrations, ours and stable-baselines3's (half an hour) -> docs/results/fetch-wall-clock.json
-	@$(PIP) -e '.[peers]'
-	$(BIN)/python -m recipes.studies.fetch_wall_clock --out $(OUT)/fetch_wall_clock
 skid-steer: setup  ## Table 5.2 and Figures 5.4 to 5.6 of the thesis: a planner over the belief, a belief in the loop, a load taken up midway (ten minutes; goes on where it was stopped) -> docs/results/skid-steer.json
 	$(BIN)/python -m recipes.studies.skid_steer --out $(OUT)/skid_steer_study
 hopper: setup    ## a hopper learnt in MuJoCo and judged in Drake, and its friction (a day; goes on where it was stopped) -> docs/results/hopper.json
@@ -120,19 +109,8 @@ gymnasium: setup ## policies trained by our code on Gymnasium's own environments
 	$(BIN)/python -m recipes.studies.gymnasium --out $(OUT)/gymnasium
 devices: setup   ## worlds and fits on the CPU and on a GPU (needs one) -> docs/results/devices.json
 	$(BIN)/python -m recipes.studies.devices
-update-speed: setup  ## one gradient step of SAC and DDPG beside torch by hand -> docs/results/update-speed.json
-	$(BIN)/python -m recipes.studies.update_speed
-endurance: setup ## half an hour of online learning: memory and overhead -> docs/results/endurance.json
-	$(BIN)/python -m recipes.studies.endurance
 change: setup    ## does the belief follow a machine that changes, and leave one alone that does not (goes on where it was stopped) -> docs/results/change.json
 	$(BIN)/python -m recipes.studies.change --out $(OUT)/change
-combination: setup  ## one belief from several trajectories: union, product, calibrated product -> docs/results/combination.json
-	$(BIN)/python -m recipes.studies.combination
-robustness: setup  ## policies of make online over the grid of true parameters -> docs/results/robustness.json
-	$(BIN)/python -m recipes.studies.robustness --runs $(OUT)/online
-wall-clock: setup  ## from nothing to solved with a posterior, beside stable-baselines3 and sbi -> docs/results/wall-clock.json
-	@$(PIP) -e '.[peers]'
-	$(BIN)/python -m recipes.studies.wall_clock --out $(OUT)/wall_clock
 versus-sbi: setup  ## our estimator beside sbi's NPE on the same simulations (four hours; goes on where it was stopped) -> docs/results/versus-sbi.json
 	@$(PIP) -e '.[peers]'
 	$(BIN)/python -m recipes.studies.versus_sbi --out $(OUT)/versus_sbi

@@ -63,7 +63,9 @@ def _feed(found: _Hash, value: object, depth: int) -> None:
     if depth > DEEPEST:
         raise NoDigest("objects that hold each other have no digest")
     below = partial(_feed, found, depth=depth + 1)
-    if value is None or isinstance(value, bool | int | float | complex | str | Path):
+    if isinstance(value, float):  # numpy's, too
+        found.update(f"float:{float(value)!r};".encode())
+    elif value is None or isinstance(value, bool | int | complex | str | Path):
         found.update(f"{type(value).__name__}:{value!r};".encode())
     elif isinstance(value, bytes):
         found.update(b"bytes:" + str(len(value)).encode() + b":" + value)

@@ -6,8 +6,7 @@
 | alarm     | measurements of a system with a hidden effect, and clean ones: how often does the alarm ring?     |
 
 TARP error: the mean over levels of | share of truths inside the ball of that credibility - level | (Lemos et al. 2023);
-for an exact posterior .014 with 500 thetas. Sensors have 1 % noise. Each finished job is kept. Samplers that need a run
-for each measurement are judged by ``make calibration-one-by-one``.
+for an exact posterior .014 with 500 thetas. Sensors have 1 % noise. Each finished job is kept.
 
     python -m recipes.studies.calibration [--tasks pendulum] [--parts amortised]       -> docs/results/calibration.json
 """
@@ -18,7 +17,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from time import process_time
 from typing import Any, Literal
 
@@ -29,8 +27,8 @@ from onlinebayes.inference import NeuralEstimator
 from onlinebayes.inference.calibration import ball_credibility, credibility_of
 from onlinebayes.runs import ResultTable
 from recipes.studies.exact import coverage_error
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 from recipes.studies.one_round import ESTIMATORS, TASKS, OneRound, begun
-from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.ringing import SIZES as EFFECT_SIZES
 from recipes.studies.ringing import way
 
@@ -39,8 +37,8 @@ NOISE, SIMULATIONS, THETAS, COMBINED_BY, SIZES = 0.01, 1000, 500, 64, (1, 6, 30)
 SEED, MOST = 521, 0.05
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to judge."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
@@ -50,26 +48,13 @@ class Study:
     estimators: tuple[str, ...] = tuple(ESTIMATORS)
     """which of the amortised ones"""
     out: str = "out/calibration"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    only_jobs: bool = False
-    """no table, for a process beside others"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
     jobs = jobs_of(study)
     found = each_kept_or_done("calibration", study.out, jobs, lambda name: name.replace(" ", "_"), study.ray_workers)
-    if study.only_jobs:
-        return 0
-    table = tabled(found, study)
-    table.commit = found.commit
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def jobs_of(study: Study) -> dict[str, Callable[[], dict[str, Any]]]:
@@ -107,9 +92,7 @@ def amortised(task: str, name: str) -> dict[str, Any]:
 
 def tabled(found: dict[str, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    whole = Study()
-    some = (study.tasks, study.parts, study.estimators) != (whole.tasks, whole.parts, whole.estimators)
-    table = ResultTable("calibration", f"make calibration{' (a part)' if some else ''}", [SEED])
+    table = ResultTable("calibration", printed_by("calibration", study), [SEED])
     for name, result in found.items():
         if "rings" in result:
             add_alarm(table, name, result)

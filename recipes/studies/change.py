@@ -47,8 +47,8 @@ from onlinebayes.runs import ResultTable, generator
 from onlinebayes.trainers import Listed
 from onlinebayes.trainers.trajectories import trajectories
 from onlinebayes.transforms import ParameterRandomization
+from recipes.studies.jobs import each_kept_or_done, finished, printed_by
 from recipes.studies.one_round import OneRound, begun, mixture
-from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.studies.ringing import SIZES, measured
 
 Part = Literal["drawn", "small", "same", "words"]
@@ -89,10 +89,7 @@ def main(study: Study) -> int:
     jobs["pendulum, words"] = partial(words, study.runs)
     jobs = {name: job for name, job in jobs.items() if name.split(", ")[1] in study.parts}
     found = each_kept_or_done("change", study.out, jobs, lambda name: name.replace(", ", "_"))
-    table = tabled(found, printed_by("change", study))
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, printed_by("change", study)), study.results, found)
 
 
 @cache

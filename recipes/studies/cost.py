@@ -8,7 +8,7 @@
 | growth     | the arm's ``diagnose`` with 1, 2 and 4 times the data, and with a quarter, half and all candidates |
 
 Growth is the slope of log t against log size, the start-up (the same command on a second of data) taken off: 1 is
-linear. EMPS is timed by ``make emps``.
+linear. EMPS is timed by ``make measured``.
 
     python -m recipes.studies.cost [--parts arm growth]        -> docs/results/cost.json
 """

@@ -17,6 +17,7 @@ from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable, atomic_path
 from recipes.demo.picture import picture
 from recipes.demo.run import SIGNAL, Budget, Outcome, run
+from recipes.studies.jobs import finished
 
 SEEDS = (0, 1, 2, 3, 4)
 HIDDEN = "actuator_delay@motor"
@@ -82,10 +83,7 @@ def main(study: Study) -> int:
         outcomes.append(run(seed, study.out / str(seed), Budget()))
         with atomic_path(study.out / str(seed) / "demo.png") as path:
             picture(outcomes[-1]).savefig(path, dpi=150)
-    table = tabulate(outcomes)
-    print("\n" + table.to_markdown())
-    print(table.write(study.results))
-    return 0 if table.holds else 1
+    return finished(tabulate(outcomes), study.results)
 
 
 if __name__ == "__main__":

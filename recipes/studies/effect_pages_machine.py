@@ -25,13 +25,13 @@ from envs.rigs.inputs import inputs
 from onlinebayes.criticism import propose
 from onlinebayes.identification import MEMORY, Windows, make_windows
 from onlinebayes.measurements import Measurement, Signal
-from onlinebayes.parameters import ParameterSpace
+from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import generator
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.sensing import sense
-from recipes.studies.blind_data import FREE
 
+FREE = ParameterSpace({MASS: Parameter(0.1, 1.0, "kg"), DAMPING: Parameter(0.0, 0.1, "N m s/rad")})
 BASE = {MASS: 0.4, DAMPING: 0.04}
 RUNS, SECONDS, STEP, EVERY = 6, 6.0, 0.0025, 2
 AMPLITUDE, BAND = 0.55, (0.2, 2.5)  # [N m], [Hz]

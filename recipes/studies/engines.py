@@ -34,15 +34,15 @@ from onlinebayes.criticism import same_as
 from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable
 from recipes.studies.engines_data import CASES, Case, written
-from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import Places, check_names, each_kept_or_done, finished, printed_by
 
 SEEDS = (1, 2, 3)
 OFF, SECONDS = 1.0, 180.0
 """Goals: per cent, and processor seconds."""
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to run."""
 
     cases: tuple[str, ...] = tuple(case.name for case in CASES)
@@ -50,11 +50,6 @@ class Study:
     seeds: tuple[int, ...] = SEEDS
     """of flights and noise"""
     out: str = "out/engines"
-    """problems, reports and finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """do the jobs on so many workers of Ray"""
 
 
 def main(study: Study) -> int:
@@ -63,12 +58,10 @@ def main(study: Study) -> int:
     wanted = [case for case in CASES if case.name in study.cases]
     jobs = {(case.name, seed): partial(judged, case, seed, study.out) for case in wanted for seed in study.seeds}
     found = each_kept_or_done("engines", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
-    table = ResultTable("engines", printed_by("engines", study), study.seeds, commit=found.commit)
+    table = ResultTable("engines", printed_by("engines", study), study.seeds)
     for case in wanted:
         add_case(table, case, [found[case.name, seed] for seed in study.seeds])
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results, found)
 
 
 def judged(case: Case, seed: int, out: str) -> dict[str, Any]:
@@ -127,7 +120,7 @@ def sizes(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, float]:
 def add_case(table: ResultTable, case: Case, results: Sequence[Mapping[str, Any]]) -> None:
     """Rows of one case."""
     side = "missing in" if case.side == "missing" else "surplus of"
-    head = f"{case.law} of the joints, {side} the model{', from hops' if case.hops else ''}"
+    head = f"{case.law} of the joints, {side} the model"
     count, right = len(results), sum(one["right"] for one in results)
     verdicts = ", ".join(one["verdict"] for one in results)
     table.add(

@@ -5,7 +5,7 @@
 Where ``missing``, the machine has damping (or armature) of 1 at its three joints, as Gymnasium's file, and the model
 has none; where ``surplus``, the machine has none and the model is the file. Masses are free within 30 %. Runs whose
 joints come near their ends, or whose limbs touch one another or the floor, are drawn anew: stops and contacts are not
-the same in both engines. ``from hops`` the runs are the flights of a hopper that jumps (:mod:`.engines_hops`).
+the same in both engines.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from typing import Literal
 import mujoco
 import numpy as np
 import torch
-from jaxtyping import Float
+from jaxtyping import Bool, Float
+from numpy import ndarray
 from tensordict import TensorDict
 from torch import Tensor
 
@@ -26,16 +27,15 @@ from envs.hopper import DT, STANDARD, STANDARD_MODEL, DrakeHopper
 from envs.hopper.standard import BODIES, GEAR, JOINTS
 from onlinebayes.parameters import Parameter, ParameterSpace
 from onlinebayes.runs import write_atomic
-from recipes.studies.engines_hops import flights, jumps, touching_nothing
 
 Law = Literal["damping", "armature"]
 Side = Literal["missing", "surplus"]
 
-RUNS, HOPS, HELD, ROWS = 10, 24, 4, 165
-"""Runs in flight, flights of hops; a fourth of the flights and two of the runs are held out; rows of a run. Eight runs
-of 1.3 s are fitted: of seven or more the last fit takes whole runs as its windows, in which a damping shows most."""
+RUNS, HELD, ROWS = 10, 2, 165
+"""Runs, those of them that are held out, and rows of a run. Eight runs of 1.3 s are fitted: of seven or more the last
+fit takes whole runs as its windows, in which a damping shows most."""
 
-FLIGHT, HOP = 0.4, 0.2
+HORIZON = 0.4
 """Seconds of the windows that errors are reported over."""
 
 NOISE = 1e-3
@@ -61,12 +61,11 @@ class Case:
 
     law: Law
     side: Side
-    hops: bool = False
 
     @property
     def name(self) -> str:
-        """``missing-damping``, ``missing-damping-from-hops``."""
-        return f"{self.side}-{self.law}{'-from-hops' if self.hops else ''}"
+        """``missing-damping``."""
+        return f"{self.side}-{self.law}"
 
     @property
     def machine(self) -> float:
@@ -81,8 +80,10 @@ class Case:
 
 
 CASES = (
-    *(Case(law, side) for side in ("missing", "surplus") for law in ("damping", "armature")),
-    Case("damping", "missing", hops=True),
+    Case("damping", "missing"),
+    Case("armature", "missing"),
+    Case("damping", "surplus"),
+    Case("armature", "surplus"),
 )
 
 
@@ -95,7 +96,7 @@ def written(case: Case, seed: int, folder: Path) -> Path:
         path += NOISE * torch.randn(path.shape, generator=draw, dtype=path.dtype)
     write_atomic(folder / "hopper.xml", model.to_xml())
     write_atomic(folder / "log.csv", "\n".join(_lines(runs)) + "\n")
-    write_atomic(folder / "problem.toml", _problem(model.compile(), len(runs), HOP if case.hops else FLIGHT))
+    write_atomic(folder / "problem.toml", _problem(model.compile()))
     return folder / "problem.toml"
 
 
@@ -119,16 +120,23 @@ def _runs(case: Case, draw: torch.Generator) -> Iterator[tuple[Float[Tensor, "T 
     values = dict(zip(SPACE, machine.nominal.tolist(), strict=True))
     values |= {f"joint.{joint}.{case.law}": case.machine for joint in JOINTS}
     theta, checked, found = SPACE.vector(values).expand(RUNS, -1), model_of(case).compile(), 0
-    while found < (HOPS if case.hops else RUNS):
-        command, path = _thrown(machine, theta, draw)
-        if case.hops:
-            command, path = jumps(machine, theta, command, GEAR, draw)
-        for one, way in zip(command, path, strict=True):
-            free = touching_nothing(checked, way.numpy(), ROOM)
-            for part in flights(free) if case.hops else [slice(None)] * bool(free.all()):
-                if found < (HOPS if case.hops else RUNS):
-                    found += 1
-                    yield one[part].clone(), way[part].clone()
+    while found < RUNS:
+        for command, path in zip(*_thrown(machine, theta, draw), strict=True):
+            if found < RUNS and touching_nothing(checked, path.numpy()).all():
+                found += 1
+                yield command.clone(), path.clone()
+
+
+def touching_nothing(model: mujoco.MjModel, path: Float[ndarray, "T 6"]) -> Bool[ndarray, " T"]:
+    """Row by row whether nothing touches anything, and no joint is near an end."""
+    low, high = model.jnt_range[3:].T
+    free = ((path[:, 3:] > low + ROOM) & (path[:, 3:] < high - ROOM)).all(1)
+    data = mujoco.MjData(model)
+    for k in np.flatnonzero(free):
+        data.qpos[:] = path[k]
+        mujoco.mj_fwdPosition(model, data)
+        free[k] = data.ncon == 0
+    return np.asarray(free)
 
 
 def _thrown(
@@ -165,12 +173,12 @@ def _lines(runs: Sequence[tuple[Tensor, Tensor]]) -> Iterator[str]:
             yield ",".join([f"run{r}", f"{k * DT:.3f}", *(f"{x:.9g}" for x in u), *(f"{x:.6f}" for x in q)])
 
 
-def _problem(model: mujoco.MjModel, runs: int, horizon: float) -> str:
+def _problem(model: mujoco.MjModel) -> str:
     """Masses are free, the noise is known, all candidates are tried."""
     mass = {name: float(model.body(name).mass[0]) for name in BODIES}
-    held = ", ".join(f'"run{r}"' for r in range(runs - runs // HELD, runs))
+    held = ", ".join(f'"run{r}"' for r in range(RUNS - HELD, RUNS))
     lines = ["schema = 1", 'model = "hopper.xml"', 'measurements = ["log.csv"]', f"holdout = [{held}]", ""]
     lines += ["[parameters]", *(f'"body.{name}.mass" = [{0.7 * m:.3g}, {1.3 * m:.3g}]' for name, m in mass.items())]
     for name in (*ROOT, *JOINTS):
         lines += ["", f'[signals."qpos.{name}"]', f"sd = {NOISE!r}"]
-    return "\n".join([*lines, "", "[selection]", f"horizon_s = {horizon!r}", "", "[effects]", 'candidates = "all"', ""])
+    return "\n".join([*lines, "", "[selection]", f"horizon_s = {HORIZON!r}", "", "[effects]", 'candidates = "all"', ""])

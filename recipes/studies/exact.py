@@ -20,7 +20,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
 
@@ -31,7 +30,7 @@ from onlinebayes.inference import filtered_estimator, fit
 from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from recipes import cartpole, pendulum
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.jobs import Places, each_kept_or_done, finished
 from recipes.studies.table_online import ended, reference
 
 Part = Literal["one round", "recipes"]
@@ -44,8 +43,8 @@ NEAR = {"cartpole": ("mean", 0.15), "pendulum": ("median", 0.5)}
 END = {"cartpole": 5.3, "pendulum": 7.5}
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to compare."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
@@ -53,11 +52,6 @@ class Study:
     parts: tuple[Part, ...] = ("recipes", "one round")
     """which parts"""
     out: str = "out/exact"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
@@ -69,11 +63,7 @@ def main(study: Study) -> int:
         if "one round" in study.parts:
             jobs += [(f"{task}-{noise:g}", partial(one_round, task, noise)) for noise in NOISES]
     found = each_kept_or_done("exact", study.out, dict(jobs), str, study.ray_workers)
-    table = tabled(found, study)
-    table.commit = found.commit
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def recipe(task: str, seed: int) -> dict[str, Any]:

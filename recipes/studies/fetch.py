@@ -43,7 +43,7 @@ from onlinebayes.runs import (
 from onlinebayes.trainers import Point, collector_of
 from onlinebayes.transforms import Distribution, ParameterRandomization
 from recipes.fetch import LEARNING, STEPS, WORLDS, Fetch, demonstrate, fetch, objective, outcomes, success
-from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import Places, check_names, each_kept_or_done, finished, printed_by
 
 SEEDS, EPISODES, LOOKS, QUARTERS = (1, 2, 3), 256, 16, 4
 
@@ -86,8 +86,8 @@ CASES: dict[str, Case] = {
 }
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to run."""
 
     cases: tuple[str, ...] = tuple(CASES)
@@ -95,11 +95,6 @@ class Study:
     seeds: tuple[int, ...] = SEEDS
     """of networks and worlds"""
     out: str = "out/fetch"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """do the jobs on so many workers of Ray"""
 
 
 def main(study: Study) -> int:
@@ -109,11 +104,7 @@ def main(study: Study) -> int:
     places = {job: Path(study.out) / file_of(job) for job in wanted}
     jobs = {(case, seed): partial(learnt, CASES[case], seed, place) for (case, seed), place in places.items()}
     found = each_kept_or_done("fetch", study.out, jobs, file_of, study.ray_workers)
-    table = tabled(found, study)
-    table.commit = found.commit
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def file_of(job: tuple[str, int]) -> str:

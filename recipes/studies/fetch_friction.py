@@ -43,7 +43,7 @@ from onlinebayes.trainers.trajectories import Policy
 from recipes.fetch import STEPS, Fetch, fetch, friction_estimator
 from recipes.studies import fetch as learning
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import check_names, each_kept_or_done, printed_by
+from recipes.studies.jobs import Places, check_names, each_kept_or_done, finished, printed_by
 
 SIMULATIONS, HELD_OUT, STARTS, EPOCHS, NOISE = 2000, 500, 10, 60, 0.1
 
@@ -75,8 +75,8 @@ QUESTIONS: dict[str, Question] = {
 }
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to run."""
 
     questions: tuple[str, ...] = tuple(QUESTIONS)
@@ -86,11 +86,6 @@ class Study:
     policies: Path = Path("out/fetch")
     """where ``make fetch`` keeps its jobs"""
     out: str = "out/fetch_friction"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """do the jobs on so many workers of Ray"""
 
 
 def main(study: Study) -> int:
@@ -102,11 +97,7 @@ def main(study: Study) -> int:
         trained(task, seed, study.policies)  # two jobs that ask for one policy would learn it twice
     jobs = {(name, seed): partial(answered, QUESTIONS[name], seed, study.policies) for name, seed in wanted}
     found = each_kept_or_done("fetch-friction", study.out, jobs, learning.file_of, study.ray_workers)
-    table = tabled(found, study)
-    table.commit = found.commit
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def answered(question: Question, seed: int, policies: Path) -> dict[str, Any]:

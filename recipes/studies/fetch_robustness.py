@@ -34,7 +34,7 @@ from onlinebayes.trainers import Listed
 from recipes import fetch_push, fetch_slide
 from recipes.fetch import WORDS, outcomes
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import printed_by
+from recipes.studies.jobs import finished, printed_by
 
 Task = Literal["push", "slide"]
 CELLS, EPISODES, NEAR = 12, 64, 0.1
@@ -86,9 +86,7 @@ def main(study: Study) -> int:
     first = {task: {kind: found[task, study.seeds[0], kind] for kind in KINDS} for task in study.tasks}
     for name, figure in (("4.6", along_the_friction(first)), ("5.3", step_by_step(first))):
         save(figure, study.results / f"figure-{name}.png", dpi=110)
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results)
 
 
 def seen(study: Study, task: Task, seed: int, kind: Kind) -> tuple[Run, Seen]:

@@ -15,14 +15,13 @@ is kept, so that a second start goes on.
 
 from __future__ import annotations
 
-import json
 import statistics
 import sys
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
+from typing import Any
 
 import gymnasium
 import torch
@@ -37,10 +36,11 @@ from onlinebayes.experiments import status
 from onlinebayes.inference import BoxUniform
 from onlinebayes.objectives import Objective, PPOSettings, SACSettings, ppo, sac
 from onlinebayes.parameters import Parameter, ParameterSpace
-from onlinebayes.runs import Progress, ResultTable, seed_everything, write_atomic
+from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.simulators import Task, TorchSimulator
 from onlinebayes.trainers import Point, Problem, collector_of
 from onlinebayes.transforms import ParameterRandomization
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 
 EPISODES = 100
 
@@ -131,8 +131,8 @@ CASES = {
 }
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """All environments and seeds."""
 
     environments: tuple[str, ...] = tuple(CASES)
@@ -140,43 +140,29 @@ class Study:
     seeds: tuple[int, ...] = (1, 2, 3, 4, 5)
     """of networks, worlds and draws"""
     out: str = "out/gymnasium"
-    """finished jobs go here"""
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Mean return over episodes of Gymnasium's environment, what it took, and the return in the course of learning."""
-
-    score: float
-    frames: int
-    seconds: float
-    course: tuple[float, ...]
 
 
 def main(study: Study) -> int:
     """Train what is missing, print the table."""
-    jobs = [(name, seed) for name in study.environments for seed in study.seeds]
-    table = ResultTable("gymnasium", "make gymnasium", study.seeds)
-    outcomes: dict[tuple[str, int], Outcome] = {}
-    with Progress("gymnasium", len(jobs)) as progress:
-        for done, (name, seed) in enumerate(jobs):
-            file = Path(study.out) / f"{name}-{seed}.json"
-            if not file.exists():
-                progress.update(done, f"{name}, seed {seed}")
-                write_atomic(file, json.dumps(asdict(train(CASES[name], name, seed))) + "\n")
-            outcomes[name, seed] = Outcome(**json.loads(file.read_text("utf-8")))
+    wanted = [(name, seed) for name in study.environments for seed in study.seeds]
+    jobs = {(name, seed): partial(train, name, seed) for name, seed in wanted}
+    found = each_kept_or_done("gymnasium", study.out, jobs, lambda job: f"{job[0]}-{job[1]}", study.ray_workers)
+    table = ResultTable("gymnasium", printed_by("gymnasium", study), study.seeds)
     for name in study.environments:
-        of = [outcomes[name, seed] for seed in study.seeds]
-        table.add_seeds(f"{name}: return", [o.score for o in of], least=CASES[name].goal)
-        table.add(f"{name}: frames", of[0].frames, unit="frames")
-    print(table.to_markdown())
-    print(f"written: {table.write()}")
-    return 0 if table.holds else 1
+        of = [found[name, seed] for seed in study.seeds]
+        table.add_seeds(f"{name}: return", [one["score"] for one in of], least=CASES[name].goal)
+        table.add(f"{name}: frames", of[0]["frames"], unit="frames")
+    return finished(table, study.results, found)
 
 
-def train(case: Case, name: str, seed: int) -> Outcome:
-    """Train one policy; of the policies along the way the one that is best in our worlds at default parameters."""
-    start = time.monotonic()
+def train(name: str, seed: int) -> dict[str, Any]:
+    """Train one policy; of the policies along the way the one that is best in our worlds at default parameters.
+
+    Returns:
+        score, mean return over episodes of Gymnasium's environment; frames and seconds, what it took; course, the
+        return in the course of learning.
+    """
+    start, case = time.monotonic(), CASES[name]
     seed_everything(seed)
     problem = Problem(case.simulator(case.space), case.task, BoxUniform(case.space))
     default = problem.simulator.nominal
@@ -190,7 +176,8 @@ def train(case: Case, name: str, seed: int) -> Outcome:
                 best, kept = course[-1], {k: v.clone() for k, v in objective.policy.state_dict().items()}
     objective.policy.load_state_dict(kept)
     frames = case.batches * case.worlds * case.steps
-    return Outcome(judged(objective, name, seed), frames, time.monotonic() - start, tuple(course))
+    score = judged(objective, name, seed)
+    return {"score": score, "frames": frames, "seconds": time.monotonic() - start, "course": course}
 
 
 def batches(case: Case, problem: Problem, objective: Objective, seed: int) -> Iterator[TensorDictBase]:

@@ -19,22 +19,23 @@ Each finished job is kept, so that a second start goes on.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import partial
 from statistics import fmean
 from typing import Any, Literal
 
 from tensordict import TensorDict
 
 from onlinebayes.experiments import status
-from onlinebayes.runs import Interrupt, Progress, ResultTable, seed_everything, write_atomic
+from onlinebayes.runs import Interrupt, ResultTable, seed_everything
 from onlinebayes.trainers import Excited, Finding, GrowingTrainer, OnlineState, improve
 from onlinebayes.trainers.real import united
 from recipes.hidden_effect import MOMENTS, Settings, build
 from recipes.hidden_systems import SYSTEMS
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 
 Part = Literal["naming", "learning"]
 KINDS = ("criticised", "blind", "oracle")
@@ -44,8 +45,8 @@ EPISODES = 64
 SEEDS = tuple(range(10))
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """Which runs."""
 
     systems: tuple[str, ...] = tuple(SYSTEMS)
@@ -57,11 +58,6 @@ class Study:
     seeds: tuple[int, ...] = SEEDS
     """of truth, networks and noise"""
     out: str = "out/hidden_effect"
-    """finished jobs go here"""
-    minutes: float | None = None
-    """after which no further job is begun; the table then holds what there is"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
 
 
 @dataclass(frozen=True)
@@ -81,22 +77,9 @@ class Job:
 
 def main(study: Study) -> int:
     """Do what is missing, print the table."""
-    began, found = time.monotonic(), dict[Job, dict[str, Any]]()
-    jobs = jobs_of(study)
-    with Progress("hidden effect", len(jobs)) as progress:
-        for i, job in enumerate(jobs):
-            path = Path(study.out) / f"{job.name}.json"
-            late = study.minutes is not None and time.monotonic() - began > 60 * study.minutes
-            if not path.exists() and not late:
-                progress.update(i, job.name)
-                path.parent.mkdir(parents=True, exist_ok=True)
-                write_atomic(path, json.dumps(learnt(job) if job.kind in KINDS else named(job)))
-            if path.exists():
-                found[job] = json.loads(path.read_text(encoding="utf-8"))
-    table = tabled(found, study)
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    jobs = {job: partial(learnt if job.kind in KINDS else named, job) for job in jobs_of(study)}
+    found = each_kept_or_done("hidden effect", study.out, jobs, lambda job: job.name, study.ray_workers)
+    return finished(tabled(found, study), study.results, found)
 
 
 def jobs_of(study: Study) -> list[Job]:
@@ -165,11 +148,10 @@ def learnt(job: Job) -> dict[str, Any]:
     }
 
 
-def tabled(found: dict[Job, dict[str, Any]], study: Study) -> ResultTable:
+def tabled(found: Mapping[Job, dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all jobs."""
-    seeds, every = sorted({job.seed for job in found}), len(jobs_of(Study()))
-    told = "" if len(found) == every else f" (a sample: {len(found)} of {every} jobs, {counted(found)})"
-    table = ResultTable("hidden-effect", f"make hidden-effect{told}", seeds)
+    seeds = sorted({job.seed for job in found})
+    table = ResultTable("hidden-effect", printed_by("hidden-effect", study), seeds)
     for system in study.systems:
         for effect in study.effects:
             runs = {
@@ -184,12 +166,6 @@ def tabled(found: dict[Job, dict[str, Any]], study: Study) -> ResultTable:
     if spent:
         table.add("processor time of one criticism, mean", fmean(spent), unit="s")
     return table
-
-
-def counted(found: dict[Job, dict[str, Any]]) -> str:
-    """How many jobs of each part there are."""
-    naming = sum(job.kind not in KINDS for job in found)
-    return f"{naming} of naming and {len(found) - naming} of learning"
 
 
 def add_naming(table: ResultTable, name: str, runs: dict[int, dict[str, Any]]) -> None:

@@ -22,7 +22,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from pathlib import Path
 from typing import Any, Literal, get_args
 
 from tensordict import TensorDictBase
@@ -38,7 +37,7 @@ from recipes.hopper import Engine, Settings
 from recipes.studies import known_start
 from recipes.studies.exact import coverage_error
 from recipes.studies.finished_run import finished_run
-from recipes.studies.resumable import Found, each_kept_or_done, printed_by
+from recipes.studies.jobs import Found, Places, each_kept_or_done, finished, printed_by
 
 Part = Literal["policies", "friction"]
 Key = tuple[Any, ...]
@@ -50,8 +49,8 @@ WINDOWS = {"starting": 0, "running": RUN_UP}
 RETURN, NEAR = 2400.0, 0.3
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to run."""
 
     parts: tuple[Part, ...] = get_args(Part)
@@ -61,11 +60,6 @@ class Study:
     seeds: tuple[int, ...] = SEEDS
     """of truths, worlds and networks"""
     out: str = "out/hopper"
-    """runs and finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """do the jobs on so many workers of Ray"""
 
 
 def main(study: Study) -> int:
@@ -78,9 +72,7 @@ def main(study: Study) -> int:
         parts.append(done(study, {("friction", *key): partial(told, study.out, *key) for key in each}))
     table = tabled({key: result for part in parts for key, result in part.items()}, study)
     table.commit = ", ".join(sorted({part.commit for part in parts}))
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results)
 
 
 def done(study: Study, jobs: Mapping[Key, Callable[[], dict[str, Any]]]) -> Found[Key]:

@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -34,9 +33,9 @@ from onlinebayes.inference import (
     fit,
 )
 from onlinebayes.runs import ResultTable
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 from recipes.studies.known_tasks import TASKS, KnownTask
 from recipes.studies.one_round import begun
-from recipes.studies.resumable import each_kept_or_done
 
 SIMULATIONS, MEASUREMENTS, DRAWS, SEED, SAME = 10_000, 5, 1000, 561, 0.55
 GAUSSIAN = ("linear Gaussian, 2", "linear Gaussian, 10")
@@ -45,18 +44,13 @@ Sampler = Callable[[Float[Tensor, " D"], int], Float[Tensor, "N P"]]
 """(x, number) -> draws of the estimated posterior."""
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to compare."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
     """which tasks"""
     out: str = "out/known-posteriors"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def as_trajectories(x: Float[Tensor, "N D"], theta: Float[Tensor, "N P"] | None = None) -> TensorDict:
@@ -106,11 +100,7 @@ def main(study: Study) -> int:
     """Do what is missing, print the table."""
     jobs = {(task, method): partial(told_apart, task, method) for task in study.tasks for method in METHODS}
     found = each_kept_or_done("known-posteriors", study.out, jobs, file_of, study.ray_workers)
-    table = tabled(found, study)
-    table.commit = found.commit
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def file_of(key: tuple[str, str]) -> str:
@@ -138,8 +128,7 @@ def told_apart(name: str, method: str) -> dict[str, Any]:
 
 def tabled(found: dict[tuple[str, str], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all tasks."""
-    some = " (a part)" if study.tasks != Study().tasks else ""
-    table = ResultTable("known-posteriors", f"make known-posteriors{some}", [SEED])
+    table = ResultTable("known-posteriors", printed_by("known-posteriors", study), [SEED])
     for task in study.tasks:
         means = {method: statistics.fmean(found[task, method]["C2ST"]) for method in METHODS}
         for method, mean in means.items():

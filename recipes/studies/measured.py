@@ -3,7 +3,8 @@
     ONLINEBAYES_DATA=/path/to/data python -m recipes.studies.measured [--sets xl330 ...]  -> docs/results/measured.json
 
 The sets are the modules of ``recipes.studies.measured_sets``; two run at a time, each command in a process of its own.
-Held out are whole runs. Rows of sets that are not run stay as the file has them: all sets take an hour.
+Held out are whole runs. Rows of sets that are not run stay as the file has them: all sets take an hour. A table of
+which some rows are kept names no commit.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from pathlib import Path
 from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput, ResultTable, Row
 from recipes.studies import measured_sets
-from recipes.studies.resumable import check_names
+from recipes.studies.jobs import check_names, finished
 
 PROCESSES = 2
 
@@ -41,6 +42,8 @@ def table(names: Sequence[str], data: Path, known: Sequence[Row] = ()) -> Result
     with ThreadPoolExecutor(PROCESSES) as pool:
         found = dict(zip(names, pool.map(lambda name: judge(name, data), names), strict=True))
     results = ResultTable("measured", "make measured", [0])
+    if set(names) != set(sets()):
+        results.commit = None  # of the rows that are kept nobody knows it
     for name in sets():
         results.rows += found.get(name, tuple(row for row in known if belongs(row, name)))
     return results
@@ -73,10 +76,7 @@ def main(study: Study) -> int:
     check_names(study.sets, sets())
     if not (data := os.environ.get("ONLINEBAYES_DATA")):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds the measured sets")
-    results = table(study.sets, Path(data), known_rows(study.results / "measured.json"))
-    print(results.to_markdown())
-    print(results.write(study.results))
-    return 0 if results.holds else 1
+    return finished(table(study.sets, Path(data), known_rows(study.results / "measured.json")), study.results)
 
 
 if __name__ == "__main__":

@@ -64,12 +64,13 @@ class Refined:
             run: (_root_mean(a for a, _ in pairs), _root_mean(b for _, b in pairs)) for run, pairs in squares.items()
         }
 
-    def rows(self, goal: str, holds: bool, units: Mapping[str, str]) -> tuple[Row, ...]:
+    def rows(self, goal: str, holds: bool, units: Mapping[str, str], longest: float | None = None) -> tuple[Row, ...]:
         """Verdict, effects, held-out errors with their floors (which must not rise), parameters and time.
 
         Args:
             goal, holds: what should have been accepted, in words, and whether it was.
             units: signal to report -> its unit, ``"rad"``, ``"m"``, ``"rad/s"``, ...
+            longest: that the command may take on two cores [s]; None: as long as it likes.
         """
         accepted = ", ".join(self.accepted) or "none"
         found = [
@@ -88,7 +89,8 @@ class Refined:
             )
         for address, value in self.report["parameters"].items():
             found.append(Row(f"{self.name}: {address}", value["mean"], value["sd"], value["unit"]))
-        found.append(Row(f"{self.name}: time of refine, start-up included", self.seconds, unit="s"))
+        time_goal = (None, None) if longest is None else (f"<= {longest:g}", self.seconds <= longest)
+        found.append(Row(f"{self.name}: time of refine, start-up included", self.seconds, None, "s", *time_goal))
         return tuple(found)
 
 

@@ -21,9 +21,11 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import asdict, dataclass
+from functools import partial
+from itertools import chain, pairwise
 from pathlib import Path
+from typing import Any
 
 from envs.rigs import RIGS, BlindCase, messy_case, messy_machine
 from onlinebayes.criticism import (
@@ -42,13 +44,12 @@ from onlinebayes.criticism import (
 )
 from onlinebayes.experiments import STOPPED, status
 from onlinebayes.problems import ProblemFile
-from onlinebayes.runs import UNWATCHED, BadInput, Progress, ResultTable, one_torch_thread, write_atomic
+from onlinebayes.runs import UNWATCHED, BadInput, ResultTable, one_torch_thread
 from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
 from recipes.studies.blind_rigs.table import Goal, add_share
-from recipes.studies.blind_rigs.workers import work
-from recipes.studies.json_line import line, parsed
-from recipes.studies.resumable import kept, print_rows
+from recipes.studies.jobs import each_kept_or_done, print_rows, record
+from recipes.studies.spawned import Failed
 
 WORSE = 1.02
 LEAST_FALL = 1 / 3
@@ -166,33 +167,31 @@ class Found:
 
 def main(study: Study) -> int:
     """Run what is missing, print the table; returns the exit status."""
-    found = kept(study.out, study.names, read)
-    todo = [name for name in study.names if name not in found]
-    try:
-        with Progress("messy", len(study.names)) as progress:
-            for done in work(todo, ask, study.processes, 60 * study.minutes):
-                one = done.result or unanswered(done.job, done.problem, done.seconds)
-                write_atomic(study.out / f"{one.name}.json", line(one))
-                found[one.name] = one
-                progress.update(len(found), f"{one.name}: {', '.join(one.accepted) or one.ended or 'nothing'}")
-    except KeyboardInterrupt:
-        print(f"stopped; finished cases are kept in {study.out}, and the same command goes on", file=sys.stderr)
-        return STOPPED
-    table = tabulate([found[name] for name in study.names], study.first)
+    found = each_kept_or_done(
+        "messy",
+        study.out,
+        {name: partial(ask, name) for name in study.names},
+        str,
+        processes=study.processes,
+        limit=60 * study.minutes,
+        failed=unanswered,
+    )
+    table = tabulate([record(Found, result) for result in found.values()], study.first)
+    table.commit = found.commit
     print_rows(table)
     print(f"written: {table.write(study.results)}")
-    return 0
+    return STOPPED if found.stopped else 0
 
 
-def unanswered(name: str, why: str, seconds: float) -> Found:
+def unanswered(name: str, failed: Failed) -> dict[str, Any]:
     """A case that refine gave no answer to."""
     rig, _, seed = name.rpartition("-")
     mess, _ = messy_machine(rig, int(seed))
-    small = tuple(spelt(key, mess.truth) for group in mess.small for key in group)
-    return Found(name, tuple(spelt(key, mess.truth) for key in mess.keys), small, ended=why, seconds=seconds)
+    hidden, small = (tuple(spelt(key, mess.truth) for key in keys) for keys in (mess.keys, chain(*mess.small)))
+    return asdict(Found(name, hidden, small, ended=failed.problem, seconds=failed.seconds))
 
 
-def ask(name: str) -> Found:
+def ask(name: str) -> dict[str, Any]:
     """One case, by name: its truth is looked at only after the search."""
     rig, _, seed = name.rpartition("-")
     with one_torch_thread():
@@ -204,8 +203,9 @@ def ask(name: str) -> Found:
             problem = loaded(made)
             result = refined(problem)
         except BadInput as error:
-            return Found(name, hidden, small, ended=str(error).splitlines()[0], seconds=time.process_time() - began)
-        return judged(Found(name, hidden, small, seconds=time.process_time() - began), made, problem, result)
+            ended = str(error).splitlines()[0]
+            return asdict(Found(name, hidden, small, ended=ended, seconds=time.process_time() - began))
+        return asdict(judged(Found(name, hidden, small, seconds=time.process_time() - began), made, problem, result))
 
 
 def judged(case: Found, made: BlindCase, problem: ProblemFile, result: Criticism) -> Found:
@@ -345,11 +345,6 @@ def told(one: Found) -> str:
     parts += [f"not there: {', '.join(one.false)}"] if one.false else []
     known = "" if one.reference is None else f", with what dominates {one.reference:.2f}"
     return "; ".join([*parts, f"held-out {' '.join(f'{error:.2f}' for error in one.errors)}{known}"])
-
-
-def read(text: str) -> Found:
-    """A case that was kept."""
-    return parsed(Found, text, lambda raw: "small" in raw, "case of this study")
 
 
 def _share(

@@ -3,7 +3,7 @@
     theta_i ~ prior,  x_i ~ simulator(theta_i)          to fit on (B, T)
     theta_g ~ prior,  x_gj, j = 1 ... n                 to combine by, and to judge by (G, n, T)
 
-and the estimators and embeddings that studies compare on it, by name.
+and the estimators that studies compare on it, by name.
 """
 
 from __future__ import annotations
@@ -18,14 +18,9 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.embeddings import (
-    AttentionEmbedding,
     Embedding,
     FilteredEmbedding,
-    GRUEmbedding,
-    JoinedEmbedding,
-    LSTMEmbedding,
     SimulatorReference,
-    StatisticsEmbedding,
     SummaryEmbedding,
     TransitionFeatures,
 )
@@ -119,30 +114,6 @@ class OneRound:
         problem = self.problem
         model = filter_of(problem.simulator, problem.task, problem.prior.box, state=self.state)
         return FilteredEmbedding(model, problem.task.action_spec.shape[-1])
-
-
-def plain(one: OneRound) -> TransitionFeatures:
-    """Features without a simulator."""
-    task = one.problem.task
-    return TransitionFeatures(task.observation_size, task.action_spec.shape[-1])
-
-
-def _with_summary(one: OneRound, other: Callable[[TransitionFeatures], LSTMEmbedding]) -> Embedding:
-    features = one.features()
-    return JoinedEmbedding([SummaryEmbedding(features), other(features)])
-
-
-EMBEDDINGS: dict[str, Callable[[OneRound], Embedding]] = {
-    "filter": lambda one: one.filtered(),
-    "summary": lambda one: SummaryEmbedding(one.features()),
-    "summary and LSTM": lambda one: _with_summary(one, LSTMEmbedding),
-    "LSTM": lambda one: LSTMEmbedding(one.features()),
-    "GRU": lambda one: GRUEmbedding(one.features()),
-    "attention": lambda one: AttentionEmbedding(one.features()),
-    "LSTM, no simulator": lambda one: LSTMEmbedding(plain(one)),
-    "summary, no simulator": lambda one: SummaryEmbedding(plain(one)),
-    "statistics of Eq 4.20": lambda one: StatisticsEmbedding(plain(one)),
-}
 
 
 def mixture(one: OneRound, embedding: Embedding) -> NeuralEstimator:

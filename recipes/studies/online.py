@@ -11,16 +11,16 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
-from onlinebayes.experiments import STOPPED, Kind, Run, Settings, run, settle, status
-from onlinebayes.runs import Progress, ResultTable
+from onlinebayes.experiments import STOPPED, Kind, Run, Settings, place_of, run, settle, status
+from onlinebayes.runs import ResultTable, seed_everything
 from recipes import acrobot, cartpole, pendulum
+from recipes.studies.jobs import each_kept_or_done, finished, printed_by, record
 
 KINDS: tuple[Kind, ...] = ("online", "posterior-first", "prior", "oracle")
 BUILD: dict[str, Callable[[Settings], Run]] = {
@@ -43,6 +43,8 @@ class Study:
     """which truths"""
     out: str = "out/online"
     """the runs' folders go here; what is finished is not run again"""
+    results: Path = Path("docs/results")
+    """folder of the table"""
     processes: int = 2
     """at once"""
 
@@ -54,39 +56,30 @@ class Curve:
     frames: tuple[int, ...]
     returns: tuple[float, ...]
     density: float
+    untrained: float
+    """return of the policy before its first step, which is as good as random"""
 
 
 def main(study: Study) -> int:
     """Run what is missing, print the table."""
-    jobs = [(task, kind, seed) for task in study.tasks for seed in study.seeds for kind in KINDS]
-    todo = [job for job in jobs if not _log(study, *job).with_name("finished").exists()]
-    pool = ProcessPoolExecutor(study.processes, mp_context=get_context("spawn"))
-    try:
-        with Progress("online", len(jobs)) as progress:
-            futures = [pool.submit(_run, study.out, *job) for job in todo]
-            for done, future in enumerate(as_completed(futures), len(jobs) - len(todo) + 1):
-                future.result()
-                progress.update(done, f"runs lie in {study.out}")
-    except KeyboardInterrupt:
-        print(f"stopped; the runs in {study.out} are kept, and the same command goes on from there")
-        return STOPPED
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-    table = tabulate(study)
-    print(table.to_markdown())
-    print(f"written: {table.write()}")
-    return 0 if table.holds else 1
+    wanted = [(task, kind, seed) for task in study.tasks for seed in study.seeds for kind in KINDS]
+    jobs = {job: partial(learnt, study.out, *job) for job in wanted}
+    folder = Path(study.out) / "curves"
+    found = each_kept_or_done("online", folder, jobs, lambda job: "-".join(map(str, job)), processes=study.processes)
+    curves = {job: record(Curve, result) for job, result in found.items()}
+    return finished(tabulate(study, curves), study.results, found)
 
 
-def tabulate(study: Study) -> ResultTable:
+def tabulate(study: Study, curves: Mapping[tuple[str, Kind, int], Curve]) -> ResultTable:
     """Shares of the oracle's return and the frames that they took, medians over the seeds."""
-    table = ResultTable("online", "make online", study.seeds)
+    table = ResultTable("online", printed_by("online", study), study.seeds)
     for task in study.tasks:
-        found = {(kind, seed): _curve(_log(study, task, kind, seed)) for kind in KINDS for seed in study.seeds}
-        lowest = {seed: _untrained(task, seed) for seed in study.seeds}
+        found = {(kind, seed): curves[task, kind, seed] for kind in KINDS for seed in study.seeds}
+        oracle = {seed: found["oracle", seed] for seed in study.seeds}
+        lowest = {seed: curve.untrained for seed, curve in oracle.items()}
         shares = {
-            key: tuple((r - lowest[key[1]]) / (found["oracle", key[1]].returns[-1] - lowest[key[1]]) for r in c.returns)
-            for key, c in found.items()
+            (kind, s): tuple((r - lowest[s]) / (oracle[s].returns[-1] - lowest[s]) for r in curve.returns)
+            for (kind, s), curve in found.items()
         }
         for kind in KINDS:
             table.add_seeds(f"{task}, {kind}: return", [found[kind, s].returns[-1] for s in study.seeds])
@@ -115,30 +108,22 @@ def _frames_to(share: float, frames: tuple[int, ...], shares: tuple[float, ...])
     return reached
 
 
-def _curve(log: Path) -> Curve:
-    with log.open(encoding="utf-8") as file:
+def learnt(out: str, task: str, kind: Kind, seed: int) -> dict[str, Any]:
+    """A run in its own folder, gone on with where it was stopped: the fields of its :class:`Curve`."""
+    settle()
+    settings = Settings(seed=seed, kind=kind, out=out)
+    if not (place_of(task, settings) / "finished").exists() and run(task, BUILD[task], settings) == STOPPED:
+        raise KeyboardInterrupt
+    with (place_of(task, settings) / "log.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if int(row["frames"])]
-    return Curve(
-        tuple(int(row["frames"]) + int(row["simulated"]) for row in rows),
-        tuple(float(row["figure/return"]) for row in rows),
-        float(rows[-1]["figure/log density of the truth"]),
-    )
-
-
-def _log(study: Study, task: str, kind: str, seed: int) -> Path:
-    return Path(study.out) / f"{task}-{kind}-{seed}" / "log.csv"
-
-
-def _run(out: str, task: str, kind: Kind, seed: int) -> None:
-    settle()
-    run(task, BUILD[task], Settings(seed=seed, kind=kind, out=out))
-
-
-def _untrained(task: str, seed: int) -> float:
-    """Return of the policy before its first step, which is as good as random."""
-    settle()
-    made = BUILD[task](Settings(seed=seed))
-    return made.problem.score(made.trainer.objective.policy, made.truth)
+    seed_everything(seed)
+    made = BUILD[task](settings)
+    return {
+        "frames": [int(row["frames"]) + int(row["simulated"]) for row in rows],
+        "returns": [float(row["figure/return"]) for row in rows],
+        "density": float(rows[-1]["figure/log density of the truth"]),
+        "untrained": made.problem.score(made.trainer.objective.policy, made.truth),
+    }
 
 
 if __name__ == "__main__":

@@ -37,8 +37,8 @@ from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.trainers import Listed, Point
 from onlinebayes.trainers.trajectories import returns
 from onlinebayes.transforms import ParameterRandomization
+from recipes.studies.jobs import each_kept_or_done, finished, printed_by
 from recipes.studies.planner_peer import torchrl_planner
-from recipes.studies.resumable import each_kept_or_done, printed_by
 from recipes.swing_up import NEAR, SYSTEMS, Name, belief_of, cost_of, planner_of, problem_of
 
 Part = Literal["swing-ups", "samples", "risk", "speed"]
@@ -82,14 +82,11 @@ def main(study: Study) -> int:
         jobs["speed"] = speed
     found = each_kept_or_done("planner", study.out, jobs, str)
     table = ResultTable("planner", printed_by("planner", study), study.seeds)
-    table.commit = found.commit
     add_swing_ups(table, found, study.seeds)
     add_samples(table, found)
     add_risk(table, found)
     add_speed(table, found)
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(table, study.results, found)
 
 
 # --- swing-ups ------------------------------------------------------------------------------------------------------

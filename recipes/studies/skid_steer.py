@@ -29,7 +29,7 @@ from onlinebayes.inference.run_length import Hazard
 from onlinebayes.runs import ResultTable, seed_everything
 from onlinebayes.trainers import AdaptivePlanner, OnlineState, Point
 from recipes.skid_steer import SPACE, composed
-from recipes.studies.resumable import check_names, each_kept_or_done, print_rows, printed_by
+from recipes.studies.jobs import check_names, each_kept_or_done, print_rows, printed_by
 from recipes.studies.skid_steer_drives import STEPS, WINDOW, drive, estimator_for_loops, planned_for
 from recipes.studies.skid_steer_figures import draw
 

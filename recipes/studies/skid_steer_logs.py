@@ -8,13 +8,14 @@ what was found is fitted anew to the steps that are left in, and judged by those
 
 from __future__ import annotations
 
-import json
 import statistics
 import sys
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -27,9 +28,9 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.problems import ProblemFile, criticise
 from onlinebayes.report import write_report
-from onlinebayes.runs import ResultTable, Row, generator, write_atomic
+from onlinebayes.runs import ResultTable, Row, generator
 from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
-from recipes.studies.resumable import check_names, kept, printed_by
+from recipes.studies.jobs import check_names, each_kept_or_done, finished, printed_by
 
 STEPS = 15
 """Of the fit over a split, which begins at what refine found."""
@@ -101,17 +102,18 @@ def miss_rows(robot: str, before: Sequence[Miss], after: Sequence[Miss]) -> Iter
             )
 
 
-def judge(robot: str, study: Study) -> Iterator[Row]:
+def judge(robot: str, study: Study) -> dict[str, Any]:
     """Refine one robot's log, and fit what was found over every split."""
     problem, began = load(robot), time.process_time()
     found = criticise("refine", sampled(problem, study.every))
     write_report(found, study.out / robot, title=f"the log of a {robot}", problem=problem.path)
-    yield from found_rows(robot, found)
-    yield Row(f"{robot}: processor time of refine", time.process_time() - began, unit="s")
+    rows = [*found_rows(robot, found)]
+    rows.append(Row(f"{robot}: processor time of refine", time.process_time() - began, unit="s"))
     model, theta = fitted(found)
     splits = [over_split(robot, problem, model, theta, seed) for seed in study.seeds]
-    yield from miss_rows(robot, *zip(*splits, strict=True))
-    yield Row(f"{robot}: processor time of all", time.process_time() - began, unit="s")
+    rows += miss_rows(robot, *zip(*splits, strict=True))
+    rows.append(Row(f"{robot}: processor time of all", time.process_time() - began, unit="s"))
+    return {"rows": [asdict(row) for row in rows]}
 
 
 def over_split(robot: str, problem: ProblemFile, model: SkidSteer, theta: Tensor, seed: int) -> tuple[Miss, Miss]:
@@ -125,24 +127,14 @@ def over_split(robot: str, problem: ProblemFile, model: SkidSteer, theta: Tensor
     return drives.miss(*nominal(robot)), drives.miss(model, refit.theta)
 
 
-def kept_rows(robot: str, study: Study) -> list[Row]:
-    """The rows of one robot, kept in ``out`` from when they were made: a study that is stopped goes on there."""
-    known = kept(study.out, [robot], lambda text: [Row(**row) for row in json.loads(text)])
-    if robot not in known:
-        known[robot] = list(judge(robot, study))
-        write_atomic(study.out / f"{robot}.json", json.dumps([asdict(row) for row in known[robot]], indent=1))
-    return known[robot]
-
-
 def main(study: Study) -> int:
     """Both robots; the exit status says whether all goals are met."""
-    table = ResultTable("skid-steer-logs", printed_by("skid-steer-logs", study), study.seeds)
     check_names(study.robots, GOALS)
-    for robot in study.robots:
-        table.rows += kept_rows(robot, study)
-    print(table.to_markdown())
-    table.write(study.results)
-    return 0 if table.holds else 1
+    jobs = {robot: partial(judge, robot, study) for robot in study.robots}
+    found = each_kept_or_done("skid-steer-logs", study.out, jobs, str)
+    table = ResultTable("skid-steer-logs", printed_by("skid-steer-logs", study), study.seeds)
+    table.rows += [Row(**row) for kept in found.values() for row in kept["rows"]]
+    return finished(table, study.results, found)
 
 
 if __name__ == "__main__":

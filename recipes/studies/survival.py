@@ -22,6 +22,7 @@ import torch
 
 from onlinebayes.experiments import status
 from onlinebayes.runs import Checkpoints, Progress, ResultTable
+from recipes.studies.jobs import finished
 
 
 @dataclass(frozen=True)
@@ -58,9 +59,7 @@ def main(study: Study) -> int:
     table.add("kills at random moments", killed)
     table.add("runs that ended after them", ended)
     table.add("of these not the same to the last bit", wrong, goal="<= 0", holds=wrong == 0)
-    print(table.to_markdown())
-    print(f"written: {table.write()}")
-    return 0 if table.holds else 1
+    return finished(table, Path("docs/results"))
 
 
 def command(recipe: str, folder: Path) -> list[str]:

@@ -15,7 +15,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -25,7 +24,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable, generator, seed_everything
 from onlinebayes.trainers import OnlineState
 from recipes import acrobot, cartpole, pendulum
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 
 SEEDS, NOISES, DRAWS = (1, 2, 3, 4, 5), (0.0, 0.01), 300
 
@@ -48,8 +47,8 @@ ROWS: dict[str, Row] = {
 }
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to run."""
 
     rows: tuple[str, ...] = tuple(ROWS)
@@ -59,13 +58,6 @@ class Study:
     seeds: tuple[int, ...] = SEEDS
     """of truths, worlds and networks"""
     out: str = "out/table-online"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    only_jobs: bool = False
-    """no table, for a process beside others"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def main(study: Study) -> int:
@@ -73,12 +65,7 @@ def main(study: Study) -> int:
     runs = [(row, noise, seed) for seed in study.seeds for row in study.rows for noise in study.noises]
     jobs = {job: partial(ended, *job) for job in runs}
     found = each_kept_or_done("table-online", study.out, jobs, file_of, study.ray_workers)
-    if not study.only_jobs:
-        table = tabled(found, study)
-        table.commit = found.commit
-        print(table.to_markdown())
-        print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def file_of(job: tuple[str, float, int]) -> str:
@@ -114,9 +101,7 @@ def reference(made: Run, state: Callable[..., Any]) -> LikelihoodEstimator:
 
 def tabled(found: dict[tuple[str, float, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all runs."""
-    whole = Study()
-    some = (study.rows, study.noises, study.seeds) != (whole.rows, whole.noises, whole.seeds)
-    table = ResultTable("table-online", f"make table-online{' (a part)' if some else ''}", study.seeds)
+    table = ResultTable("table-online", printed_by("table-online", study), study.seeds)
     for row in study.rows:
         for noise in study.noises:
             runs, told = [found[row, noise, seed] for seed in study.seeds], f"{row}, noise {100 * noise:g} %"

@@ -18,7 +18,6 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import torch
@@ -40,8 +39,8 @@ from onlinebayes.inference import (
 )
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import ResultTable
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 from recipes.studies.one_round import FEATURES, begun
-from recipes.studies.resumable import each_kept_or_done
 from recipes.studies.table_systems import SYSTEMS, System
 
 SIMULATIONS, SEEDS = 2000, (541, 542, 543, 544, 545)
@@ -57,8 +56,8 @@ Maker = Callable[[ParameterSpace, TensorDictBase], PosteriorEstimator]
 """(the parameter asked for, simulated sets) -> a fresh estimator."""
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to print."""
 
     systems: tuple[str, ...] = tuple(SYSTEMS)
@@ -66,11 +65,6 @@ class Study:
     seeds: tuple[int, ...] = SEEDS
     """of simulations, networks and true rollouts"""
     out: str = "out/tables"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
 
 def features_of(sets: TensorDictBase) -> TransitionFeatures:
@@ -142,11 +136,7 @@ def main(study: Study) -> int:
     """Do what is missing, print the table."""
     jobs = {(name, seed): partial(columns, name, seed) for name in study.systems for seed in study.seeds}
     found = each_kept_or_done("tables", study.out, jobs, file_of, study.ray_workers)
-    table = tabled(found, study)
-    table.commit = found.commit
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    return finished(tabled(found, study), study.results, found)
 
 
 def file_of(key: tuple[str, int]) -> str:
@@ -200,8 +190,7 @@ def row(
 
 def tabled(found: dict[tuple[str, int], dict[str, Any]], study: Study) -> ResultTable:
     """Rows of all systems."""
-    some = (study.systems, study.seeds) != (Study().systems, Study().seeds)
-    table = ResultTable("tables", f"make tables{' (a part)' if some else ''}", study.seeds)
+    table = ResultTable("tables", printed_by("tables", study), study.seeds)
     for name in study.systems:
         for parameter, (thesis, least) in SYSTEMS[name].rows.items():
             told = name if name.startswith("Acrobot") else f"{name} {parameter}"

@@ -11,22 +11,20 @@
 
 Draws and densities are of one trajectory's posterior, the first one of which sbi has half inside the prior: a million
 of each, or a tenth of that for flows, whose time grows with the number. A job is a method on a system, a budget and a
-seed, and is kept: a second start goes on. The table shows all jobs that are kept.
+seed, and is kept: a second start goes on.
 
     python -m recipes.studies.versus_sbi [--tasks pendulum] [--budgets 2000]     -> docs/results/versus-sbi.json
 """
 
 from __future__ import annotations
 
-import json
 import statistics
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from itertools import product
-from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -40,8 +38,7 @@ from onlinebayes.inference.calibration import credibility_of
 from onlinebayes.runs import BadInput, ResultTable, generator, seed_everything
 from recipes import acrobot, cartpole, pendulum
 from recipes.studies.exact import coverage_error
-from recipes.studies.resumable import UNKNOWN, check_names, each_kept_or_done
-from recipes.studies.resumable import kept as found_in
+from recipes.studies.jobs import Places, check_names, each_kept_or_done, finished, printed_by
 
 TASKS: dict[str, ModuleType] = {"pendulum": pendulum, "cartpole": cartpole, "acrobot": acrobot}
 BUDGETS, SEEDS = (200, 2000, 10_000), (1, 2, 3)
@@ -58,8 +55,8 @@ Result = dict[str, Any]
 T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to compare."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
@@ -73,11 +70,6 @@ class Study:
     points: int = MILLION
     """draws and log densities that are timed, a tenth of it for flows; the table is for a million"""
     out: str = "out/versus_sbi"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the table"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
 
     def __post_init__(self) -> None:
         check_names(self.tasks, TASKS)
@@ -88,11 +80,9 @@ def main(study: Study) -> int:
     """Do what is missing, print the table."""
     wanted = product(study.tasks, study.budgets, study.seeds, study.methods)
     jobs = {each: partial(compared, *each, study.points) for each in wanted}
-    each_kept_or_done("versus-sbi", study.out, jobs, lambda each: name_of(*each), study.ray_workers)
-    table = tabled(Path(study.out))
-    print(table.to_markdown())
-    print(f"written: {table.write(study.results)}")
-    return 0 if table.holds else 1
+    found = each_kept_or_done("versus-sbi", study.out, jobs, lambda each: name_of(*each), study.ray_workers)
+    table = tabled(found, ResultTable("versus-sbi", printed_by("versus-sbi", study), study.seeds))
+    return finished(table, study.results, found)
 
 
 def name_of(task: str, budget: int, seed: int, method: str) -> str:
@@ -192,21 +182,11 @@ def timed(work: Callable[[], T]) -> tuple[T, float]:
 # --- the table -------------------------------------------------------------------------------------------------------
 
 
-def tabled(folder: Path) -> ResultTable:
-    """Rows of all jobs that are kept."""
+def tabled(jobs: Mapping[tuple[str, int, int, str], Result], table: ResultTable) -> ResultTable:
+    """Rows of these jobs: task, budget, seed, method."""
     found: dict[tuple[str, int], dict[str, dict[int, Result]]] = {}
-    names = {name_of(*job): job for job in product(TASKS, BUDGETS, range(100), METHODS)}
-    present = (path.stem for path in sorted(folder.glob("*.json")) if path.stem in names)
-    seeds, commits, jobs = set(), set(), 0
-    for name, result in found_in(folder, present, json.loads).items():
-        task, budget, seed, method = names[name]
+    for (task, budget, seed, method), result in jobs.items():
         found.setdefault((task, budget), {}).setdefault(method, {})[seed] = result
-        seeds.add(seed)
-        commits.add(result.get("commit", UNKNOWN))
-        jobs += 1
-    whole = len(TASKS) * len(BUDGETS) * len(SEEDS) * len(METHODS)
-    part = "" if jobs >= whole else f" (a part: {jobs} of {whole} jobs)"
-    table = ResultTable("versus-sbi", f"make versus-sbi{part}", sorted(seeds), commit=", ".join(sorted(commits)))
     for task, budget in product(TASKS, BUDGETS):
         if (task, budget) in found:
             by_method = {method: found[task, budget][method] for method in METHODS if method in found[task, budget]}

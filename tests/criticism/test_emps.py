@@ -1,4 +1,4 @@
-"""The EMPS drive, a real machine: what refine must find on it. `make emps` times it through the command line."""
+"""The EMPS drive, a real machine: what refine must find on it. `make measured` times it through the command line."""
 
 from pathlib import Path
 

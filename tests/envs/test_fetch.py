@@ -14,7 +14,7 @@ from onlinebayes.parameters import ParameterSpace
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators import SimulatorEnv
 from onlinebayes.simulators.testing import check_engine, check_env
-from recipes.studies.fetch_peer import environments
+from tests.envs.gymnasium_fetch import environments
 
 robotics = pytest.importorskip("gymnasium_robotics")
 WORLDS, STEPS = 16, 50

@@ -2,29 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+import json
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-import recipes.studies.blind_rigs.__main__ as study_module
+import recipes.studies.jobs as jobs_module
 from envs.rigs import LEVELS, RIGS, case, effect_case, sized_case
 from onlinebayes.criticism import compare, refine
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.effects import EFFECTS, Scales
 from recipes.studies.blind_rigs.__main__ import Study, main
-from recipes.studies.blind_rigs.judging import Judge, loaded
+from recipes.studies.blind_rigs.judging import judge, loaded
 from recipes.studies.blind_rigs.names import answer, spelt
-from recipes.studies.blind_rigs.plan import jobs, seconds_to_go
-from recipes.studies.blind_rigs.record import Judged, from_json
-from recipes.studies.blind_rigs.sizes import next_scale, questions
+from recipes.studies.blind_rigs.plan import Job, jobs
+from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.blind_rigs.table import tabulate, wilson
-from recipes.studies.blind_rigs.truth import base_error, in_floors, true_error, true_values
-from recipes.studies.blind_rigs.workers import Done
-from recipes.studies.job import Job
-from recipes.studies.json_line import line
+from recipes.studies.blind_rigs.truth import in_floors, true_error, true_values
+from recipes.studies.jobs import record
+from recipes.studies.spawned import Failed
 
 # Making a case takes seconds with shapes checked, and tests/envs checks them.
 unchecked = pytest.mark.usefixtures("without_shape_checks")
@@ -107,7 +108,6 @@ def test_a_pair_of_which_one_is_faint_beside_the_other_counts_but_not_among_thos
     assert (rows["two effects: both accepted"].value, rows["two effects: both accepted"].unit) == (0.5, "1 of 2")
     assert rows["two effects that both show: both accepted"].unit == "1 of 1"
     assert "without it the true model errs 1.01 times" in rows[f"MISS {faint.name}"].unit
-    assert from_json(line(faint)).beside == beside
 
 
 @pytest.mark.parametrize(
@@ -182,9 +182,8 @@ def test_an_effect_named_by_the_models_number_that_is_the_same_law_is_right() ->
 
 def test_a_case_survives_its_file() -> None:
     judged = replace(NAMED, refused={"a@b": "weak"}, widened=("x",), gain=3.0)
-    assert from_json(line(judged)) == judged
-    with pytest.raises(ValueError, match="no judged case"):
-        from_json('{"rig": "crane"}')
+    kept = json.loads(json.dumps({**asdict(judged), "code": "of before"}))
+    assert record(Judged, kept) == judged
 
 
 # --- the study -------------------------------------------------------------------------------------------------------
@@ -200,71 +199,36 @@ def test_the_plan_mixes_kinds_and_rigs_and_levels_come_in_turn() -> None:
     assert [case("thrown_ball", "effect", seed).level for seed in (0, 1, 2)] == list(LEVELS)
 
 
-def test_the_rest_is_estimated_rig_by_rig() -> None:
-    found = [replace(NAMED, seconds=10.0), replace(NAMED, seconds=30.0)]
-    assert seconds_to_go(found, [Job("slide_drive", "null", 1), Job("swing", "null", 1)], 2) == 20.0
-
-
-def answers(asked: list[Job], stop_after: int) -> object:
-    def work(todo: Sequence[Job], do: Judge, processes: int, limit: float) -> Iterator[Done[Job, Judged]]:
-        for number, job in enumerate(todo):
-            if number == stop_after:
-                raise KeyboardInterrupt
-            asked.append(job)
-            late = job.kind == "null"
-            seconds = 601.0 if job.seed == 2 else 5.0
-            judged = (
-                None
-                if late
-                else Judged(job.rig, job.kind, job.seed, verdict="unexplained", seconds=seconds, code=do.code)
-            )
-            yield Done(job, judged, "out of time" if late else "", 1.0)
-
-    return work
-
-
 @pytest.mark.long
 @unchecked
 def test_a_study_goes_on_from_its_finished_cases(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[Job] = []
+
+    def spawned(todo: Iterable[partial[dict[str, Any]]], processes: int, limit: float) -> Iterator[tuple[int, object]]:
+        for number, each in enumerate(todo):
+            (job, most) = each.args
+            if len(asked) == 3:
+                asked.append(job)
+                raise KeyboardInterrupt
+            asked.append(job)
+            answer = asdict(Judged(job.rig, job.kind, job.seed, verdict="unexplained", seconds=5.0))
+            yield number, Failed("out of time", 4 * most) if job.kind == "null" else answer
+
     few = Study(
         effects=3, null=1, others=0, rigs=("thrown_ball", "swing"), first=0, out=tmp_path, results=tmp_path / "r"
     )
-    monkeypatch.setattr(study_module, "work", answers(asked, 3))
+    monkeypatch.setattr(jobs_module, "spawned", spawned)
     assert main(few) == 130
-    assert "3 of 8 cases are kept" in capsys.readouterr().err
+    assert "3 of 8 are kept" in capsys.readouterr().err
     assert "| cases judged | 3 |" in (few.results / "blind-rigs.md").read_text()
-    torn = next(few.cases.iterdir())
-    torn.write_text(torn.read_text()[:20])
-    monkeypatch.setattr(study_module, "work", answers(asked, 99))
     assert main(few) == 0
-    assert len(asked) == 9  # eight and the torn one
+    assert len(asked) == 9  # eight and the one that was interrupted
     assert len(set(asked)) == 8
-    text = capsys.readouterr()
-    assert "8 cases, 2 of them judged before" in text.err
-    assert "cases out of time: 4" in text.out  # two that were ended, two in which refine took more than ten minutes
+    assert "cases out of time: 2" in capsys.readouterr().out
     assert "MISS swing-null-0" in (few.results / "blind-rigs.md").read_text()
-
-
-@pytest.mark.long
-@unchecked
-def test_a_study_goes_on_from_what_was_published_elsewhere(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    asked: list[Job] = []
-    rigs = ("thrown_ball", "swing")
-    there = Study(effects=3, null=1, others=0, rigs=rigs, first=0, out=tmp_path / "there", results=tmp_path / "r")
-    monkeypatch.setattr(study_module, "work", answers(asked, 3))
-    assert main(there) == 130
-    published = there.results / "blind-rigs-cases.jsonl"
-    assert len(published.read_text().splitlines()) == 3
-    monkeypatch.setattr(study_module, "work", answers(asked, 99))
-    assert main(replace(there, out=tmp_path / "here", published=published)) == 0
-    assert "8 cases, 3 of them judged before" in capsys.readouterr().err
-    assert len(asked) == len(set(asked)) == 8
-    assert len(published.read_text().splitlines()) == 8
+    assert len((few.results / "blind-rigs-cases.jsonl").read_text().splitlines()) == 8
 
 
 @pytest.mark.parametrize(
@@ -272,8 +236,6 @@ def test_a_study_goes_on_from_what_was_published_elsewhere(
     [
         (Study(rigs=("crane",)), "crane is unknown"),
         (Study(processes=0), "0 processes"),
-        (Study(published=Path("nowhere.jsonl")), "nowhere.jsonl holds no judged cases"),
-        (Study(published=Path(__file__)), "holds no judged cases"),
     ],
 )
 def test_what_cannot_be_run_is_refused(study: Study, problem: str) -> None:
@@ -316,7 +278,6 @@ def test_the_true_effect_brings_the_held_out_error_to_the_floor() -> None:
     # Twelve two-second runs, two held out: four windows decide, whose starts are a good or a bad guess.
     assert 0.5 < reference < 1.6
     assert in_floors(error.before, error.noise_floor) > 2 * reference
-    assert base_error(problem) == pytest.approx(in_floors(error.before, error.noise_floor), rel=1e-2)
 
 
 @pytest.mark.long
@@ -350,26 +311,6 @@ def test_all_that_a_blind_case_hides_is_tried_without_being_named() -> None:
         assert not any(effect.key.split("@")[0] in EFFECTS for effect in rig.outside)
 
 
-def test_the_effect_of_a_tie_is_measured_with_what_the_tie_fixes_fixed() -> None:
-    rig = RIGS["slide_drive"]
-    posed = {effect.key: asked for asked, effects in questions(rig, ()) for effect in effects}
-    numbers = (*rig.surplus, *rig.own)
-    assert len(posed) == len((*rig.effects, *rig.last, *rig.by_name, *rig.outside, *rig.ties, *numbers))
-    assert set(rig.free) - set(posed["body.carriage.mass"].free) == {"body.carriage.mass"}
-    assert posed["dry_friction@carriage"].free == rig.free
-    assert set(rig.free) - set(posed["back_emf@motor"].free) == {"joint.carriage.damping"}
-    assert [effects for _, effects in questions(rig, ["payload@carriage"])] == [(rig.ties[1].hidden,)]
-
-
-def test_sizes_step_towards_the_medium_ratio() -> None:
-    effect = RIGS["swing"].effects[0]
-    assert 0.4 < next_scale([(1.0, 5.0)]) < 0.6
-    assert next_scale([(1.0, 1.0)]) == 8.0
-    # A limit: nothing at 0.1, too much at 1.
-    assert next_scale([(1.0, 20.0), (0.13, 1.0)]) == pytest.approx((1.0 * 0.13) ** 0.5)
-    assert effect.resized(2.0).size == {name: 2 * value for name, value in effect.size.items()}
-
-
 # --- a sample of the study -------------------------------------------------------------------------------------------
 
 
@@ -387,7 +328,7 @@ def test_sizes_step_towards_the_medium_ratio() -> None:
     ],
 )
 def test_a_case_is_answered_rightly(rig: str, kind: str, seed: int) -> None:
-    judged = Judge()(Job(rig, kind, seed))
+    judged = Judged(**judge(Job(rig, kind, seed)))
     assert not judged.missed
     assert judged.counts
 

@@ -11,8 +11,7 @@ import pytest
 from envs.hopper.standard import JOINTS
 from onlinebayes.runs import ResultTable
 from recipes.studies.engines import add_case, judged, judgement
-from recipes.studies.engines_data import CASES, FLYING, ROOM, Case, model_of
-from recipes.studies.engines_hops import BESIDE, SHORTEST, flights, touching_nothing
+from recipes.studies.engines_data import CASES, FLYING, Case, model_of, touching_nothing
 
 MISSING, SURPLUS = Case("damping", "missing"), Case("armature", "surplus")
 
@@ -68,15 +67,7 @@ def test_runs_that_touch_something_are_not_kept() -> None:
     model = model_of(MISSING).compile()
     path = np.repeat([FLYING], 3, axis=0)
     path[1, 4], path[2, 1] = -0.01, 0.3  # a leg at its end, a torso near the floor
-    assert touching_nothing(model, path, ROOM).tolist() == [True, False, False]
-
-
-def test_a_jump_is_cut_into_its_flights() -> None:
-    free = np.zeros(100, dtype=bool)
-    free[10:20] = free[40:90] = True
-    assert list(flights(free)) == [slice(40 + BESIDE, 90 - BESIDE)]
-    free[40 + SHORTEST + 2 * BESIDE - 1 :] = False
-    assert list(flights(free)) == []
+    assert touching_nothing(model, path).tolist() == [True, False, False]
 
 
 @pytest.mark.slow

@@ -98,7 +98,7 @@ def test_the_table_says_what_was_named_and_what_it_is_worth(tmp_path: Path) -> N
             found[Job("pendulum", "friction", kind, seed)] = {"before": -1100.0, "return": value}
     table = tabled(found, study)
     rows = {row.name: row for row in table.rows}
-    assert "a sample: 10 of" in table.command
+    assert "(a part)" in table.command
     assert (rows["pendulum, friction: named"].value, rows["pendulum, friction: named"].holds) == (2, None), (
         "two seeds are not ten"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from onlinebayes.runs import ResultTable
-from recipes.studies import calibration, embeddings, one_by_one, ringing, table_online, tables
+from recipes.studies import calibration, ringing, table_online, tables
 from recipes.studies.exact import coverage_error
 from recipes.studies.table_systems import SYSTEMS
 
@@ -50,13 +50,6 @@ def test_a_sample_of_the_calibration(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_sample_of_what_runs_one_by_one() -> None:
-    for name in one_by_one.SAMPLERS:
-        result = one_by_one.sampled("pendulum", name, 521, 0.01, thetas=6)
-        assert sum(result["density 1"]) / 6 > 0.5, name
-
-
-@pytest.mark.slow
 def test_the_alarm_rings_where_an_effect_misleads(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ringing, "MEASUREMENTS", 20)
     monkeypatch.setattr(ringing, "SIMULATIONS", 400)
@@ -74,14 +67,6 @@ def test_the_length_that_does_nothing_stays_as_unknown_as_it_was(monkeypatch: py
     # Its width is 1 and the prior's density 0: what is above or below is invented.
     assert abs(found["mixture"]) < 0.1
     assert SYSTEMS["Acrobot L2"].rows["length2"][0] == -0.148  # the thesis's
-
-
-@pytest.mark.slow
-def test_an_embedding_by_the_filter_tells_more_than_the_thesiss_statistics(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(embeddings, "SIMULATIONS", 300)
-    monkeypatch.setattr(embeddings, "THETAS", 100)
-    filtered, statistics = (embeddings.told_by("pendulum", name, 531) for name in ("filter", "statistics of Eq 4.20"))
-    assert filtered["density"] > statistics["density"] + 3 > filtered["prior"]
 
 
 @pytest.mark.slow

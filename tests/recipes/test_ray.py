@@ -22,7 +22,7 @@ from onlinebayes.experiments import Run, Settings
 from onlinebayes.runs import BadInput, seed_everything
 from onlinebayes.trainers.distributed import Here
 from recipes import acrobot, cartpole, custom_gym, dm_control, mountain_car, pendulum, reach
-from recipes.studies.resumable import each_kept_or_done
+from recipes.studies.jobs import each_kept_or_done
 
 BUILDS = {
     "acrobot": acrobot.build,

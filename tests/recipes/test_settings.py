@@ -11,8 +11,8 @@ import pytest
 from onlinebayes.experiments import baselines, place_of, recorded_settings
 from onlinebayes.runs import BadInput
 from recipes import fetch_push, fetch_reach, fetch_slide, hopper
-from recipes.studies import engines, fetch, fetch_friction, fetch_speed, versus_sbi
-from recipes.studies.resumable import each_kept_or_done, printed_by
+from recipes.studies import engines, fetch, fetch_friction, versus_sbi
+from recipes.studies.jobs import each_kept_or_done, printed_by
 
 
 @pytest.mark.parametrize("recipe", [fetch_push, fetch_reach, fetch_slide])
@@ -33,7 +33,6 @@ def test_a_prior_of_the_hoppers_friction_without_its_truth_is_refused(low: float
         (engines, "cases"),
         (fetch, "cases"),
         (fetch_friction, "questions"),
-        (fetch_speed, "tasks"),
         (versus_sbi, "tasks"),
     ],
 )
@@ -65,7 +64,7 @@ def test_jobs_that_other_code_did_are_kept_and_said(
     jobs = {1: lambda: {"value": 1}, 2: lambda: {"value": 2}}
     assert each_kept_or_done("study", tmp_path, jobs, str) == {1: {"value": 1}, 2: {"value": 2}}
     assert "other code" not in capsys.readouterr().out
-    monkeypatch.setattr("recipes.studies.resumable.code_mark", lambda packages: "other")
+    monkeypatch.setattr("recipes.studies.jobs.code_mark", lambda packages: "other")
     assert each_kept_or_done("study", tmp_path, jobs, str) == {1: {"value": 1}, 2: {"value": 2}}
     assert f"study: other code did 2 of 2 jobs in {tmp_path}" in capsys.readouterr().out
 
@@ -73,10 +72,10 @@ def test_jobs_that_other_code_did_are_kept_and_said(
 def test_a_table_of_kept_jobs_names_the_commits_that_did_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "0.json").write_text('{"value": 0}')  # kept by a study that told no commit
     for each in ("bbb", "aaa+"):
-        monkeypatch.setattr("recipes.studies.resumable.commit", lambda each=each: each)
+        monkeypatch.setattr("recipes.studies.jobs.commit", lambda each=each: each)
         found = each_kept_or_done("study", tmp_path, {len(each): lambda: {"value": 1}}, str)
         assert found.commit == each
-    monkeypatch.setattr("recipes.studies.resumable.commit", lambda: "ccc")
+    monkeypatch.setattr("recipes.studies.jobs.commit", lambda: "ccc")
     found = each_kept_or_done("study", tmp_path, {i: lambda: {"value": 1} for i in (0, 3, 4)}, str)
     assert found.commit == "aaa+, bbb, unknown"
     assert found == {0: {"value": 0}, 3: {"value": 1}, 4: {"value": 1}}

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 import pytest
 import torch
 from tensordict import TensorDict
@@ -55,6 +56,7 @@ def test_it_depends_on_values_alone() -> None:
     """Not on which objects are one and the same, nor on the order of a set."""
     name = "".join(["ra", "il"])
     assert digest(("rail", "rail")) == digest((name, "rail"))
+    assert digest(np.float64(0.1)) == digest(0.1)
     assert digest({"a", "b", "c"}) == digest({"c", "b", "a"})
     rows = TensorDict({"x": torch.arange(3)}, batch_size=3)
     assert digest(rows) == digest(rows.clone())

@@ -4,31 +4,26 @@ Every judged case is a file of its own, written at once: a study that was stoppe
 and rigs advance together, so that the table of a part, which says of how many, is a sample of the whole.
 
     python -m recipes.studies.blind_rigs                               all cases -> docs/results/blind-rigs.json
-    python -m recipes.studies.blind_rigs --published docs/results/blind-rigs-cases.jsonl      those not judged yet
     python -m recipes.studies.blind_rigs --pairs 5 --first 9100        two effects only -> docs/results/blind-pairs.json
     python -m recipes.studies.blind_rigs --rigs swing --effects 3 --null 1 --others 0 --first 0 --results /tmp/rigs
 """
 
 from __future__ import annotations
 
+import json
 import sys
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
-import envs.rigs
-import onlinebayes
 from envs.rigs import KINDS, RIGS
 from onlinebayes.experiments import STOPPED, status
-from onlinebayes.runs import BadInput, Progress, write_atomic
-from recipes.studies.blind_rigs.judging import Judge, unanswered
-from recipes.studies.blind_rigs.plan import REPORTED, in_words, jobs, pair_jobs, seconds_to_go
-from recipes.studies.blind_rigs.record import Judged, from_json
+from onlinebayes.runs import write_atomic
+from recipes.studies.blind_rigs.judging import judge, unanswered
+from recipes.studies.blind_rigs.plan import REPORTED, Job, jobs, pair_jobs
+from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.blind_rigs.table import tabulate
-from recipes.studies.blind_rigs.workers import Done, work
-from recipes.studies.job import Job
-from recipes.studies.json_line import line
-from recipes.studies.resumable import check_names, code_mark, commit_of, kept, print_rows
+from recipes.studies.jobs import check_names, each_kept_or_done, print_rows, record
 
 
 @dataclass(frozen=True)
@@ -42,14 +37,12 @@ class Study:
         rigs: which.
         pairs: cases of two effects, and no others.
         first: seed of the first case; see :data:`REPORTED`.
-        candidates: effects that refine tries; none for all.
         processes: that share the cases.
         minutes: of processor time that refine may take for a case; one that takes longer is a miss. (The study's own
             fits of the true effects come on top, and beside other work a case takes longer: it is ended after four
             times that.)
         out: folder of the judged cases.
         results: folder of the table and of all judged cases in one file, ``NAME-cases.jsonl``.
-        published: such a file, of a part of the study that was judged elsewhere; its cases are not judged again.
     """
 
     effects: int = 4
@@ -58,12 +51,10 @@ class Study:
     pairs: int = 0
     rigs: tuple[str, ...] = tuple(RIGS)
     first: int = REPORTED
-    candidates: tuple[str, ...] = ()
     processes: int = 2
     minutes: float = 10.0
     out: Path = Path("out/blind_rigs")
     results: Path = Path("docs/results")
-    published: Path | None = None
 
     @property
     def jobs(self) -> list[Job]:
@@ -87,72 +78,19 @@ class Study:
 def main(study: Study) -> int:
     """Judge what is not judged yet, write the table of all that is and print it; returns the exit status."""
     check_names(study.rigs, RIGS)
-    if study.processes < 1:
-        raise BadInput(f"{study.processes} processes cannot judge anything", "use one or more")
-    wanted, code = study.jobs, code_mark((onlinebayes, envs.rigs), *study.candidates)
-    before = kept(study.cases, (job.name for job in wanted), from_json)
-    found = {**read_published(study.published, wanted), **before}
-    todo = [job for job in wanted if job.name not in found]
-    print(f"{len(wanted)} cases, {len(found)} of them judged before (in {study.cases})", file=sys.stderr)
-    if old := sum(judged.code != code for judged in found.values()):
-        print(f"{old} of them by other code or with other candidates: remove their files to go anew", file=sys.stderr)
-    stopped = False
-    try:
-        judge_all(study, todo, found, code)
-    except KeyboardInterrupt:
-        print(f"stopped; {len(found)} of {len(wanted)} cases are kept; the same command goes on", file=sys.stderr)
-        stopped = True
-    table = tabulate(list(found.values()), len(wanted), study.name)
-    table.commit = commit_of((judged.code for judged in found.values()), code)
+    asked = {job: partial(judge, job, 60 * study.minutes) for job in study.jobs}
+    limit = 4 * 60 * study.minutes
+    found = each_kept_or_done(
+        study.name, study.cases, asked, lambda job: job.name, processes=study.processes, limit=limit, failed=unanswered
+    )
+    answers = sorted((record(Judged, result) for result in found.values()), key=lambda judged: judged.name)
+    table = tabulate(answers, len(asked), study.name)
+    table.commit = found.commit
     print_rows(table)
-    ordered = sorted(found.values(), key=lambda judged: judged.name)
-    write_atomic(study.results / f"{study.name}-cases.jsonl", "".join(map(line, ordered)))
+    lines = "".join(json.dumps(asdict(judged)) + "\n" for judged in answers)
+    write_atomic(study.results / f"{study.name}-cases.jsonl", lines)
     print(f"written: {table.write(study.results)}")
-    return STOPPED if stopped else 0
-
-
-def judge_all(study: Study, todo: list[Job], found: dict[str, Judged], code: str) -> None:
-    """Judge the cases, each kept as soon as it is known; ``found`` grows."""
-    left, fresh = {job.name: job for job in todo}, []
-    with Progress("blind rigs", len(todo) + len(found)) as progress:
-        for done in work(todo, Judge(study.candidates, code), study.processes, 4 * 60 * study.minutes):
-            judged = _answered(done, code, 60 * study.minutes)
-            write_atomic(study.cases / f"{judged.name}.json", line(judged))
-            found[judged.name] = judged
-            fresh.append(judged)
-            del left[judged.name]
-            progress.update(len(found), _line(judged, fresh, left.values(), study.processes))
-
-
-def read_published(file: Path | None, wanted: Iterable[Job]) -> dict[str, Judged]:
-    """The wanted cases of a published file, by name.
-
-    Raises:
-        BadInput: it is no such file.
-    """
-    if file is None:
-        return {}
-    try:
-        judged = [from_json(text) for text in file.read_text(encoding="utf-8").splitlines()]
-    except (OSError, ValueError, TypeError) as error:
-        raise BadInput(f"{file} holds no judged cases: {error}", "name a blind-rigs-cases.jsonl") from None
-    names = {job.name for job in wanted}
-    return {one.name: one for one in judged if one.name in names}
-
-
-def _answered(done: Done[Job, Judged], code: str, most: float) -> Judged:
-    """The record of a case; ``most``: seconds of processor time that refine may take."""
-    if done.result is not None and done.result.seconds <= most:
-        return done.result
-    seconds = done.seconds if done.result is None else done.result.seconds
-    return unanswered(done.job, done.problem or "out of time", seconds, code)
-
-
-def _line(judged: Judged, fresh: list[Judged], left: Iterable[Job], processes: int) -> str:
-    told = judged.ended or f"{judged.verdict}, {', '.join(judged.accepted) or 'nothing'}"
-    # The first few are the quick ones, and say little about the others.
-    rest = f"; about {in_words(seconds_to_go(fresh, left, processes))} to go" if len(fresh) >= 4 * processes else ""
-    return f"{judged.name}: {told}{' (MISS)' if judged.missed else ''}{rest}"
+    return STOPPED if found.stopped else 0
 
 
 if __name__ == "__main__":

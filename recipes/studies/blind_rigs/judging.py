@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import torch
 
@@ -14,35 +16,36 @@ from onlinebayes.criticism import Candidate, Criticism, refine, same_as
 from onlinebayes.problems import ProblemFile, load_problem
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.blind_rigs.names import spelt
+from recipes.studies.blind_rigs.plan import Job
 from recipes.studies.blind_rigs.record import Judged
 from recipes.studies.blind_rigs.truth import in_floors, true_error, true_values
-from recipes.studies.job import Job
+from recipes.studies.spawned import Failed
 
 
-@dataclass(frozen=True)
-class Judge:
-    """What judges a case in a process of its own.
+def judge(job: Job, most: float = math.inf) -> dict[str, Any]:
+    """Make the case, refine it and compare with the truth: the fields of :class:`Judged`.
 
     Args:
-        candidates: effects that refine tries; none for all.
-        code: the mark that the results get.
+        job: which case.
+        most: seconds of processor time that refine may take [s]; an answer that took longer is none.
+
+    Raises:
+        BadInput: the library refuses the case.
     """
+    torch.set_num_threads(1)
+    made = case(job.rig, job.kind, job.seed)
+    problem = loaded(made)
+    began = time.process_time()  # one thread: what other work beside the study takes is not counted
+    result = refined(problem)
+    if (seconds := time.process_time() - began) > most:
+        return unanswered(job, Failed("out of time", seconds))
+    return asdict(judged(made, problem, result, seconds))
 
-    candidates: tuple[str, ...] = ()
-    code: str = ""
 
-    def __call__(self, job: Job) -> Judged:
-        """Make the case, refine it and compare with the truth.
-
-        Raises:
-            BadInput: the library refuses the case.
-        """
-        torch.set_num_threads(1)
-        made = case(job.rig, job.kind, job.seed)
-        problem = loaded(made)
-        began = time.process_time()  # one thread: what other work beside the study takes is not counted
-        result = refined(replace(problem, candidates=self.candidates or problem.candidates))
-        return judged(made, problem, result, time.process_time() - began, self.code)
+def unanswered(job: Job, failed: Failed) -> dict[str, Any]:
+    """The record of a case that refine gave no answer to."""
+    made = case(job.rig, job.kind, job.seed)
+    return asdict(replace(_asked(made), ended=failed.problem, seconds=failed.seconds))
 
 
 def loaded(made: BlindCase) -> ProblemFile:
@@ -66,13 +69,7 @@ def refined(problem: ProblemFile) -> Criticism:
     )
 
 
-def unanswered(job: Job, why: str, seconds: float, code: str) -> Judged:
-    """The record of a case that refine gave no answer to."""
-    made = case(job.rig, job.kind, job.seed)
-    return replace(_asked(made), ended=why, seconds=seconds, code=code)
-
-
-def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: float, code: str) -> Judged:
+def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: float) -> Judged:
     """The record of a case, without any opinion on it."""
     hidden = _spelt(made)
     first = next((candidate for candidate in result.candidates if candidate.rank == 1), None)
@@ -106,7 +103,6 @@ def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: fl
         intervals=intervals,
         left=max(result.remainder.rms_over_floor.values(), default=None),
         seconds=seconds,
-        code=code,
     )
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from itertools import count, islice
+from typing import final
 
 from envs.rigs import KINDS, hidden_in, kinds
-from recipes.studies.blind_rigs.record import Judged
-from recipes.studies.job import Job
 
 REPORTED = 7900
 """Seed of a rig's first reported case of a kind; with those below the search was tuned, or they were looked at."""
@@ -15,6 +15,27 @@ QUICK = (
     *("thrown_ball", "swing", "position_servo", "slide_drive"),
     *("cart_pole", "two_link_arm", "pushed_block", "six_joint_arm"),
 )
+
+
+@final
+@dataclass(frozen=True)
+class Job:
+    """A blind case by name.
+
+    Args:
+        rig: of ``envs/rigs``, or another machine that a study knows.
+        kind: of the case.
+        seed: which one of that kind.
+    """
+
+    rig: str
+    kind: str
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """``rig-kind-seed``."""
+        return f"{self.rig}-{self.kind}-{self.seed}"
 
 
 def jobs(counts: Mapping[str, int], rigs: Iterable[str], first: int) -> list[Job]:
@@ -44,19 +65,3 @@ def pair_jobs(each: int, rigs: Iterable[str], first: int) -> list[Job]:
 
 def _hiding_two(rig: str, each: int, first: int) -> list[int]:
     return list(islice((seed for seed in count(first) if len(hidden_in(rig, seed)) == 2), each))
-
-
-def seconds_to_go(found: Iterable[Judged], todo: Iterable[Job], processes: int) -> float:
-    """How long the rest takes [s]: each rig at its own mean so far, one that was not seen yet at the longest."""
-    times: dict[str, list[float]] = {}
-    for judged in found:
-        times.setdefault(judged.rig, []).append(judged.seconds)
-    mean = {rig: sum(spent) / len(spent) for rig, spent in times.items()}
-    longest = max(mean.values(), default=0.0)
-    return sum(mean.get(job.rig, longest) for job in todo) / processes
-
-
-def in_words(seconds: float) -> str:
-    """``3 h 20 min``, ``5 min``."""
-    minutes = max(1, round(seconds / 60))
-    return f"{minutes // 60} h {minutes % 60:02d} min" if minutes >= 60 else f"{minutes} min"

@@ -15,10 +15,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from envs.rigs import RIGS
 from onlinebayes.criticism import Verdict
 from recipes.studies.blind_rigs.names import Answer, answer, spellings
-from recipes.studies.json_line import parsed
 
 RIGHT: Mapping[str, Verdict] = {
     "effect": "missing_effect",
@@ -72,7 +70,6 @@ class Judged:
         covered, intervals: 90 % intervals that hold the truth, of those given where the right model was found.
         left: rms_over_floor of the final model, the worst signal's.
         seconds: of processor time that refine took [s].
-        code: which code judged.
     """
 
     rig: str
@@ -100,7 +97,6 @@ class Judged:
     intervals: int = 0
     left: float | None = None
     seconds: float = 0.0
-    code: str = ""
 
     @property
     def name(self) -> str:
@@ -225,12 +221,3 @@ class Judged:
     def _equals_are_partners(self) -> bool:
         """Whether a tie on an effect set is the rig's own: its members are names of what is hidden."""
         return bool(self.equal) and all(self._named([key]) for key in self.equal)
-
-
-def from_json(text: str) -> Judged:
-    """The case of a line that :func:`~recipes.studies.json_line.line` made.
-
-    Raises:
-        ValueError: it is none.
-    """
-    return parsed(Judged, text, lambda raw: raw.get("rig") in RIGS and raw.get("kind") in RIGHT, "judged case")

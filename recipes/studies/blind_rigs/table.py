@@ -101,8 +101,6 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
         spread = f"{spent[0]:.0f} to {spent[-1]:.0f}"
         table.add("processor time a case, median", statistics.median(spent), spread=spread, unit="s")
         table.add("cases out of time", sum(judged.ended == "out of time" for judged in found), unit=f"of {len(found)}")
-    if (codes := len({judged.code for judged in found})) > 1:
-        table.add("versions of the code that judged", codes)
 
 
 def _sizes(found: Iterable[Judged]) -> str:

@@ -18,7 +18,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from envs.rigs import RIGS, BlindCase
-from onlinebayes.criticism import SCALES_HORIZON, compare, grown, propose
+from onlinebayes.criticism import SCALES_HORIZON, grown, propose
 from onlinebayes.identification import (
     MEMORY,
     Fitted,
@@ -67,18 +67,6 @@ def true_error(
         return held_error(problem, fitted, windows.noise, floor)
     except BadInput:  # at this step the true model diverges
         return None
-
-
-def base_error(problem: ProblemFile) -> float:
-    """Held-out error of the base model, fitted [floors]."""
-    error = compare(
-        problem.simulator,
-        problem.measurement,
-        holdout=problem.holdout,
-        selection=problem.selection,
-        scope=problem.scope,
-    ).heldout_error
-    return in_floors(error.before, error.noise_floor)
 
 
 def held_error(problem: ProblemFile, fitted: Fitted, noise: Float[Tensor, " S"], floor: Mapping[str, float]) -> float:

@@ -18,15 +18,15 @@ from typing import Any
 
 from onlinebayes.experiments import status
 from onlinebayes.runs import write_atomic
-from recipes.studies.resumable import each_kept_or_done, printed_by
+from recipes.studies.jobs import Places, each_kept_or_done, finished, printed_by
 from recipes.studies.table_online import ROWS
 from recipes.studies.table_systems import SYSTEMS
 from recipes.studies.thesis import page, table_4_1, table_5_1
 from recipes.studies.thesis.rows import Job, Part, tables
 
 
-@dataclass(frozen=True)
-class Study:
+@dataclass(frozen=True, kw_only=True)
+class Study(Places):
     """What to print."""
 
     parts: tuple[Part, ...] = ("4.1", "5.1", "loop")
@@ -37,20 +37,11 @@ class Study:
     """of the sensors, as a share of each range"""
     seeds: tuple[int, ...] = (2, 3)
     """of truths, simulations and networks"""
-    out: str = "out/thesis"
-    """finished jobs go here"""
-    results: Path = Path("docs/results")
-    """folder of the tables"""
     page: Path = Path("docs/thesis.md")
     """whose tables are written anew"""
     only_page: bool = False
     """the page's tables from the result files that there are, and which of its figures are wrong"""
-    only_jobs: bool = False
-    """no table, for a process beside others"""
-    kept_only: bool = False
-    """a table of the jobs that are done"""
-    ray_workers: int = 0
-    """workers on Ray that do the jobs; 0: this process does, one after the other"""
+    out: str = "out/thesis"
 
 
 DO: dict[Part, tuple[Callable[[str, float, int], dict[str, Any]], tuple[str, ...]]] = {
@@ -71,18 +62,12 @@ def main(study: Study) -> int:
                 do, names = DO[part]
                 some = [name for name in names if name in study.systems]
                 jobs |= {(part, name, noise, seed): partial(do, name, noise, seed) for name in some}
-    if study.kept_only:
-        jobs = {job: do for job, do in jobs.items() if (Path(study.out) / f"{file_of(job)}.json").exists()}
     found = each_kept_or_done("thesis", study.out, jobs, file_of, study.ray_workers)
-    held = True
-    if not study.only_jobs:
-        for table in tables(found, printed_by("thesis", study), sorted({job[-1] for job in found})):
-            table.commit = found.commit
-            print(table.to_markdown())
-            print(f"written: {table.write(study.results)}")
-            held = held and table.holds
-        held = written(study) == 0 and held
-    return 0 if held else 1
+    missed = [
+        finished(table, study.results, found)
+        for table in tables(found, printed_by("thesis", study), sorted({job[-1] for job in found}))
+    ]
+    return max([*missed, written(study)])
 
 
 def written(study: Study) -> int:

@@ -1,4 +1,4 @@
-"""Which cases are compared, and what is right in each: 60 blind ones, 12 of them with nothing hidden, and EMPS.
+"""Which cases are compared, and what is right in each: 50 blind ones, 10 of them with nothing hidden, and EMPS.
 
 Interleaved over the rigs, so that a part of them is a sample. Of each five cases of a rig one hides nothing.
 """
@@ -6,28 +6,27 @@ Interleaved over the rigs, so that a part of them is a sample. Of each five case
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import final
 
-from envs.driven_pendulum import KINDS
+from envs.measured import FOLDER
 from envs.rigs import case as rig_case
 from onlinebayes.identification import in_step, split
 from onlinebayes.problems import load_problem
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
-from recipes.studies import blind_data, emps
 from recipes.studies.blind_rigs.judging import loaded
 from recipes.studies.blind_rigs.names import Answer, answer, spelt
-from recipes.studies.job import Job
+from recipes.studies.blind_rigs.plan import Job
+from recipes.studies.measured_sets import emps as measured_emps
 from recipes.studies.versus_sysid.task import Task
 
-PENDULUM, EMPS = "driven_pendulum", "emps"
-RIGS = ("thrown_ball", "swing", PENDULUM, "position_servo", "slide_drive", "cart_pole")
+EMPS = "emps"
+RIGS = ("thrown_ball", "swing", "position_servo", "slide_drive", "cart_pole")
 EVERY = 5
 FIRST = 2000
 """Seed of a rig's first case of a kind."""
-PUBLISHED = ("dry_friction@carriage", "constant_load@carriage")
+PUBLISHED = measured_emps.WANTED
 """What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""
 
 
@@ -53,12 +52,7 @@ def jobs(count: int, measured: bool) -> list[Job]:
     for k in range(count):
         rig, turn = RIGS[k % len(RIGS)], k // len(RIGS)
         null = turn % EVERY == EVERY - 1
-        if rig == PENDULUM:
-            hidden = [kind for kind in KINDS if kind != "null"]
-            kind, seed = ("null", turn // EVERY) if null else (hidden[turn % len(hidden)], turn // len(hidden))
-            found.append(Job(rig, kind, seed))
-        else:
-            found.append(Job(rig, "null" if null else "effect", FIRST + (turn // EVERY if null else turn)))
+        found.append(Job(rig, "null" if null else "effect", FIRST + (turn // EVERY if null else turn)))
     return found
 
 
@@ -73,33 +67,20 @@ def make(job: Job) -> Case:
     """
     if job.rig == EMPS:
         return _emps()
-    return _pendulum(job) if job.rig == PENDULUM else _rig(job)
-
-
-def _rig(job: Job) -> Case:
     made = rig_case(job.rig, job.kind, job.seed, last=False)
     problem = loaded(made)
     simulator = in_step(problem.simulator, split(problem.measurement, problem.holdout)[0])
     assert isinstance(simulator, MujocoSimulator)
     assert problem.holdout is not None
     hidden = tuple(spelt(key, made.truth) for key in made.hidden)
-    shapes = _shapes(made.truth, made.hidden)
-    task = Task(job.name, simulator, problem.measurement, problem.holdout, problem.selection, shapes)
+    task = Task(job.name, simulator, problem.measurement, problem.holdout, problem.selection)
     return Case(task, hidden, tuple(answer(job.rig, key) for key in hidden))
-
-
-def _pendulum(job: Job) -> Case:
-    (made,) = blind_data.cases((job.kind,), range(job.seed, job.seed + 1))
-    simulator = MujocoSimulator(blind_data.MODEL, blind_data.FREE, threads=1)
-    hidden = (made.hidden,) if made.hidden else ()
-    task = Task(job.name, simulator, made.measurement, made.holdout, shapes=_shapes(made.truth, hidden))
-    return Case(task, hidden, tuple(_plain(key) for key in hidden))
 
 
 def _emps() -> Case:
     if not os.environ.get("ONLINEBAYES_DATA"):
         raise BadInput("ONLINEBAYES_DATA is not set", "set it to the folder that holds emps/emps.csv")
-    problem = load_problem(emps.PROBLEM)
+    problem = load_problem(FOLDER / "emps" / "problem.toml")
     assert isinstance(problem.simulator, MujocoSimulator)
     assert problem.holdout is not None
     simulator = MujocoSimulator(problem.simulator.spec, problem.simulator.parameters, threads=1)
@@ -110,7 +91,3 @@ def _emps() -> Case:
 def _plain(key: str, *equals: str) -> Answer:
     """The name itself; names of what is the same law counts, too."""
     return Answer(frozenset({key, *equals}), (), frozenset())
-
-
-def _shapes(truth: Mapping[str, float], hidden: tuple[str, ...]) -> dict[str, float]:
-    return {address: value for address, value in truth.items() if any(address.startswith(f"{key}.") for key in hidden)}

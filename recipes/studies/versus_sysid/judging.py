@@ -1,12 +1,15 @@
-"""One method on one case, judged by the same windows and names as every other."""
+"""One method on one case, judged by the same windows and names as every other.
+
+Errors are RMS over the held-out windows, each signal over its floor, then RMS over signals. The floor is that of
+criticism's held-out error at the engineer's nominal parameters, so that it belongs to no method.
+"""
 
 from __future__ import annotations
 
-import importlib
 import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any, final
 
 import torch
@@ -14,60 +17,66 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification import start_floor, start_spread
-from recipes.studies.job import Job
+from recipes.studies.blind_rigs.names import Answer
+from recipes.studies.blind_rigs.plan import Job
+from recipes.studies.spawned import Failed
 from recipes.studies.versus_sysid.cases import Case, make
-from recipes.studies.versus_sysid.record import COST, Outcome, scored
-from recipes.studies.versus_sysid.task import Fitted, Task, rms
+from recipes.studies.versus_sysid.methods import METHODS
+from recipes.studies.versus_sysid.task import Claim, Fitted, Task, rms
+
+COST = "cost"
+"""No method: the same parameters and starts fitted to the same windows by criticism and by ``mujoco.sysid``."""
+
+Trial = tuple[Job, str]
+"""A case, and the method that is tried on it."""
 
 
 @final
 @dataclass(frozen=True)
-class Trial:
-    """A method to try on a case."""
-
-    job: Job
-    method: str
-
-    @property
-    def name(self) -> str:
-        """As :attr:`Outcome.name`."""
-        return f"{self.job.name}.{self.method}"
-
-
-@final
-@dataclass(frozen=True)
-class Judge:
-    """What judges a trial in a process of its own.
+class Outcome:
+    """What one method made of one case.
 
     Args:
-        code: the mark that the results get.
+        case, method: which.
+        hidden: the right names.
+        error: held-out [floors]; None where there is no answer.
+        claims: names, twins joined by ``|``.
+        right: how many of the hidden effects were named.
+        false: how many claims name nothing that is hidden.
+        seconds: processor time of the fit [s].
+        reference: of ``cost``, the processor time of ``mujoco.sysid`` [s].
+        ended: empty, or why there is no answer.
     """
 
-    code: str = ""
-
-    def __call__(self, trial: Trial) -> Outcome:
-        """Make the case, fit and predict."""
-        torch.set_num_threads(1)
-        case = make(trial.job)
-        found = Outcome(trial.job.name, trial.method, case.hidden, code=self.code)
-        if trial.method == COST:
-            from recipes.studies.versus_sysid import cost
-
-            ours, free, documented, by_hand = cost.seconds(case.task)
-            return replace(found, seconds=ours, starts_free=free, reference=documented, by_hand=by_hand)
-        return judged(found, case, fitter(trial.method))
+    case: str
+    method: str
+    hidden: tuple[str, ...] = ()
+    error: float | None = None
+    claims: tuple[str, ...] = ()
+    right: int = 0
+    false: int = 0
+    seconds: float = 0.0
+    reference: float | None = None
+    ended: str = ""
 
 
-def unanswered(trial: Trial, why: str, seconds: float, code: str) -> Outcome:
+def tried(trial: Trial) -> dict[str, Any]:
+    """Make the case, fit and predict: the fields of :class:`Outcome`."""
+    torch.set_num_threads(1)
+    job, method = trial
+    case = make(job)
+    found = Outcome(job.name, method, case.hidden)
+    if method == COST:
+        from recipes.studies.versus_sysid.cost import seconds
+
+        ours, theirs = seconds(case.task)
+        return asdict(replace(found, seconds=ours, reference=theirs))
+    return asdict(judged(found, case, METHODS[method]))
+
+
+def unanswered(trial: Trial, failed: Failed) -> dict[str, Any]:
     """The record of a method that gave no answer."""
-    return Outcome(trial.job.name, trial.method, seconds=seconds, ended=why, code=code)
-
-
-def fitter(method: str) -> Callable[[Task], Fitted]:
-    """The ``fit`` of a method's module, which imports what that method needs."""
-    module: Any = importlib.import_module(f"{__package__}.{method}")
-    fit: Callable[[Task], Fitted] = module.fit
-    return fit
+    return asdict(Outcome(trial[0].name, trial[1], seconds=failed.seconds, ended=failed.problem))
 
 
 def judged(asked: Outcome, case: Case, fit: Callable[[Task], Fitted]) -> Outcome:
@@ -78,11 +87,18 @@ def judged(asked: Outcome, case: Case, fit: Callable[[Task], Fitted]) -> Outcome
     began = time.process_time()
     fitted = fit(task)
     seconds = time.process_time() - began
-    error = in_floors(rms(task.held_windows, fitted.predict(task.held_windows)), floor)
+    error = float((rms(task.held_windows, fitted.predict(task.held_windows)) / floor).square().mean().sqrt())
     right, false = scored(case.answers, fitted.claims)
     claims = tuple("|".join(sorted(claim)) for claim in fitted.claims)
     found = replace(asked, claims=claims, right=right, false=false, seconds=seconds)
     return replace(found, error=error) if math.isfinite(error) else replace(found, ended="diverged on held-out runs")
+
+
+def scored(answers: Sequence[Answer], claims: Sequence[Claim]) -> tuple[int, int]:
+    """(hidden effects that were named, claims that name nothing hidden)."""
+    said = frozenset[str]().union(*claims)
+    right = sum(answer.found(said) for answer in answers)
+    return right, sum(not any(answer.admits(key) for answer in answers for key in claim) for claim in claims)
 
 
 def floors(task: Task) -> Float[Tensor, " S"]:
@@ -90,9 +106,3 @@ def floors(task: Task) -> Float[Tensor, " S"]:
     windows, theta = task.held_windows, task.simulator.nominal
     found = start_floor(windows, start_spread(task.simulator, windows, theta), task.signals)
     return torch.tensor([found[signal] for signal in task.signals], dtype=theta.dtype)
-
-
-def in_floors(error: Float[Tensor, " S"], floor: Float[Tensor, " S"]) -> float:
-    """RMS over signals of their errors, each over its floor; inf where one diverged."""
-    value = float((error / floor).square().mean().sqrt())
-    return value if not math.isnan(value) else math.inf

@@ -26,7 +26,7 @@ from torch import Tensor
 from onlinebayes.identification import Windows
 from onlinebayes.simulators.mujoco.model import quiet
 from recipes.studies.versus_sysid.sysid_parameters import Freed, every_parameter, prepared
-from recipes.studies.versus_sysid.task import Claim, Fitted, Task
+from recipes.studies.versus_sysid.task import Fitted, Task
 
 SD = 3.0
 ITERATIONS = 60
@@ -82,27 +82,7 @@ class Problem:
         return _simulated(model, windows, late)
 
 
-@final
-@dataclass(frozen=True)
-class Identified(Fitted):
-    """The model that sysid found.
-
-    Args:
-        problem: that it solved.
-        x: the parameters.
-        claims: see :class:`Fitted`.
-    """
-
-    problem: Problem
-    x: Float[ndarray, " P"]
-    claims: tuple[Claim, ...]
-
-    def predict(self, windows: Windows) -> Float[Tensor, "W K S"]:
-        """See :class:`Fitted`."""
-        return torch.from_numpy(self.problem.simulated(self.x, windows, self.problem.parameters))
-
-
-def fit(task: Task) -> Identified:
+def fit(task: Task) -> Fitted:
     """Free everything, optimise, and name what left its nominal value."""
     problem = Problem.of(task, every_parameter(task))
     x, jacobian = optimised(problem, ITERATIONS)
@@ -111,7 +91,11 @@ def fit(task: Task) -> Identified:
         _, half = sysid.calculate_intervals(residual, jacobian)
     away = np.abs(x - np.array([freed.nominal for freed in problem.freed])) * HALF
     found = [freed.claim for freed, sure in zip(problem.freed, away > SD * half, strict=True) if sure and freed.claim]
-    return Identified(problem, x, tuple(dict.fromkeys(found)))
+
+    def predict(windows: Windows) -> Tensor:
+        return torch.from_numpy(problem.simulated(x, windows, problem.parameters))
+
+    return Fitted(tuple(dict.fromkeys(found)), predict)
 
 
 def optimised(problem: Problem, iterations: int) -> tuple[Float[ndarray, " P"], Float[ndarray, "n P"]]:

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 from typing import final
 
 import mujoco
+from torch import Tensor
 
 from onlinebayes.criticism import target_scales
 from onlinebayes.identification import joint_names
@@ -54,12 +55,12 @@ class Freed:
     write: Setter | None = None
 
 
-def problem_parameters(task: Task) -> list[Freed]:
-    """The problem's own, from the fitted base model on."""
-    found = []
-    for (address, bounds), value in zip(task.simulator.parameters.items(), task.base_theta.tolist(), strict=True):
-        found.append(Freed(address, bounds.low, bounds.high, value, value, frozenset(), setter(address)))
-    return found
+def problem_parameters(task: Task, start: Tensor) -> list[Freed]:
+    """The problem's own, from these values on [SI]."""
+    return [
+        Freed(address, bounds.low, bounds.high, value, value, frozenset(), setter(address))
+        for (address, bounds), value in zip(task.simulator.parameters.items(), start.tolist(), strict=True)
+    ]
 
 
 def setter(address: str) -> Setter:
@@ -101,7 +102,7 @@ def prepared(task: Task) -> mujoco.MjSpec:
 
 def every_parameter(task: Task) -> list[Freed]:
     """The problem's own and all others."""
-    found = problem_parameters(task)
+    found = problem_parameters(task, task.base_theta)
     flies = len(joint_names(task.simulator)) == 3 and set(task.simulator.joint_kinds.values()) == {"slide"}
     for joint in joint_names(task.simulator):
         found += _of_joint(task, joint, flies)

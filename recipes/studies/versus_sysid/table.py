@@ -13,10 +13,11 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 from onlinebayes.runs import ResultTable
-from recipes.studies.versus_sysid.record import COST, METHODS, Outcome
+from recipes.studies.versus_sysid.judging import COST, Outcome
+from recipes.studies.versus_sysid.methods import METHODS
 
 TITLES: Mapping[str, str] = {
     "base": "engineer's model, fitted",
@@ -28,6 +29,8 @@ CLOSE = 1.02
 FASTER = 3.0
 
 Cases = Mapping[str, Mapping[str, Outcome]]
+Figure = tuple[str, Mapping[str, float], str, str, Callable[..., float]]
+"""Name, value of each method, unit, goal in words, and which of those that compete ours is to be."""
 
 
 def tabulate(found: Sequence[Outcome], command: str, wanted: int) -> ResultTable:
@@ -45,11 +48,14 @@ def tabulate(found: Sequence[Outcome], command: str, wanted: int) -> ResultTable
     table = ResultTable("versus-sysid", command, sorted({int(name.rsplit("-", 1)[1]) for name in cases}))
     nulls = sum(not _hidden(tried) for tried in cases.values())
     table.add("cases compared", len(cases), unit=f"{nulls} hide nothing", goal=str(wanted), holds=len(cases) == wanted)
-    if cases:
-        _errors(table, cases)
-        _names(table, cases)
-        _times(table, cases)
-    _cost(table, [outcome for outcome in found if outcome.method == COST and outcome.reference is not None])
+    for name, values, unit, goal, best in _figures(cases) if cases else ():
+        for method, value in values.items():
+            if method == "ours" and goal:
+                holds = value == best(values[other] for other in COMPETING)
+                table.add(f"{name}: {TITLES[method]}", value, unit=unit, goal=goal, holds=holds)
+            else:
+                table.add(f"{name}: {TITLES[method]}", value, unit=unit)
+    _cost(table, [outcome for outcome in found if outcome.method == COST])
     for name, tried in cases.items():
         _case(table, name, tried)
     return table
@@ -64,72 +70,30 @@ def _hidden(tried: Mapping[str, Outcome]) -> tuple[str, ...]:
     return next((outcome.hidden for outcome in tried.values() if outcome.hidden), ())
 
 
-def _errors(table: ResultTable, cases: Cases) -> None:
-    errors = {method: [error_of(tried[method]) for tried in cases.values()] for method in METHODS}
-    medians = {method: statistics.median(values) for method, values in errors.items()}
-    for method in METHODS:
-        _lead(table, f"held-out error, median: {TITLES[method]}", method, medians, "floors", "smallest of all", min)
-    for method in METHODS:
-        ratios = [a / b for a, b in zip(errors[method], errors["base"], strict=True)]
-        geometric = math.exp(statistics.fmean(map(math.log, ratios))) if all(map(math.isfinite, ratios)) else math.inf
-        table.add(f"held-out error over the engineer's model, geometric mean: {TITLES[method]}", geometric)
-    best = [min(error_of(tried[method]) for method in COMPETING) for tried in cases.values()]
+def _figures(cases: Cases) -> Iterator[Figure]:
+    each, count = list(cases.values()), f"of {len(cases)}"
+    errors = {method: [error_of(tried[method]) for tried in each] for method in METHODS}
+    yield "held-out error, median", {m: statistics.median(errors[m]) for m in METHODS}, "floors", "smallest of all", min
+    best = [min(values) for values in zip(*(errors[method] for method in COMPETING), strict=True)]
     wins = {m: sum(e <= CLOSE * b for e, b in zip(errors[m], best, strict=True)) for m in COMPETING}
-    for method in COMPETING:
-        name = f"smallest error, within 2 %: {TITLES[method]}"
-        _lead(table, name, method, wins, f"of {len(cases)}", "most of all", max)
-
-
-def _names(table: ResultTable, cases: Cases) -> None:
-    hidden = sum(len(_hidden(tried)) for tried in cases.values())
-    right = {m: sum(tried[m].right for tried in cases.values()) for m in COMPETING}
-    false = {m: sum(tried[m].false for tried in cases.values()) for m in COMPETING}
-    for method in COMPETING:
-        _lead(table, f"right names: {TITLES[method]}", method, right, f"of {hidden}", "most of all", max)
-    for method in COMPETING:
-        nulls = sum(tried[method].false for tried in cases.values() if not _hidden(tried))
-        name, unit = f"false names: {TITLES[method]}", f"claims, {nulls} of them where nothing is hidden"
-        _lead(table, name, method, false, unit, "fewest", min)
-
-
-def _times(table: ResultTable, cases: Cases) -> None:
-    medians = {m: statistics.median(tried[m].seconds for tried in cases.values()) for m in COMPETING}
-    for method in COMPETING:
-        _lead(table, f"processor time, median: {TITLES[method]}", method, medians, "s", "smallest of all", min)
-    for method in COMPETING:
-        ended = sum(bool(tried[method].ended) for tried in cases.values())
-        table.add(f"cases without an answer: {TITLES[method]}", ended, unit=f"of {len(cases)}")
-
-
-def _lead(
-    table: ResultTable,
-    name: str,
-    method: str,
-    values: Mapping[str, float],
-    unit: str,
-    goal: str,
-    best: Callable[..., float],
-) -> None:
-    """A row; ours is to be the best of those that compete."""
-    if method != "ours":
-        table.add(name, values[method], unit=unit)
-        return
-    competing = [value for other, value in values.items() if other != "base"]
-    table.add(name, values[method], unit=unit, goal=goal, holds=values[method] == best(competing))
+    yield "smallest error, within 2 %", wins, count, "most of all", max
+    hidden = sum(len(_hidden(tried)) for tried in each)
+    right = {m: sum(tried[m].right for tried in each) for m in COMPETING}
+    yield "right names", right, f"of {hidden}", "most of all", max
+    yield "false names", {m: sum(tried[m].false for tried in each) for m in COMPETING}, "claims", "fewest", min
+    nothing = {m: sum(tried[m].false for tried in each if not _hidden(tried)) for m in COMPETING}
+    yield "false names where nothing is hidden", nothing, "claims", "fewest", min
+    seconds = {m: statistics.median(tried[m].seconds for tried in each) for m in COMPETING}
+    yield "processor time, median", seconds, "s", "smallest of all", min
+    yield "cases without an answer", {m: sum(bool(t[m].ended) for t in each) for m in COMPETING}, count, "", min
 
 
 def _cost(table: ResultTable, found: Sequence[Outcome]) -> None:
-    ways = [
-        ("parameters and starts", "mujoco.sysid", [(o.starts_free, o.seconds) for o in found]),
-        ("parameters", "mujoco.sysid as documented, starts kept", [(o.reference, o.seconds) for o in found]),
-        ("parameters", "the same with all windows in one rollout by hand", [(o.by_hand, o.seconds) for o in found]),
-    ]
-    for unknowns, way, pairs in ways:
-        ratios = [theirs / ours for theirs, ours in pairs if theirs is not None]
-        if ratios:
-            name = f"the same {unknowns}, windows and tolerance: time of {way} over ours, median"
-            spread, middle = f"{min(ratios):.3g} to {max(ratios):.3g}", statistics.median(ratios)
-            table.add(name, middle, spread=spread, unit="times", goal="at least 3", holds=middle >= FASTER)
+    ratios = [o.reference / o.seconds for o in found if o.reference is not None]
+    if ratios:
+        name = "the same parameters and starts, windows and tolerance: time of mujoco.sysid over ours, median"
+        spread, middle = f"{min(ratios):.3g} to {max(ratios):.3g}", statistics.median(ratios)
+        table.add(name, middle, spread=spread, unit="times", goal="at least 3", holds=middle >= FASTER)
 
 
 def _case(table: ResultTable, name: str, tried: Mapping[str, Outcome]) -> None:

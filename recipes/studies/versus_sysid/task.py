@@ -1,6 +1,4 @@
-"""What every method is given, and what it gives back: the same runs, the same held-out windows, one small interface.
-
-    fit(task) -> Fitted,      Fitted.predict(windows) = signals at the windows' rows,      Fitted.claims = names
+"""What every method is given, and what it gives back: the same runs, the same held-out windows.
 
 The held-out windows are criticism's own: one second, tiled without overlap, from the smoothed measured starts. They
 are cut once, from the engineer's model, so that all methods predict the same rows from the same starts.
@@ -8,8 +6,7 @@ are cut once, from the engineer's model, so that all methods predict the same ro
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import final
@@ -49,8 +46,6 @@ class Task:
         measurement: all runs.
         holdout: names of the held-out ones.
         selection: how criticism judges.
-        shapes: ``effect@target.parameter`` -> true value [SI] of what a linear library must know beforehand (a dead
-            time, a number of poles): for the peer whose library has to hold the true term.
     """
 
     name: str
@@ -58,7 +53,6 @@ class Task:
     measurement: Measurement
     holdout: tuple[str, ...]
     selection: Selection = field(default_factory=Selection)
-    shapes: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def fit_runs(self) -> Measurement:
@@ -101,29 +95,23 @@ class Task:
         return make_windows(self.simulator, runs, horizon, MEMORY * horizon, self.noise, inset=True)
 
 
-class Fitted(ABC):
+@final
+@dataclass(frozen=True)
+class Fitted:
     """A model fitted to a task's fit runs.
 
-    Attributes:
+    Args:
         claims: what it says is missing in the engineer's model.
+        predict: windows -> signals (W, K, S) at their rows [SI], open loop from their starts under their commands; nan
+            where it diverged. What was measured in the windows is not looked at.
     """
 
     claims: tuple[Claim, ...]
-
-    @abstractmethod
-    def predict(self, windows: Windows) -> Float[Tensor, "W K S"]:
-        """Signals at the windows' rows [SI], open loop from their starts under their commands; nan where it diverged.
-
-        What was measured in the windows must not be looked at.
-        """
-
-
-def open_loop_error(windows: Windows, simulated: Float[Tensor, "*batch W K S"]) -> Float[Tensor, "*batch W S"]:
-    """Sum of squares of measured - simulated over each window's measured rows [SI squared]; inf where it diverged."""
-    wrong = (simulated - windows.value).square().nan_to_num(nan=float("inf"), posinf=float("inf"))
-    return torch.where(windows.measured, wrong, torch.zeros_like(wrong)).sum(-2)
+    predict: Callable[[Windows], Tensor]
 
 
 def rms(windows: Windows, simulated: Float[Tensor, "W K S"]) -> Float[Tensor, " S"]:
-    """Root-mean-square error of each signal over all measured rows [SI]."""
-    return (open_loop_error(windows, simulated).sum(0) / windows.measured.sum((0, 1)).clamp_min(1)).sqrt()
+    """Root-mean-square error of each signal over all measured rows [SI]; inf where it diverged."""
+    wrong = (simulated - windows.value).square().nan_to_num(nan=float("inf"), posinf=float("inf"))
+    squares = torch.where(windows.measured, wrong, torch.zeros_like(wrong)).sum((0, 1))
+    return (squares / windows.measured.sum((0, 1)).clamp_min(1)).sqrt()
