@@ -17,6 +17,8 @@ from onlinebayes.criticism.candidates.scales import largest_forces, seen_in, tar
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput, nearest
+from onlinebayes.simulators.abilities import Extensible, Measured
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales, TargetKind
 from onlinebayes.simulators.effects.base import split_axis
 from onlinebayes.simulators.identifiable import Identifiable
@@ -96,31 +98,31 @@ def propose(
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
-def _unservoed(simulator: Identifiable, effect: Effect) -> bool:
+def _unservoed(simulator: Extensible, effect: Effect) -> bool:
     """Whether it is tried at joints with a servo only, and this is none."""
     return effect.tried_at_servos and effect.target not in simulator.servos
 
 
-def _said(simulator: Identifiable, effect: Effect) -> bool:
+def _said(simulator: Extensible, effect: Effect) -> bool:
     """Whether other candidates say the same with less."""
     kinds = {joint: simulator.joint_kinds.get(joint, "") for joint in joint_names(simulator)}
     return effect.said_by_joints(kinds, simulator.moving_joints.get(effect.element, ()))
 
 
-def _targets(simulator: Identifiable, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
+def _targets(simulator: Extensible, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
     """What effects of one kind can be tried at; of the signals those that were measured."""
     measured = {simulator.signals[i] for i in windows.columns}
     return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
 
 
-def _still(simulator: Identifiable, windows: Windows, kind: TargetKind, element: str) -> bool:
+def _still(simulator: Measured, windows: Windows, kind: TargetKind, element: str) -> bool:
     """Whether it is a joint, or a joint's signal, that stands still in every window: it shows no effect of its own."""
     joint = {"joint": element, "signal": element.partition(".")[2]}.get(kind, "")
     joints = joint_names(simulator)
     return joint in joints and bool(windows.free.any()) and not bool(windows.free[:, joints.index(joint)].any())
 
 
-def _placed(simulator: Identifiable, windows: Windows, effect: Effect, named: bool) -> bool:
+def _placed(simulator: Measured, windows: Windows, effect: Effect, named: bool) -> bool:
     """Whether the position that the effect depends on, if it does, was measured.
 
     Raises:
@@ -136,7 +138,7 @@ def _placed(simulator: Identifiable, windows: Windows, effect: Effect, named: bo
     return False
 
 
-def can_have(simulator: Identifiable, effect: Effect) -> bool:
+def can_have(simulator: Measured, effect: Effect) -> bool:
     """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)
@@ -168,7 +170,7 @@ def grown(simulator: Identifiable, effects: Sequence[Effect]) -> Identifiable:
 
 
 def grown_theta(
-    simulator: Identifiable, theta: Float[Tensor, " P"], effects: Sequence[Effect], trial: Trial | None = None
+    simulator: Simulator, theta: Float[Tensor, " P"], effects: Sequence[Effect], trial: Trial | None = None
 ) -> Float[Tensor, " Q"]:
     """Theta of :func:`grown` with every new effect neutral, except the one that the trial moves."""
     values = list(theta.unbind())
