@@ -42,7 +42,7 @@ from onlinebayes.criticism.timing import Timing
 from onlinebayes.identification.detail import Detail, HorizonError, Profile, WindowError
 from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.identification.judging.evaluator import Evaluation, FitRequest
-from onlinebayes.identification.judging.held_out import held_out_errors
+from onlinebayes.identification.judging.held_out import held_out_errors, run_scores
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.results import Estimate, FittedModel, FlatDirection, Numerics, ReplayedRun, Selection
@@ -106,6 +106,7 @@ __all__ = [
     "prepare",
     "propose",
     "refine",
+    "run_scores",
     "same_as",
     "target_scales",
     "trials",

@@ -35,6 +35,7 @@ from onlinebayes.identification.judging.scoring import Gain
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, Stopped, side_by_side
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 LEAST_FLOORS = 3.0
@@ -226,7 +227,7 @@ def _sightings(evaluator: Evaluator, base: Evaluation, measurement: Measurement)
             yield found
 
 
-def _thetas(simulator: Identifiable, base: Evaluation) -> Float[Tensor, "M P"]:
+def _thetas(simulator: Simulator, base: Evaluation) -> Float[Tensor, "M P"]:
     """The fitted theta, the nominal one, and points of the box."""
     space, fitted = simulator.parameters, base.fitted.theta
     nominal = space.clamp(simulator.nominal.to(fitted))

@@ -26,6 +26,7 @@ from onlinebayes.identification.results import FittedModel
 from onlinebayes.identification.scope import address_of
 from onlinebayes.inference import Box, TruncatedMixture
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 NEUTRAL = 1e-3
@@ -125,7 +126,7 @@ def _wider(one: Parameter, other: Parameter) -> Parameter:
     return Parameter(min(one.low, other.low), max(one.high, other.high), one.unit, one.scale)
 
 
-def _embedded(simulator: Identifiable, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:
+def _embedded(simulator: Simulator, model: FittedModel) -> tuple[Float[Tensor, " P"], Float[Tensor, "P P"]]:
     """Mean and covariance of a model in the parameters of all; the others' additions are neutral and certain."""
     mean = simulator.nominal.to("cpu", torch.float64).clone()
     move, spread = mean.new_zeros(len(mean), len(model.theta)), torch.zeros_like(mean)
@@ -137,7 +138,7 @@ def _embedded(simulator: Identifiable, model: FittedModel) -> tuple[Float[Tensor
     return simulator.parameters.clamp(mean), covariance
 
 
-def _places(simulator: Identifiable, model: FittedModel) -> Iterator[tuple[int, list[int]]]:
+def _places(simulator: Simulator, model: FittedModel) -> Iterator[tuple[int, list[int]]]:
     """Each parameter that a model has, and the columns of its theta that hold values of it."""
     of = [address_of(name) for name in model.simulator.parameters]
     for i, name in enumerate(simulator.parameters):

@@ -14,6 +14,7 @@ from onlinebayes.parameters import Parameter
 from onlinebayes.problems.factory import import_module
 from onlinebayes.problems.section import Section
 from onlinebayes.runs import BadInput, nearest
+from onlinebayes.simulators.abilities import Extensible
 from onlinebayes.simulators.effects import EFFECTS, Effect, Scales
 from onlinebayes.simulators.effects.base import split_axis
 from onlinebayes.simulators.identifiable import Identifiable
@@ -26,7 +27,7 @@ def import_modules(section: Section) -> None:
             import_module(name)
 
 
-def check_candidates(section: Section, simulator: Identifiable) -> Literal["all"] | tuple[str, ...]:
+def check_candidates(section: Section, simulator: Extensible) -> Literal["all"] | tuple[str, ...]:
     """``"all"``, or effect names and ``name@target`` keys that all exist.
 
     Raises:
@@ -48,7 +49,7 @@ def check_candidates(section: Section, simulator: Identifiable) -> Literal["all"
     return candidates
 
 
-def check_effect(key: str, simulator: Identifiable) -> None:
+def check_effect(key: str, simulator: Extensible) -> None:
     """Raise :class:`BadInput` unless ``name`` or ``name@target`` exists for this simulator."""
     name, at, target = key.partition("@")
     vocabulary = {**EFFECTS, **simulator.own_effects}
@@ -61,7 +62,7 @@ def check_effect(key: str, simulator: Identifiable) -> None:
             raise BadInput(f"the model has no {kind} '{target}' for {name}", nearest(target, known))
 
 
-def check_constant(address: str, value: float, simulator: Identifiable) -> None:
+def check_constant(address: str, value: float, simulator: Extensible) -> None:
     """Raise :class:`BadInput` unless ``name@target.parameter`` exists and may have this value, added or not."""
     key, _, parameter = address.rpartition(".")
     if not key:

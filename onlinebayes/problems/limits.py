@@ -9,6 +9,7 @@ from onlinebayes.criticism import Allowed, Payload
 from onlinebayes.identification import joint_names
 from onlinebayes.problems.section import Section
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.abilities import Editable
 from onlinebayes.simulators.identifiable import Identifiable
 
 KEYS = ("max_command", "max_rate", "travel", "max_speed", "seconds", "payload")
@@ -68,7 +69,7 @@ def _range(section: Section, key: str, value: Any) -> tuple[float, float]:
     return low, high
 
 
-def _payload(section: Section, simulator: Identifiable) -> Payload | None:
+def _payload(section: Section, simulator: Editable) -> Payload | None:
     if "payload" not in section:
         return None
     table = section.section("payload", ("body", "mass"))

@@ -15,6 +15,8 @@ from onlinebayes.problems.factory import from_factory
 from onlinebayes.problems.parameters import NEVER_NEGATIVE, Declared, field_of
 from onlinebayes.problems.section import Section
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.abilities import Extensible
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from onlinebayes.simulators.mujoco.addresses import resolve, written_out
@@ -98,7 +100,7 @@ def _check_sign(address: str, value: float, unit: str, cure: str) -> None:
         raise BadInput(f"address '{address}': a {NEVER_NEGATIVE[field]} of {value:g} {unit} cannot be", cure)
 
 
-def _check_made(top: Section, simulator: Identifiable, parameters: Declared) -> None:
+def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> None:
     """What a factory's own simulator must have, and what cannot be done to it."""
     for key in ("model_edit", "actuators"):
         if top.section(key).values:
@@ -113,7 +115,7 @@ def _check_made(top: Section, simulator: Identifiable, parameters: Declared) -> 
         raise top.error("model", f"'{top.text('model')}' has the parameters {have}", cure)
 
 
-def beside_bounds(simulator: Identifiable, parameters: Declared) -> list[str]:
+def beside_bounds(simulator: Simulator, parameters: Declared) -> list[str]:
     """A line for each fitted parameter whose value in the model lies outside the bounds that it was given."""
     return [
         f"{name}: the model's own {value:g} lies outside the bounds {bounds.low:g} to {bounds.high:g}"
@@ -122,7 +124,7 @@ def beside_bounds(simulator: Identifiable, parameters: Declared) -> list[str]:
     ]
 
 
-def signal_units(simulator: Identifiable) -> dict[str, str]:
+def signal_units(simulator: Extensible) -> dict[str, str]:
     """Signal -> SI unit, for the joints of a model."""
     if not isinstance(simulator, MujocoSimulator):
         lengths = {joint: "m" if kind == "slide" else "rad" for joint, kind in simulator.joint_kinds.items()}
@@ -131,7 +133,7 @@ def signal_units(simulator: Identifiable) -> dict[str, str]:
     return {name: _unit(simulator.model, *name.split(".", 1)) for name in simulator.signals}
 
 
-def known_addresses(simulator: Identifiable) -> tuple[str, ...]:
+def known_addresses(simulator: Simulator) -> tuple[str, ...]:
     """``sensor.<name>`` for each sensor of a MuJoCo model."""
     if not isinstance(simulator, MujocoSimulator):
         return ()

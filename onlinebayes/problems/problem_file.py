@@ -27,6 +27,7 @@ from onlinebayes.problems.parameters import Declared, declared
 from onlinebayes.problems.section import Section
 from onlinebayes.problems.starts import known_starts
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.abilities import Extensible
 from onlinebayes.simulators.identifiable import Identifiable
 
 LARGEST, MOST_DOTS = 2**20, 2000
@@ -164,7 +165,7 @@ def _selection(section: Section) -> Selection:
 
 
 def _scope(
-    top: Section, effects: Section, parameters: Declared, simulator: Identifiable, measurement: Measurement
+    top: Section, effects: Section, parameters: Declared, simulator: Extensible, measurement: Measurement
 ) -> Scope | None:
     """How parameters differ between runs, every name in it checked."""
     scopes = effects.section("scope")
@@ -192,7 +193,7 @@ def _columns(top: Section, tables: Sequence[str]) -> set[str]:
 
 
 def _read_tables(
-    top: Section, tables: Sequence[str], simulator: Identifiable, note: Callable[[str], None]
+    top: Section, tables: Sequence[str], simulator: Extensible, note: Callable[[str], None]
 ) -> Measurement:
     if not tables:
         raise top.error("measurements", "no table is named", 'write e.g. ["log.csv"]')

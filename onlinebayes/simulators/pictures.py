@@ -18,9 +18,9 @@ from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.abilities import Extensible
 from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.drawing import Drawable, Shape, View, render_state, scene, view_of
-from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.task import Task
 
 STARTS = 64  # states that decide what a picture shows
@@ -107,7 +107,7 @@ def _wide_view(simulator: Simulator, task: Task) -> View:
 
 def _swept(simulator: Simulator, start: TensorDict) -> list[TensorDict]:
     """The starts with one hinge after another turned all the way round."""
-    if not isinstance(simulator, Identifiable) or start["qpos"].shape[1] != len(simulator.joint_kinds):
+    if not isinstance(simulator, Extensible) or start["qpos"].shape[1] != len(simulator.joint_kinds):
         return []
     around = torch.linspace(-math.pi, math.pi, len(start), dtype=start["qpos"].dtype)
     hinges = [column for column, kind in enumerate(simulator.joint_kinds.values()) if kind == "hinge"]

@@ -13,12 +13,13 @@ from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
+from onlinebayes.simulators.abilities import Extensible, Measured
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, Reading
-from onlinebayes.simulators.identifiable import Identifiable
 
 
 def sense(
-    simulator: Identifiable,
+    simulator: Extensible,
     theta: Float[Tensor, "*batch P"],
     state: TensorDictBase,
     trajectory: TensorDictBase,
@@ -50,7 +51,7 @@ def sense(
     return torch.stack(columns, dim=-1)
 
 
-def unsense(simulator: Identifiable, theta: Float[Tensor, "*batch P"], state: TensorDict) -> TensorDict:
+def unsense(simulator: Extensible, theta: Float[Tensor, "*batch P"], state: TensorDict) -> TensorDict:
     """The state behind the positions and velocities that the position sensors show, batch size (*batch,)."""
     effects = _sensors(simulator)
     if not effects:
@@ -67,11 +68,11 @@ def unsense(simulator: Identifiable, theta: Float[Tensor, "*batch P"], state: Te
     return state
 
 
-def _sensors(simulator: Identifiable) -> list[Effect]:
+def _sensors(simulator: Measured) -> list[Effect]:
     return [effect for effect in simulator.effects if effect.target_kind == "signal"]
 
 
-def _positions(simulator: Identifiable) -> dict[int, int]:
+def _positions(simulator: Extensible) -> dict[int, int]:
     """Place of each scalar joint's position signal -> place of its velocity."""
     places = {name: i for i, name in enumerate(simulator.signals)}
     return {
@@ -81,5 +82,5 @@ def _positions(simulator: Identifiable) -> dict[int, int]:
     }
 
 
-def _own(simulator: Identifiable, effect: Effect, theta: Tensor) -> dict[str, Tensor]:
+def _own(simulator: Simulator, effect: Effect, theta: Tensor) -> dict[str, Tensor]:
     return {name: theta[..., simulator.parameters.index(f"{effect.key}.{name}")] for name in effect.parameters}

@@ -3,11 +3,12 @@
 from onlinebayes.trainers.adaptive import AdaptivePlanner
 from onlinebayes.trainers.checkpoint import Saver
 from onlinebayes.trainers.collecting import collector_of
-from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic
+from onlinebayes.trainers.critic import Critic, Finding, LoggedRuns, SearchCritic, Weigher
 from onlinebayes.trainers.env_problem import EnvPlayer, EnvProblem
 from onlinebayes.trainers.excitation import Excited, HeldActions, Limits, range_of
 from onlinebayes.trainers.following import Follower
 from onlinebayes.trainers.growing import GrowingTrainer
+from onlinebayes.trainers.hypotheses import OpenHypotheses, OpenHypothesis
 from onlinebayes.trainers.improve import improve
 from onlinebayes.trainers.journal import Journal
 from onlinebayes.trainers.online import OnlineTrainer
@@ -41,6 +42,8 @@ __all__ = [
     "LoggedRuns",
     "OnlineState",
     "OnlineTrainer",
+    "OpenHypotheses",
+    "OpenHypothesis",
     "Player",
     "Point",
     "Policy",
@@ -59,6 +62,7 @@ __all__ = [
     "TrajectoryFormat",
     "TrajectorySource",
     "Turn",
+    "Weigher",
     "Worlds",
     "collector_of",
     "improve",

@@ -2,7 +2,7 @@
 
 | part          | what it holds                                                                        |
 |---------------|--------------------------------------------------------------------------------------|
-| ``online``    | belief, proposal, real trajectories, the policies that made them, records, added effects   |
+| ``online``    | belief, proposal, real trajectories, their policies, records, effects, what is open  |
 | ``objective`` | networks, optimisers, replay memory                                                  |
 | ``collector`` | the worlds that the policy learns in, and the step each of them stands at            |
 | ``simulations``, ``held_out``, ``real`` | worlds and sensors of the simulations, and of the system, if it can tell |

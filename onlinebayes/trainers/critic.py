@@ -4,9 +4,9 @@
     finding = critic(real, problem, interrupt)          # finding.effects: what the model should get
 
 The trajectories are read as a log: observations back to states, actions to commands. The same log gives ``refine`` the
-same answer. Only what moves the simulated
-worlds and predicts the last trajectories is handed on: a fault of a sensor, or a choice between effects that the data
-cannot tell apart, is said in words, and asked again with more data.
+same answer. Only what moves the simulated worlds and predicts the last trajectories is handed on as effects: a fault of
+a sensor is said in words. Models that the data cannot tell apart are handed on fitted, with their weights, for later
+trajectories to choose among.
 """
 
 from __future__ import annotations
@@ -17,18 +17,18 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 import torch
+from jaxtyping import Float
 from tensordict import TensorDict
 from torch import Tensor
 
-from onlinebayes.criticism import Criticism, refine, unscoped
+from onlinebayes.criticism import Criticism, grown, refine, run_scores, unscoped
 from onlinebayes.measurements import Measurement, Signal
 from onlinebayes.runs import BadInput, Interrupt
 from onlinebayes.simulators import Identifiable
 from onlinebayes.simulators.effects import EFFECTS, Effect
+from onlinebayes.simulators.effects.plain import to_plain
+from onlinebayes.trainers.hypotheses import UNMOVED, OpenHypotheses, OpenHypothesis
 from onlinebayes.trainers.problem import Problem
-
-UNMOVED = ("signal", "parameter")
-"""What effects act on that change how a world is seen, or when, but not how it moves."""
 
 UNSURE = ("unexplained", "insufficient_data")
 """Verdicts after which nothing is added: the held-out runs contradict it, or there is too little to tell."""
@@ -44,10 +44,13 @@ class Finding:
     Args:
         effects: that the model should get; none where it may stay as it is.
         words: one line.
+        hypotheses: the models among which the trajectories do not choose yet, fitted to them; None where there is no
+            choice, or not all of them could be fitted.
     """
 
     effects: tuple[Effect, ...]
     words: str
+    hypotheses: OpenHypotheses | None = None
 
 
 @runtime_checkable
@@ -56,6 +59,21 @@ class Critic(Protocol):
 
     def __call__(self, real: TensorDict, problem: Problem, interrupt: Interrupt, /) -> Finding:
         """What the real trajectories (n, T) so far say of the problem's simulator; ends early where it is asked to."""
+        ...
+
+
+@runtime_checkable
+class Weigher(Protocol):
+    """A critic that can also say how well each of the models that it left open predicts new trajectories."""
+
+    def scores(self, real: TensorDict, problem: Problem, hypotheses: OpenHypotheses, /) -> Float[Tensor, "n K"]:
+        """S of each trajectory under each hypothesis, as for :meth:`.OpenHypotheses.after` [nats].
+
+        Args:
+            real: trajectories (n, T) to which no hypothesis was fitted; those too short to be judged may be left out.
+            problem: whose simulator the hypotheses add to.
+            hypotheses: K of them.
+        """
         ...
 
 
@@ -81,9 +99,7 @@ class LoggedRuns:
         Raises:
             BadInput: a simulator that names no signals.
         """
-        simulator = problem.simulator
-        if not isinstance(simulator, Identifiable):
-            raise BadInput(f"{type(simulator).__name__} cannot be criticised", "use an Identifiable simulator")
+        simulator = _criticised(problem)
         runs = {
             f"trajectory {i + 1}": self._columns(one[: int(one["mask"].sum())], problem, simulator)
             for i, one in enumerate(real)
@@ -138,10 +154,7 @@ class SearchCritic:
         told = f"criticism of {len(real)} real trajectories"
         if len(real) < self.fewest:
             return Finding((), f"{told}: too few, it asks for {self.fewest}")
-        model = problem.simulator
-        if not isinstance(model, Identifiable):
-            raise BadInput(f"{type(model).__name__} cannot be criticised", "use an Identifiable simulator")
-        log = self.runs(real, problem)
+        model, log = _criticised(problem), self.runs(real, problem)
         held_out = log.runs[-max(1, int(HELD_OUT * len(log.runs))) :]
         result = refine(
             model,
@@ -154,6 +167,13 @@ class SearchCritic:
         )
         return finding_of(result, model, told)
 
+    def scores(self, real: TensorDict, problem: Problem, hypotheses: OpenHypotheses) -> Float[Tensor, "n K"]:
+        """See :class:`Weigher`; by the score of criticism, every window from its best start."""
+        model, log = _criticised(problem), self.runs(real, problem)
+        each = ((grown(model, one.added_to(model)), one.values) for one in hypotheses.each)
+        columns = [run_scores(*one, log, hypotheses.noise, hypotheses.horizon) for one in each]
+        return torch.stack(columns, dim=1)
+
 
 def finding_of(result: Criticism, model: Identifiable, told: str) -> Finding:
     """What of a criticism goes into a model; ``told`` begins its words."""
@@ -162,7 +182,9 @@ def finding_of(result: Criticism, model: Identifiable, told: str) -> Finding:
     if not named:
         return Finding((), f"{told}: nothing is preferred to the model as it is")
     if rivals := [key for one in result.candidates if one.accepted for key in one.indistinguishable_from]:
-        return Finding((), f"{told}: {named}, or as well {', '.join(rivals)}; nothing is added yet")
+        left = left_open(result, model, rivals)
+        until = "nothing is added yet" if left is None else f"nothing is added until one is clear ({left.words})"
+        return Finding((), f"{told}: {named}, or as well {', '.join(rivals)}; {until}", left)
     if result.verdict in UNSURE:
         why = result.what_to_record or ". ".join(result.notes[:1]) or "half of the error is left"
         return Finding((), f"{told}: {named} is not relied on: {why}; nothing is added")
@@ -174,3 +196,34 @@ def finding_of(result: Criticism, model: Identifiable, told: str) -> Finding:
         f"{name} = {one.mean:.3g}" for name, one in result.parameters.items() if name not in model.parameters
     )
     return Finding(new, f"{told}: the model lacks {named} ({sizes})")
+
+
+def left_open(result: Criticism, model: Identifiable, rivals: Sequence[str]) -> OpenHypotheses | None:
+    """The models that a result leaves open, with its weights.
+
+    None where the held-out runs contradict them, where a rival was named and not fitted, or where one is more than
+    effects with one size for all trajectories.
+
+    Args:
+        result: of criticism.
+        model: that was criticised.
+        rivals: keys of what does as well as what was accepted.
+    """
+    have, each = {effect.key for effect in model.effects}, list[OpenHypothesis]()
+    for one in result.hypotheses:
+        fitted = one.model
+        new = [effect for effect in unscoped(fitted.simulator).effects if effect.key not in have]
+        if {effect.key for effect in new} != set(one.accepted):
+            return None
+        values = dict(zip(fitted.simulator.parameters.names, fitted.theta.tolist(), strict=True))
+        each.append(OpenHypothesis(tuple(map(to_plain, new)), values, one.weight))
+    named = {key for one in each for key in one.keys}
+    if len(each) < 2 or result.explanation is None or result.verdict in UNSURE or not set(rivals) <= named:
+        return None
+    return OpenHypotheses(tuple(each), dict(result.sensor_sd), result.explanation.windows.horizon)
+
+
+def _criticised(problem: Problem) -> Identifiable:
+    if not isinstance(problem.simulator, Identifiable):
+        raise BadInput(f"{type(problem.simulator).__name__} cannot be criticised", "use an Identifiable simulator")
+    return problem.simulator

@@ -16,6 +16,7 @@ from onlinebayes.inference import Belief, FitReport, History
 from onlinebayes.inference.saving import from_state, to_state
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.trainers.following import from_plain, to_plain
+from onlinebayes.trainers.hypotheses import OpenHypotheses, open_from_plain
 from onlinebayes.trainers.trajectories import Policy
 
 
@@ -80,6 +81,8 @@ class OnlineState:
         losses: of the last policy batch.
         effects: that criticism has added to the model, as plain values.
         criticised: complete outer steps when criticism was last asked.
+        hypotheses: the models that criticism left open, with what later trajectories said of them; None for no choice.
+        weighed: real trajectories that their weights know.
         aside: seconds spent on criticism since the last record [s], by the name of the work.
         history: what was made of the real trajectories, where the machine may change; None before the first.
         interrupted: whether the run was stopped before its last step.
@@ -99,6 +102,8 @@ class OnlineState:
     losses: dict[str, float] = field(default_factory=dict)
     effects: list[dict[str, Any]] = field(default_factory=list)
     criticised: int = 0
+    hypotheses: OpenHypotheses | None = None
+    weighed: int = 0
     aside: dict[str, float] = field(default_factory=dict)
     history: History | None = None
     interrupted: bool = False
@@ -150,6 +155,8 @@ class OnlineState:
             "losses": dict(self.losses),
             "effects": [dict(effect) for effect in self.effects],
             "criticised": self.criticised,
+            "hypotheses": None if self.hypotheses is None else self.hypotheses.to_plain(),
+            "weighed": self.weighed,
             "aside": dict(self.aside),
             "history": to_plain(self.history),
         }
@@ -175,6 +182,7 @@ class OnlineState:
         self.effects = [dict(effect) for effect in state.get("effects", ())]
         self.history = from_plain(space, state.get("history"))
         self.criticised, self.aside = state.get("criticised", 0), dict(state.get("aside", {}))
+        self.hypotheses, self.weighed = open_from_plain(state.get("hypotheses")), state.get("weighed", 0)
 
 
 def frozen(policy: Policy, weights: Mapping[str, Any] | None = None) -> Policy:

@@ -22,6 +22,7 @@ from onlinebayes.identification.replaying.scoped import (
 from onlinebayes.measurements import Measurement, concatenate
 from onlinebayes.parameters import Parameter
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import ConstantLoad, DryFriction, SensorBias
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -67,8 +68,9 @@ def test_the_map(loaded) -> None:
 @pytest.mark.parametrize("around", [ScopedSimulator, ChartedSimulator])
 def test_no_hook_of_a_simulator_stays_behind(around: type[Identifiable]) -> None:
     """What a simulator may override is passed through, or the base class's answer would hide the physics' own."""
-    hooks = {name for name, value in vars(Identifiable).items() if not name.startswith("_") and name != "parameters"}
-    assert {"with_gravity_compensation", "actuator_forces"} <= hooks
+    abilities = Identifiable.__mro__[: Identifiable.__mro__.index(Simulator)]
+    hooks = {name for ability in abilities for name in vars(ability) if not name.startswith("_")}
+    assert {"with_gravity_compensation", "actuator_forces", "read", "with_timestep"} <= hooks
     passed = {name for base in around.__mro__[: around.__mro__.index(Identifiable)] for name in vars(base)}
     assert hooks - passed == set()
 

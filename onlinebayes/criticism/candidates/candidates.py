@@ -17,7 +17,9 @@ from onlinebayes.criticism.candidates.scales import largest_forces, seen_in, tar
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.identification.replaying.scoped import effect_entries
 from onlinebayes.runs import BadInput, nearest
-from onlinebayes.simulators.effects import EFFECTS, AirDrag, Backlash, Effect, GravityTilt, Scales, TargetKind
+from onlinebayes.simulators.abilities import Extensible, Measured
+from onlinebayes.simulators.base import Simulator
+from onlinebayes.simulators.effects import EFFECTS, Effect, Scales, TargetKind
 from onlinebayes.simulators.effects.base import split_axis
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -87,7 +89,7 @@ def propose(
             effects.append(vocabulary[name].scaled(place, scales[at]))
         placed = [effect for effect in effects if _placed(simulator, windows, effect, bool(target))]
         if all_of_them:
-            placed = [e for e in placed if not (e.tried_last or _slow(simulator, e) or _same_law(simulator, e))]
+            placed = [e for e in placed if not (e.tried_last or _unservoed(simulator, e) or _said(simulator, e))]
         possible = [effect for effect in placed if target or can_have(simulator, effect)]
         # A name that nothing can have is kept where it was asked for: the simulator says why it cannot.
         for effect in possible if possible or all_of_them else placed:
@@ -96,36 +98,31 @@ def propose(
     return tuple(effect for key, effect in found.items() if key not in present)
 
 
-def _slow(simulator: Identifiable, effect: Effect) -> bool:
-    """Whether it is play behind a motor, whose refits take minutes: tried where it is named."""
-    return isinstance(effect, Backlash) and effect.target not in simulator.servos
+def _unservoed(simulator: Extensible, effect: Effect) -> bool:
+    """Whether it is tried at joints with a servo only, and this is none."""
+    return effect.tried_at_servos and effect.target not in simulator.servos
 
 
-def _same_law(simulator: Identifiable, effect: Effect) -> bool:
-    """Whether other candidates say the same with less: one joint's drag, the constant loads of slides.
-
-    Air drag of what one joint moves is that joint's quadratic drag, a tilt is a constant load of every slide.
-    """
-    if isinstance(effect, GravityTilt):
-        return all(simulator.joint_kinds.get(joint) == "slide" for joint in joint_names(simulator))
-    chain = simulator.moving_joints.get(effect.target, ())
-    return isinstance(effect, AirDrag) and len(chain) == 1 and chain[0] in simulator.joint_kinds
+def _said(simulator: Extensible, effect: Effect) -> bool:
+    """Whether other candidates say the same with less."""
+    kinds = {joint: simulator.joint_kinds.get(joint, "") for joint in joint_names(simulator)}
+    return effect.said_by_joints(kinds, simulator.moving_joints.get(effect.element, ()))
 
 
-def _targets(simulator: Identifiable, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
+def _targets(simulator: Extensible, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
     """What effects of one kind can be tried at; of the signals those that were measured."""
     measured = {simulator.signals[i] for i in windows.columns}
     return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
 
 
-def _still(simulator: Identifiable, windows: Windows, kind: TargetKind, element: str) -> bool:
+def _still(simulator: Measured, windows: Windows, kind: TargetKind, element: str) -> bool:
     """Whether it is a joint, or a joint's signal, that stands still in every window: it shows no effect of its own."""
     joint = {"joint": element, "signal": element.partition(".")[2]}.get(kind, "")
     joints = joint_names(simulator)
     return joint in joints and bool(windows.free.any()) and not bool(windows.free[:, joints.index(joint)].any())
 
 
-def _placed(simulator: Identifiable, windows: Windows, effect: Effect, named: bool) -> bool:
+def _placed(simulator: Measured, windows: Windows, effect: Effect, named: bool) -> bool:
     """Whether the position that the effect depends on, if it does, was measured.
 
     Raises:
@@ -141,7 +138,7 @@ def _placed(simulator: Identifiable, windows: Windows, effect: Effect, named: bo
     return False
 
 
-def can_have(simulator: Identifiable, effect: Effect) -> bool:
+def can_have(simulator: Measured, effect: Effect) -> bool:
     """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)
@@ -173,7 +170,7 @@ def grown(simulator: Identifiable, effects: Sequence[Effect]) -> Identifiable:
 
 
 def grown_theta(
-    simulator: Identifiable, theta: Float[Tensor, " P"], effects: Sequence[Effect], trial: Trial | None = None
+    simulator: Simulator, theta: Float[Tensor, " P"], effects: Sequence[Effect], trial: Trial | None = None
 ) -> Float[Tensor, " Q"]:
     """Theta of :func:`grown` with every new effect neutral, except the one that the trial moves."""
     values = list(theta.unbind())

@@ -22,6 +22,7 @@ from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.identification.replaying.replay import rollout
 from onlinebayes.identification.replaying.scoped import unscoped
 from onlinebayes.identification.replaying.timed import instants
+from onlinebayes.simulators.abilities import Extensible, Measured
 from onlinebayes.simulators.effects import ConstantLoad, Scales, TargetKind
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -125,7 +126,7 @@ def _body_scales(simulator: Identifiable, windows: Windows, target: str, time: f
     return Scales(force=1.0, speed=max(speed, 1e-9), travel=1.0, time=time, inertia=mass, length=length)
 
 
-def _signal_scales(simulator: Identifiable, windows: Windows, target: str, time: float) -> Scales:
+def _signal_scales(simulator: Extensible, windows: Windows, target: str, time: float) -> Scales:
     """Range of what was measured of a signal."""
     s = windows.columns.index(simulator.signals.index(target))
     values = windows.value[..., s][windows.measured[..., s]]
@@ -164,7 +165,7 @@ def _filled(shown: Float[Tensor, "W n"], seen: Bool[Tensor, "W n"]) -> tuple[Flo
     return (1 - part) * shown.gather(1, before) + part * shown.gather(1, after), between
 
 
-def seen_in(simulator: Identifiable, windows: Windows, joint: str) -> SeenBy:
+def seen_in(simulator: Measured, windows: Windows, joint: str) -> SeenBy:
     """By which of the measured signals the joint is seen."""
     return seen_by(joint, [simulator.signals[column] for column in windows.columns])
 

@@ -22,6 +22,7 @@ from onlinebayes.criticism.candidates.scales import target_scales
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.abilities import Extensible, Measured
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -125,7 +126,7 @@ def find_limits(
 
 
 def _commands(
-    simulator: Identifiable, measurement: Measurement, allowed: Allowed
+    simulator: Extensible, measurement: Measurement, allowed: Allowed
 ) -> tuple[Float[Tensor, " U"], Float[Tensor, " U"]]:
     low, high = [], []
     for name in simulator.commands:
@@ -145,7 +146,7 @@ def _commands(
 
 
 def _rates(
-    simulator: Identifiable, measurement: Measurement, allowed: Allowed, low: Tensor, high: Tensor
+    simulator: Measured, measurement: Measurement, allowed: Allowed, low: Tensor, high: Tensor
 ) -> Float[Tensor, " U"]:
     """Largest admissible rates; where the measured command never changed, the whole range in a second."""
     time, both = measurement.data["time"], measurement.data["mask"][:, 1:]

@@ -23,7 +23,7 @@ from onlinebayes.criticism.experiment.limits import Limits
 from onlinebayes.criticism.experiment.play import FixedModel, at_rest
 from onlinebayes.identification.data.windows import Windows, joint_names
 from onlinebayes.runs import BadInput
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Extensible, Measured
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 POSTURES = 3
@@ -93,7 +93,7 @@ def _holding(
 
 
 def _without_force(
-    simulator: Identifiable, q: Float[Tensor, "R J"], logged: Float[Tensor, "R U"]
+    simulator: Extensible, q: Float[Tensor, "R J"], logged: Float[Tensor, "R U"]
 ) -> Float[Tensor, "R U"]:
     """The command at which each actuator of a joint gives no force at rest; 0 where that is not known."""
     if not isinstance(simulator, MujocoSimulator):
@@ -173,7 +173,7 @@ def _width(limits: Limits) -> Float[Tensor, " J"]:
     return (limits.travel_high - limits.travel_low).clamp_min(1e-12)
 
 
-def _nothing_holds(simulator: Identifiable, held: _Held, limits: Limits) -> BadInput:
+def _nothing_holds(simulator: Measured, held: _Held, limits: Limits) -> BadInput:
     """Why no run's first posture will do: what the first that would be held takes, or that none is."""
     steady = held.stays.nonzero()[:, 0]
     r = int(steady[0]) if len(steady) else 0

@@ -21,7 +21,7 @@ from onlinebayes.criticism.experiment.play import FixedModel, admissible, play
 from onlinebayes.criticism.experiment.rivals import Pair
 from onlinebayes.criticism.experiment.separation import separations
 from onlinebayes.measurements import Signal
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 ACCURACY = 1e-3
@@ -87,7 +87,7 @@ def _payloads(pairs: Sequence[Pair], inputs: Inputs, limits: Limits, signals: Se
     return found
 
 
-def _half_masses(simulator: Identifiable) -> list[Payload]:
+def _half_masses(simulator: Simulator) -> list[Payload]:
     if not isinstance(simulator, MujocoSimulator):
         return []
     model = simulator.model

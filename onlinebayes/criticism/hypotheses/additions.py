@@ -13,6 +13,7 @@ from onlinebayes.identification.judging.hypothesis import Start
 from onlinebayes.identification.replaying.scoped import ScopedSimulator, effect_entries, unscoped
 from onlinebayes.identification.scope import Scope, address_of
 from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -164,7 +165,7 @@ class WiderBounds:
         return (Start({self.name: bound + step}, (self.name,), bound, step, 0.0, (end - bound) / step),)
 
 
-def wider_bounds(simulator: Identifiable, values: Mapping[str, float]) -> tuple[WiderBounds, ...]:
+def wider_bounds(simulator: Simulator, values: Mapping[str, float]) -> tuple[WiderBounds, ...]:
     """For every parameter whose fitted value lies on a bound that may be another.
 
     A bound at zero stays (friction, mass and time are never negative), a positive low one goes down to a tenth, or to

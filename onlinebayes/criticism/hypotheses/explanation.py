@@ -32,10 +32,6 @@ from onlinebayes.simulators.identifiable import Identifiable
 NOISE_ALONE = 0.5 * math.log(2.0)
 """A signal's part of the score where no more than noise is left [nats]."""
 
-PER_RUN = ("sensor_bias",)
-"""Effects that are also tried with one size a run: an encoder finds another zero each time it is switched on."""
-
-
 SCALES_HORIZON = 2.0
 """Seconds of the windows from which effects take their bounds: dead times up to a tenth of that are tried."""
 
@@ -229,7 +225,7 @@ def additions(
     if wanted != "all":
         return tuple(found)
     if len(windows.runs) > 1:
-        found += [AddedEffect(effect, per_run=True) for effect in effects if effect.name in PER_RUN]
+        found += [AddedEffect(effect, per_run=True) for effect in effects if effect.tried_per_run]
     found += [FreedNumber(address, bounds) for address, bounds in simulator.own_numbers.items()]
     return tuple(found)
 

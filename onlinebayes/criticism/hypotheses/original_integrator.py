@@ -21,7 +21,7 @@ from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation
 from onlinebayes.identification.judging.rule import LEAST_GAIN, STANDARD_ERRORS, explains_half
 from onlinebayes.identification.replaying.integration import Integration
 from onlinebayes.runs import side_by_side
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Integrated
 
 
 def with_original_integrator(evaluator: Evaluator, here: Evaluation) -> tuple[Evaluator, Evaluation] | None:
@@ -59,7 +59,7 @@ def _far_better(other: Evaluation, here: Evaluation) -> bool:
     return certain and explains_half(here.left_out[0], other.left_out[0])
 
 
-def _ways(given: Identifiable, judged: Integration) -> Iterator[Integration]:
+def _ways(given: Integrated, judged: Integration) -> Iterator[Integration]:
     """Its own step, also by a method of first order; soft friction where it has dry one; denser bodies."""
     own = Integration(given.timestep)
     if own != judged:

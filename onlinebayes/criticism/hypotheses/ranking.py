@@ -13,6 +13,7 @@ from onlinebayes.criticism.results import MOVES_NOTHING, NOT_NEEDED, Candidate, 
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
 from onlinebayes.identification.judging.rule import LEAST_GAIN
 from onlinebayes.identification.results import Estimate
+from onlinebayes.simulators.effects import EFFECTS
 
 
 def ranked(explanation: Explanation, fitted: Mapping[str, Estimate]) -> tuple[Candidate, ...]:
@@ -87,27 +88,17 @@ def contains(richer: Addition, simpler: Addition) -> bool:
     return simpler.effect.key in {f"{name}@{effect.element}" for name in effect.contains}
 
 
-SAME_LAW = {
-    "joint.damping": "viscous_friction",
-    "joint.frictionloss": "dry_friction",
-    "joint.stiffness": "joint_stiffness",
-    "joint.armature": "armature",
-    "body.mass": "payload",
-    "actuator.gear[0]": "actuator_gain",
-}
-"""Own numbers of a model and the effects that are the same law."""
-
-
 def same_as(key: str) -> str:
     """The effect that is the same law as an own number of the model, or one size a run of it; others as they are."""
     if "@" in key or not key.endswith(IN_EACH_RUN):
         key = key.removesuffix(IN_EACH_RUN)
     place, _, field = key.rpartition(".")
     kind, _, target = place.partition(".")
-    if kind == "body" and field.startswith("ipos["):
-        return f"com_offset@{target}.{'xyz'[int(field[5])]}"
-    name = SAME_LAW.get(f"{kind}.{field}")
-    return key if name is None else f"{name}@{target}"
+    for effect in EFFECTS.values():
+        for k, number in enumerate(effect.same_law_as):
+            if number == f"{kind}.*.{field}":
+                return f"{effect.name}@{target}" + (f".{effect.axes[k]}" if effect.axes else "")
+    return key
 
 
 def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:

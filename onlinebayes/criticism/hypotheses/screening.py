@@ -32,7 +32,7 @@ from onlinebayes.identification.judging.scoring import Folds, LinearModel, left_
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.runs import BadInput, Kept, Stopped, remembered, side_by_side
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.base import Simulator
 
 FEW = 8
 """Windows at least, and a quarter of all, that show which candidates promise most: those that err most."""
@@ -254,7 +254,7 @@ def _imitators(fitted: Fitted, column: Float[Tensor, "W m"]) -> tuple[str, ...]:
 
 
 def _sizes(
-    simulator: Identifiable, windows: Windows, column: Float[Tensor, "W m"], start: Start
+    simulator: Simulator, windows: Windows, column: Float[Tensor, "W m"], start: Start
 ) -> tuple[Float[Tensor, "W m K"], Float[Tensor, " K"], Float[Tensor, " K"]]:
     """Columns of a candidate's size, or of one in each run or group of runs, and their bounds."""
     columns = column[..., None]

@@ -27,6 +27,7 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.charted import orientation_paths, with_orientation_paths
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 Columns = Callable[[str, Float[Tensor, " T"], Float[Tensor, "T 3"]], Float[Tensor, "T 3"]]
@@ -123,7 +124,7 @@ class OtherAxes(Fault):
         return _with_columns(measurement, self.names, turned)
 
 
-def conventions(simulator: Identifiable, measured: set[str]) -> Iterator[Fault]:
+def conventions(simulator: Simulator, measured: set[str]) -> Iterator[Fault]:
     """Every such fault of the simulator's free and ball joints.
 
     Args:

@@ -25,6 +25,7 @@ from onlinebayes.criticism.wiring.replay_rms import replay_rms
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.fitting.gauss_newton import fit
 from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 STRUCK_MEDIANS = 3.0
@@ -157,7 +158,7 @@ def _moving(windows: Windows) -> Windows:
     return windows.select(torch.nonzero(windows.moving)[:, 0])
 
 
-def _starts(fitted: Float[Tensor, " P"], coarse: Identifiable) -> tuple[Float[Tensor, " P"], ...]:
+def _starts(fitted: Float[Tensor, " P"], coarse: Simulator) -> tuple[Float[Tensor, " P"], ...]:
     """The fitted theta and the nominal one."""
     return fitted, coarse.parameters.clamp(coarse.nominal.to(fitted))
 

@@ -30,6 +30,7 @@ from onlinebayes.identification.data.coordinates import velocity
 from onlinebayes.identification.data.windows import joint_names
 from onlinebayes.identification.replaying.charted import orientation_paths
 from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.abilities import Extensible, Measured
 from onlinebayes.simulators.identifiable import Identifiable
 
 TURNS = (math.pi / 2, -math.pi / 2, math.pi)
@@ -53,7 +54,7 @@ def possible_faults(simulator: Identifiable, measurement: Measurement) -> tuple[
     )
 
 
-def _of_signals(simulator: Identifiable, measured: set[str]) -> Iterator[Fault]:
+def _of_signals(simulator: Extensible, measured: set[str]) -> Iterator[Fault]:
     # A turn is no column of the table: of an orientation only the velocities are looked at, its three axes together.
     joints = [joint for joint in joint_names(simulator) if f"qvel.{joint}" in simulator.signals]
     for rates in _angular(simulator, measured):
@@ -77,7 +78,7 @@ def _of_signals(simulator: Identifiable, measured: set[str]) -> Iterator[Fault]:
             yield Swapped("signal", tuple(f"{kind}.{a}" for kind in both), tuple(f"{kind}.{b}" for kind in both))
 
 
-def units_of_all(simulator: Identifiable, measured: Collection[str]) -> Iterator[Rescaled]:
+def units_of_all(simulator: Extensible, measured: Collection[str]) -> Iterator[Rescaled]:
     """A unit that all hinges have, or all slides, where there are several: a log is written in one unit throughout.
 
     Args:
@@ -103,7 +104,7 @@ def _of_sensors(signals: list[str]) -> Iterator[Fault]:
             yield Rescaled("signal", every, factor, instead)
 
 
-def _angular(simulator: Identifiable, measured: set[str]) -> list[tuple[str, ...]]:
+def _angular(simulator: Measured, measured: set[str]) -> list[tuple[str, ...]]:
     """The measured angular velocities of each free and ball joint."""
     found: dict[str, list[str]] = {}
     for joint in joint_names(simulator):
@@ -119,7 +120,7 @@ def _columns(joint: str, measured: Collection[str]) -> list[tuple[str, ...]]:
     return [names] if len(names) < 2 else [names, names[:1], names[1:]]
 
 
-def _of_commands(simulator: Identifiable) -> Iterator[Fault]:
+def _of_commands(simulator: Measured) -> Iterator[Fault]:
     for name in simulator.commands:
         for factor, instead in COMMAND.items():
             yield Rescaled("command", (name,), factor, instead)

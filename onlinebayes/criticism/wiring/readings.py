@@ -20,6 +20,7 @@ from typing import Literal
 from onlinebayes.criticism.wiring.faults import Fault
 from onlinebayes.identification.data.lost_rows import rows_missing
 from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.abilities import Measured
 from onlinebayes.simulators.identifiable import Identifiable
 
 Constraints = Literal["none", "rigid", "soft"]
@@ -122,6 +123,6 @@ def commanded_at_once(measurement: Measurement) -> bool:
     return bool(measurement.data["command"][:, :1].any())
 
 
-def remembers_commands(simulator: Identifiable) -> bool:
+def remembers_commands(simulator: Measured) -> bool:
     """Whether an effect of the simulator remembers commands."""
     return any(effect.has_command and effect.memory > 0 for effect in simulator.effects)

@@ -19,6 +19,7 @@ from torch import Tensor
 
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 SHIFT = 0.37  # [m, rad], no part of a turn
@@ -131,7 +132,7 @@ def _or_speed(position: SeenBy, names: Sequence[str], seen: Bool[Tensor, " S"]) 
     return f"; {rate} does alone where nothing depends on the position: ignore the column {position.signal} then"
 
 
-def _somewhere(simulator: Identifiable) -> Float[Tensor, "2 P"]:
+def _somewhere(simulator: Simulator) -> Float[Tensor, "2 P"]:
     """The nominal theta, and one inside the bounds: a parameter may be nothing in the model as it was built."""
     nominal = simulator.nominal
     inside = simulator.parameters.from_unit(torch.full_like(nominal, INSIDE))

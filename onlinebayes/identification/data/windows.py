@@ -23,6 +23,7 @@ from onlinebayes.identification.data.start_priors import StartPriors, coordinate
 from onlinebayes.identification.data.tiling import Tiling, tile
 from onlinebayes.measurements import Measurement
 from onlinebayes.runs import BadInput, nearest
+from onlinebayes.simulators.abilities import Measured
 from onlinebayes.simulators.identifiable import Identifiable
 
 MEMORY = 20.0  # horizons before a window whose commands are kept for hidden states
@@ -150,7 +151,7 @@ class Windows:
         return replace(self, **{name: getattr(self, name)[index] for name in names})
 
 
-def joint_names(simulator: Identifiable) -> tuple[str, ...]:
+def joint_names(simulator: Measured) -> tuple[str, ...]:
     """The simulator's joint coordinates, each of which must have one position and one velocity.
 
     Raises:
@@ -218,7 +219,7 @@ def _tiled_like(like: Windows, step: float) -> Tiling:
 
 
 def _gather(
-    simulator: Identifiable,
+    simulator: Measured,
     measurement: Measurement,
     grids: tuple[RunGrid, ...],
     tiling: Tiling,

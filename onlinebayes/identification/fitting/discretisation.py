@@ -25,6 +25,7 @@ from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.replaying.integration import Integration, adjustable, by_runge_kutta, first_order
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.simulators.abilities import Integrated
 from onlinebayes.simulators.identifiable import Identifiable
 
 NEGLIGIBLE = 0.1
@@ -49,7 +50,7 @@ class Discretisation:
     derivatives: Integration
 
 
-def ways(simulator: Identifiable, row: float) -> list[Integration]:
+def ways(simulator: Integrated, row: float) -> list[Integration]:
     """Ways to integrate a log with rows ``row`` [s] apart, the cheapest first; the own one where the step is fixed."""
     own = simulator.timestep
     if not adjustable(simulator):
@@ -63,13 +64,13 @@ def ways(simulator: Identifiable, row: float) -> list[Integration]:
     return sorted(found, key=lambda discretisation: cost(simulator, discretisation, row))
 
 
-def cost(simulator: Identifiable, discretisation: Integration, row: float) -> float:
+def cost(simulator: Integrated, discretisation: Integration, row: float) -> float:
     """Evaluations of the forces for one row."""
     fourth = discretisation.method == "runge_kutta" or (discretisation.method == "own" and by_runge_kutta(simulator))
     return row / discretisation.timestep * (EVALUATIONS if fourth else 1)
 
 
-def finest(simulator: Identifiable) -> Integration:
+def finest(simulator: Integrated) -> Integration:
     """What the others are compared with."""
     if not adjustable(simulator):
         return Integration(simulator.timestep)

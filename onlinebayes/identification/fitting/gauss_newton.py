@@ -27,6 +27,7 @@ from onlinebayes.identification.fitting.theta import room
 from onlinebayes.identification.replaying.bounded import bounded_least_squares
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.runs import BadInput
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 DAMPINGS = (0.003, 0.03, 0.3, 3.0, 30.0)
@@ -264,9 +265,7 @@ def _replayed(
     return binned, torch.where(valid, misfit, torch.full_like(misfit, math.inf))
 
 
-def bounded_step(
-    simulator: Identifiable, rows: Rows, theta: Float[Tensor, " P"], damping: float
-) -> Float[Tensor, " P"]:
+def bounded_step(simulator: Simulator, rows: Rows, theta: Float[Tensor, " P"], damping: float) -> Float[Tensor, " P"]:
     """The damped step of theta within the bounds [SI]."""
     columns = rows.columns.flatten(0, 1)
     low, high = room(simulator, theta)

@@ -22,6 +22,7 @@ from onlinebayes.identification.fitting.sensitivities import between
 from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.scope import address_of
 from onlinebayes.runs import BadInput, Stopped
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 MASS = ".mass"
@@ -108,7 +109,7 @@ def _columns(
     return found.movedim(0, -1)
 
 
-def _half_ranges(simulator: Identifiable, bodies: Iterable[str]) -> Float[Tensor, " K"]:
+def _half_ranges(simulator: Simulator, bodies: Iterable[str]) -> Float[Tensor, " K"]:
     """Half of the range of each mass, as a share of the model's own."""
     places = [[address_of(name) for name in simulator.parameters].index(mass) for mass in bodies]
     space, own = simulator.parameters, simulator.nominal

@@ -19,6 +19,7 @@ from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.replaying.replay import replay_binned
 from onlinebayes.identification.replaying.scoped import ScopedSimulator
 from onlinebayes.runs import Kept
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 
 RELATIVE_STEP = 1e-3
@@ -170,7 +171,7 @@ def moved_one_by_one(starts: Float[Tensor, "W J2"], step: Float[Tensor, "W J2"])
     return torch.cat([starts[None], starts + torch.diag_embed(step).movedim(1, 0)])
 
 
-def replay_numbers(simulator: Identifiable) -> Int[Tensor, " P"]:
+def replay_numbers(simulator: Simulator) -> Int[Tensor, " P"]:
     """Number of the moved replay in which each parameter moves: its own one, shared by the own values of all runs."""
     if isinstance(simulator, ScopedSimulator):
         return torch.unique(simulator.place, return_inverse=True)[1]
@@ -178,7 +179,7 @@ def replay_numbers(simulator: Identifiable) -> Int[Tensor, " P"]:
 
 
 def parameter_steps(
-    simulator: Identifiable, theta: Float[Tensor, " P"], largest: Float[Tensor, " P"] | None = None
+    simulator: Simulator, theta: Float[Tensor, " P"], largest: Float[Tensor, " P"] | None = None
 ) -> Float[Tensor, " P"]:
     """Signed difference steps that stay within the bounds [SI]."""
     low, high = simulator.parameters.low.to(theta), simulator.parameters.high.to(theta)

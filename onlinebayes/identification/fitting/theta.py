@@ -9,10 +9,10 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification.scope import address_of
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.base import Simulator
 
 
-def theta_of(simulator: Identifiable, values: Mapping[str, float]) -> Float[Tensor, " P"]:
+def theta_of(simulator: Simulator, values: Mapping[str, float]) -> Float[Tensor, " P"]:
     """Known values by name, nominal ones for all other parameters, within the bounds [SI].
 
     A run's own value that is not known is the one for all, and one for all is the mean of the runs' own.
@@ -29,11 +29,11 @@ def theta_of(simulator: Identifiable, values: Mapping[str, float]) -> Float[Tens
     return simulator.parameters.clamp(theta)
 
 
-def values_of(simulator: Identifiable, theta: Float[Tensor, " P"]) -> dict[str, float]:
+def values_of(simulator: Simulator, theta: Float[Tensor, " P"]) -> dict[str, float]:
     """Theta by name [SI]."""
     return dict(zip(simulator.parameters.names, theta.tolist(), strict=True))
 
 
-def room(simulator: Identifiable, theta: Float[Tensor, " P"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
+def room(simulator: Simulator, theta: Float[Tensor, " P"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
     """How far theta may go down and up within the simulator's bounds [SI]."""
     return simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta

@@ -22,6 +22,7 @@ from onlinebayes.identification.replaying.wrapper import SimulatorWrapper
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import TargetKind
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -183,7 +184,7 @@ def charted(simulator: Identifiable, measurement: Measurement) -> tuple[Identifi
 
 
 def orientation_paths(
-    simulator: Identifiable,
+    simulator: Simulator,
 ) -> tuple[tuple[Rotation, ...], Mapping[str, tuple[OrientationPath, ...]]]:
     """The free and ball joints whose orientations became turns, and run -> the measured path of each."""
     while isinstance(simulator, SimulatorWrapper):

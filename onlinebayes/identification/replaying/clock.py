@@ -9,16 +9,19 @@ held commands arrive half a millisecond early and late in turn.
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 from onlinebayes.identification.data.grid import row_step
 from onlinebayes.identification.replaying.integration import adjustable
 from onlinebayes.measurements import Measurement
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Integrated
+
+S = TypeVar("S", bound=Integrated)
 
 OFF = 0.1  # steps by which a row may miss a whole number of them: the median of a jittering clock is no better known
 
 
-def in_step(simulator: Identifiable, measurement: Measurement) -> Identifiable:
+def in_step(simulator: S, measurement: Measurement) -> S:
     """The simulator with the next shorter step that divides the rows; itself where it does, or has a fixed step.
 
     Args:
@@ -32,7 +35,7 @@ def in_step(simulator: Identifiable, measurement: Measurement) -> Identifiable:
     return simulator.with_timestep(row * math.floor(ratio) if own > row else row / _parts(row, math.ceil(ratio)))
 
 
-def restepped(given: Identifiable, used: Identifiable, measurement: Measurement) -> tuple[str, ...]:
+def restepped(given: Integrated, used: Integrated, measurement: Measurement) -> tuple[str, ...]:
     """What to tell a user whose model is integrated with another step than its own; nothing where it is not.
 
     Args:

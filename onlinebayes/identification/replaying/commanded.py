@@ -13,13 +13,13 @@ from jaxtyping import Float, Int
 from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Remembering
 
 CHUNK = 6_000_000  # numbers that the commands of one call may take
 
 
 def commanded(
-    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M W P"], before: int = 0
+    simulator: Remembering, windows: Windows, theta: Float[Tensor, "M W P"], before: int = 0
 ) -> dict[str, Tensor]:
     """Key of the state -> its value ``before`` rows before each window's start (M * W, n)."""
     command, mine, last = _by_run(windows) if windows.run_histories else _by_window(windows)

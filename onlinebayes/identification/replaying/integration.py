@@ -9,12 +9,13 @@ is fine enough is asked in :mod:`.fitting.discretisation`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
 from onlinebayes.identification.replaying.wrapper import unwrap
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Integrated
 
 Method = Literal["own", "runge_kutta", "first_order"]
+S = TypeVar("S", bound=Integrated)
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Integration:
     soft_friction: bool = False
     scaled_moments: bool = False
 
-    def of(self, simulator: Identifiable) -> Identifiable:
+    def of(self, simulator: S) -> S:
         """The simulator run so; itself where it is already."""
         chosen = simulator.with_runge_kutta() if self.method == "runge_kutta" else simulator
         chosen = chosen.with_first_order() if self.method == "first_order" else chosen
@@ -42,7 +43,7 @@ class Integration:
         return chosen if self.timestep == chosen.timestep else chosen.with_timestep(self.timestep)
 
 
-def reported(simulator: Identifiable, *fitted: Identifiable) -> Integration:
+def reported(simulator: Integrated, *fitted: Integrated) -> Integration:
     """How fitted models are run that are reported: in no longer steps than the given one, and by no cheaper method.
 
     Args:
@@ -55,20 +56,20 @@ def reported(simulator: Identifiable, *fitted: Identifiable) -> Integration:
     )
 
 
-def adjustable(simulator: Identifiable) -> bool:
+def adjustable(simulator: Integrated) -> bool:
     """Whether the simulator can integrate with another step."""
-    return type(unwrap(simulator)).with_timestep is not Identifiable.with_timestep
+    return type(unwrap(simulator)).with_timestep is not Integrated.with_timestep
 
 
-def first_order(simulator: Identifiable) -> bool:
+def first_order(simulator: Integrated) -> bool:
     """Whether the model's own method is another than Runge's and Kutta's, which it could have."""
     return _has_methods(simulator) and simulator.with_runge_kutta() is not simulator
 
 
-def by_runge_kutta(simulator: Identifiable) -> bool:
+def by_runge_kutta(simulator: Integrated) -> bool:
     """Whether the model's own method is Runge's and Kutta's, and could be another."""
     return _has_methods(simulator) and simulator.with_runge_kutta() is simulator
 
 
-def _has_methods(simulator: Identifiable) -> bool:
-    return type(unwrap(simulator)).with_runge_kutta is not Identifiable.with_runge_kutta
+def _has_methods(simulator: Integrated) -> bool:
+    return type(unwrap(simulator)).with_runge_kutta is not Integrated.with_runge_kutta

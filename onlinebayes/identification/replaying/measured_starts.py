@@ -18,6 +18,7 @@ from onlinebayes.identification.data.latency import without_latency
 from onlinebayes.identification.data.starts import window_starts
 from onlinebayes.identification.data.windows import MEMORY, Windows, joint_names, make_windows
 from onlinebayes.measurements import Measurement
+from onlinebayes.simulators.abilities import Measured
 from onlinebayes.simulators.effects import ActuatorDelay, SensorDelay
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -64,7 +65,7 @@ def windows_to_replay(
 
 
 def delays(
-    simulator: Identifiable, theta: Float[Tensor, " P"], kind: type[SensorDelay] | type[ActuatorDelay]
+    simulator: Measured, theta: Float[Tensor, " P"], kind: type[SensorDelay] | type[ActuatorDelay]
 ) -> dict[str, float]:
     """Target -> by how much the simulator shows or drives it late [s], where that is one value for all runs."""
     names = simulator.parameters

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from onlinebayes.identification.data.coordinates import velocity
 from onlinebayes.identification.data.windows import Windows
+from onlinebayes.simulators.abilities import Measured
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.sensing import unsense
 
@@ -86,7 +87,7 @@ def _motion(simulator: Identifiable, windows: Windows, runs: list[int]) -> Tenso
 
 
 def _placed(
-    simulator: Identifiable, prefix: str, signals: Sequence[str | None], values: Float[Tensor, "K J"]
+    simulator: Measured, prefix: str, signals: Sequence[str | None], values: Float[Tensor, "K J"]
 ) -> Float[Tensor, "K n"]:
     """The signals' columns among all of the state's that begin with ``prefix``; those of other joints are 0."""
     names = [name for name in simulator.signals if name.startswith(prefix)]

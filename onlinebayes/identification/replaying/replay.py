@@ -29,6 +29,8 @@ from onlinebayes.identification.replaying.recall import recall
 from onlinebayes.identification.replaying.scoped import unfold
 from onlinebayes.identification.replaying.timed import pieces
 from onlinebayes.runs import heed
+from onlinebayes.simulators.abilities import Measured
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.identifiable import Identifiable
 from onlinebayes.simulators.sensing import sense, unsense
 
@@ -124,7 +126,7 @@ def _joined(played: Sequence[TensorDict]) -> TensorDict:
     return trajectory.set("valid", trajectory["valid"].long().cummin(1).values.bool())
 
 
-def history_rows(simulator: Identifiable, windows: Windows, known: Collection[str] = ()) -> int:
+def history_rows(simulator: Measured, windows: Windows, known: Collection[str] = ()) -> int:
     """Rows before each window that hidden states may remember which are not known; all there are without effects'.
 
     Force stages are at rest until the run begins, for actuators are off; input stages are fed commands before it too.
@@ -170,7 +172,7 @@ def sensor_readings(
 
 
 def _drive(
-    simulator: Identifiable,
+    simulator: Simulator,
     theta: Float[Tensor, "N P"],
     state: TensorDict,
     command: Float[Tensor, "W K U"],

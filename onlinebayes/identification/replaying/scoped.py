@@ -23,6 +23,7 @@ from onlinebayes.identification.scope import Scope, address_of, own_name
 from onlinebayes.identification.splitting import origin
 from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter, ParameterSpace
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Effect, TargetKind
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -210,12 +211,12 @@ def unscoped(simulator: Identifiable) -> Identifiable:
     return simulator.physics if isinstance(simulator, ScopedSimulator) else simulator
 
 
-def physical(simulator: Identifiable, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
+def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
     """What :func:`.wrapper.unwrap` of this simulator gets in the typical world."""
     return simulator.typical(theta) if isinstance(simulator, ScopedSimulator) else theta
 
 
-def in_run(simulator: Identifiable, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
+def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
     """What :func:`.wrapper.unwrap` of this simulator gets in a run; the typical theta where it has none."""
     if not isinstance(simulator, ScopedSimulator):
         return theta
@@ -233,7 +234,7 @@ def unfold(
     return simulator, in_time(simulator, windows, everywhere, rows)
 
 
-def effect_entries(simulator: Identifiable, effect: Effect) -> dict[str, str]:
+def effect_entries(simulator: Simulator, effect: Effect) -> dict[str, str]:
     """Entries that an effect has, or would have, in the simulator's parameters -> its short names, in their order."""
     if not isinstance(simulator, ScopedSimulator):
         return {f"{effect.key}.{name}": name for name in effect.parameters}
@@ -249,7 +250,7 @@ def effect_entries(simulator: Identifiable, effect: Effect) -> dict[str, str]:
 
 
 def with_effect_values(
-    simulator: Identifiable, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
+    simulator: Simulator, theta: Float[Tensor, " F"], effect: Effect, values: Mapping[str, float]
 ) -> Float[Tensor, " F"]:
     """Theta with an effect's values set, the same ones in every run.
 

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification.data.windows import Windows
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Measured
 
 PIECES_OF_A_WINDOW = 8
 
@@ -23,7 +23,7 @@ Rows = tuple[int, int]
 """From and to which of a window's rows."""
 
 
-def pieces(simulator: Identifiable, windows: Windows) -> list[Rows]:
+def pieces(simulator: Measured, windows: Windows) -> list[Rows]:
     """The rows of each piece; all as one where nothing changes in time."""
     changes = any(effect.target_kind == "parameter" for effect in simulator.effects)
     edges = torch.linspace(0, windows.rows, PIECES_OF_A_WINDOW + 1 if changes else 2).round().long().tolist()
@@ -31,7 +31,7 @@ def pieces(simulator: Identifiable, windows: Windows) -> list[Rows]:
 
 
 def in_time(
-    simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M W P"], rows: Rows | None = None
+    simulator: Measured, windows: Windows, theta: Float[Tensor, "M W P"], rows: Rows | None = None
 ) -> Float[Tensor, "M W P"]:
     """Theta of every window with what changes in time; the same tensor where nothing does.
 

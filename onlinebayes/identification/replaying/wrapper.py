@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Self
+from typing import Self, TypeVar
 
 from jaxtyping import Bool, Float
 from tensordict import TensorDictBase
 from torch import Tensor
 
 from onlinebayes.parameters import Parameter
+from onlinebayes.simulators.base import Simulator
 from onlinebayes.simulators.effects import Contact, Effect
 from onlinebayes.simulators.identifiable import Identifiable
 
@@ -134,7 +135,7 @@ class SimulatorWrapper(Identifiable):
         other = self.physics.with_scaled_moments()
         return self if other is self.physics else self.around(other)
 
-    def with_gravity_compensation(self) -> Identifiable | None:
+    def with_gravity_compensation(self) -> SimulatorWrapper | None:
         """See :meth:`Identifiable.with_gravity_compensation`."""
         other = self.physics.with_gravity_compensation()
         return None if other is None else self.around(other)
@@ -144,8 +145,12 @@ class SimulatorWrapper(Identifiable):
         return self.around(self.physics.with_payload(body, mass))
 
 
-def unwrap(simulator: Identifiable) -> Identifiable:
+S = TypeVar("S", bound=Simulator)
+
+
+def unwrap(simulator: S) -> S | Identifiable:
     """The simulator that others are around; itself where none is."""
-    while isinstance(simulator, SimulatorWrapper):
-        simulator = simulator.physics
-    return simulator
+    inner: S | Identifiable = simulator
+    while isinstance(inner, SimulatorWrapper):
+        inner = inner.physics
+    return inner

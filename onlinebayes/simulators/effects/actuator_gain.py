@@ -37,6 +37,7 @@ class ActuatorGain(Effect):
     gain: Parameter
     name = "actuator_gain"
     target_kind = "actuator"
+    same_law_as = ("actuator.*.gear[0]",)
     fields = ("actuator_gainprm", "actuator_biasprm")
     has_command = True
 

@@ -6,7 +6,7 @@ less by the square of their size. Along a single joint it is that joint's :mod:`
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -56,6 +56,10 @@ class AirDrag(Effect):
     def neutral(self) -> Mapping[str, float]:
         """c = 0."""
         return {"drag": 0.0}
+
+    def said_by_joints(self, kinds: Mapping[str, str], moving: Sequence[str]) -> bool:
+        """Of a body that one slide or hinge moves: it is that joint's quadratic drag."""
+        return len(moving) == 1 and bool(kinds.get(moving[0]))
 
     def edit(self, spec: mujoco.MjSpec) -> None:
         """See :func:`add_spheres`."""

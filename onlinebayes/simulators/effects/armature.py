@@ -37,6 +37,7 @@ class Armature(Effect):
     armature: Parameter
     name = "armature"
     target_kind = "joint"
+    same_law_as = ("joint.*.armature",)
     fields = ("dof_armature",)
 
     def __post_init__(self) -> None:

@@ -60,6 +60,7 @@ class Backlash(Effect):
     target_kind = "joint"
     needs_drive = True
     needs_servo = True
+    tried_at_servos = True  # behind a motor its refits take minutes
 
     def __post_init__(self) -> None:
         non_negative(self.key, "gap", self.gap)

@@ -19,7 +19,7 @@ On MuJoCo an effect with ``fields`` is carried natively: its ``command`` and its
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal, Self
 
 import mujoco
@@ -44,6 +44,10 @@ class Effect(ABC):
         target_kind: what ``target`` names.
         wider: other kinds that it may name: the world for all bodies, a site for a place on one.
         tried_last: criticism tries it last, where nothing else explains the data (or where it is named).
+        tried_at_servos: criticism tries it only at joints that a position servo drives (or where it is named).
+        tried_per_run: criticism tries it also with one size in every run.
+        same_law_as: addresses of a model's own numbers that are the same law, ``*`` for the element, one for each axis
+            where there are axes, e.g. ``joint.*.damping``.
         target: name of the joint, actuator, body, geom, site or signal, a parameter's address; ``"world"`` for all.
         fields: MjModel fields that :meth:`write` sets per world; empty where MuJoCo has no native term.
         has_command: whether the effect is an input stage (:meth:`command`).
@@ -60,6 +64,9 @@ class Effect(ABC):
     target_kind: ClassVar[TargetKind]
     wider: ClassVar[tuple[TargetKind, ...]] = ()
     tried_last: ClassVar[bool] = False
+    tried_at_servos: ClassVar[bool] = False
+    tried_per_run: ClassVar[bool] = False
+    same_law_as: ClassVar[tuple[str, ...]] = ()
     target: str
     fields: ClassVar[tuple[str, ...]] = ()
     has_command: ClassVar[bool] = False
@@ -105,6 +112,15 @@ class Effect(ABC):
     def starts(self) -> tuple[Mapping[str, float], ...]:
         """Finite values from which screening also starts, for what is not small-signal linear; none by default."""
         return ()
+
+    def said_by_joints(self, kinds: Mapping[str, str], moving: Sequence[str]) -> bool:
+        """Whether effects on single joints say the same with less; criticism then leaves it out. Never by default.
+
+        Args:
+            kinds: joint -> ``"slide"``, ``"hinge"``, or ``""`` where it is not known, of all joints.
+            moving: joints that move the element, where it is a body.
+        """
+        return False
 
     @property
     def staged(self) -> bool:

@@ -38,6 +38,7 @@ class ComOffset(Effect):
     target_kind = "body"
     fields = ("body_ipos",)
     axes = AXES
+    same_law_as = ("body.*.ipos[0]", "body.*.ipos[1]", "body.*.ipos[2]")
 
     def __post_init__(self) -> None:
         wanted = self._axes()

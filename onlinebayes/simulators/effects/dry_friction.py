@@ -36,6 +36,7 @@ class DryFriction(Effect):
     frictionloss: Parameter
     name = "dry_friction"
     target_kind = "joint"
+    same_law_as = ("joint.*.frictionloss",)
     fields = FIELDS
 
     def __post_init__(self) -> None:

@@ -11,7 +11,7 @@ force (:mod:`.constant_load`). Carried by MuJoCo as ``opt.gravity``.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -81,6 +81,10 @@ class GravityTilt(Effect):
         low, high = self.direction.low, self.direction.high
         a = self.angle.low + 0.1 * (self.angle.high - self.angle.low)
         return tuple({"angle": a, "direction": low + part * (high - low)} for part in (0.0, 0.25, 0.5, 0.75))
+
+    def said_by_joints(self, kinds: Mapping[str, str], moving: Sequence[str]) -> bool:
+        """Where all joints are slides: it is a constant load of each."""
+        return all(kind == "slide" for kind in kinds.values())
 
     @property
     def element(self) -> str:

@@ -37,6 +37,7 @@ class JointStiffness(Effect):
     springref: Parameter
     name = "joint_stiffness"
     target_kind = "joint"
+    same_law_as = ("joint.*.stiffness",)
     needs_position = True
     fields = ("jnt_stiffness", "qpos_spring")
 

@@ -32,6 +32,7 @@ class Payload(Effect):
     mass: Parameter
     name = "payload"
     target_kind = "body"
+    same_law_as = ("body.*.mass",)
     wider = ("site",)
     fields = ("body_mass",)
 

@@ -29,6 +29,7 @@ class SensorBias(Effect):
     bias: Parameter
     name = "sensor_bias"
     target_kind = "signal"
+    tried_per_run = True  # an encoder finds another zero each time it is switched on
 
     @classmethod
     def scaled(cls, target: str, scales: Scales) -> Self:

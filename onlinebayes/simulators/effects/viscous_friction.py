@@ -31,6 +31,7 @@ class ViscousFriction(Effect):
     damping: Parameter
     name = "viscous_friction"
     target_kind = "joint"
+    same_law_as = ("joint.*.damping",)
     fields = ("dof_damping",)
 
     def __post_init__(self) -> None:

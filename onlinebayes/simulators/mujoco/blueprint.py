@@ -132,7 +132,7 @@ class Remakable(Identifiable):
         source = rigid(self._blueprint.model)
         return self if source is None else self._remade(model=source)
 
-    def with_gravity_compensation(self) -> Identifiable | None:
+    def with_gravity_compensation(self) -> Remakable | None:
         """See :meth:`Identifiable.with_gravity_compensation`, and :func:`.variants.gravity_compensated`."""
         source = gravity_compensated(self._blueprint.model, self.model)
         return None if source is None else self._remade(model=source)

@@ -21,8 +21,8 @@ def check_effect(
 
     Checked: its parameters join the space under its key; at its neutral value it changes not a bit; elsewhere it acts;
     with it the simulator passes :func:`check_simulator`, hidden states included; its hidden states along many rows at
-    once are those of one row after the other; starting values and the bounds for screening are admissible; an unknown
-    target and a second copy are refused.
+    once are those of one row after the other; starting values and the bounds for screening are admissible; numbers
+    that are the same law are numbers of what it acts on; an unknown target and a second copy are refused.
 
     Args:
         simulator: without the effect; it is not touched.
@@ -48,7 +48,11 @@ def check_effect(
 
 
 def _check_declared(effect: Effect) -> None:
-    space = effect.parameters
+    space, numbers = effect.parameters, effect.same_law_as
+    for number in numbers:
+        form = f"{effect.target_kind}.*."
+        require(number.startswith(form) and number.count("*") == 1, f"same_law_as names {number}, not {form}field")
+    require(len(numbers) in (0, len(effect.axes) or 1), f"same_law_as names {numbers}, the axes are {effect.axes}")
     require(set(effect.neutral) == set(space), f"neutral names {set(effect.neutral)}, parameters are {set(space)}")
     scaled = type(effect).scaled(effect.target, Scales(force=3.0, speed=2.0, travel=1.5, time=0.05, centre=4.0))
     require(scaled.target == effect.target and scaled.key == effect.key, "scaled() changes the target")

@@ -9,7 +9,8 @@ from jaxtyping import Float
 from tensordict import TensorDict, TensorDictBase
 from torch import Tensor
 
-from onlinebayes.simulators.identifiable import Identifiable
+from onlinebayes.simulators.abilities import Measured
+from onlinebayes.simulators.base import Simulator
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class Trial:
         return TensorDict({"command": self.command}, batch_size=self.command.shape[:2])
 
     @classmethod
-    def draw(cls, simulator: Identifiable, steps: int, scale: float, seed: int) -> Trial:
+    def draw(cls, simulator: Measured, steps: int, scale: float, seed: int) -> Trial:
         """A trial for all worlds of ``simulator``, whose states it overwrites."""
         generator = torch.Generator().manual_seed(seed)
         n, width = simulator.worlds, len(simulator.commands)
@@ -55,7 +56,7 @@ def step_inputs(command: Float[Tensor, "N U"]) -> TensorDict:
     return TensorDict({"command": command}, batch_size=[len(command)])
 
 
-def walk(simulator: Identifiable, command: Float[Tensor, "N T U"]) -> TensorDict:
+def walk(simulator: Simulator, command: Float[Tensor, "N T U"]) -> TensorDict:
     """The states after each of T steps from where the worlds stand, batch size (N, T)."""
     return TensorDict.stack([simulator.step(step_inputs(command[:, k])) for k in range(command.shape[1])], dim=1)
 

@@ -1,0 +1,13 @@
+"""What identification and criticism ask of a simulator besides stepping it, one ability a file.
+
+A function asks for the one that it uses: ``def joint_names(simulator: Measured)``.
+"""
+
+from onlinebayes.simulators.abilities.constrained import Constrained
+from onlinebayes.simulators.abilities.editable import Editable
+from onlinebayes.simulators.abilities.extensible import Extensible
+from onlinebayes.simulators.abilities.integrated import Integrated
+from onlinebayes.simulators.abilities.measured import Measured
+from onlinebayes.simulators.abilities.remembering import Remembering
+
+__all__ = ["Constrained", "Editable", "Extensible", "Integrated", "Measured", "Remembering"]
