@@ -41,14 +41,15 @@ class Stages:
         self._shown = False
 
     def __call__(self, line: str) -> None:
-        """Say that a stage begins."""
+        """Say that a stage begins; a line that ends in a full stop is an answer, and stays."""
         line = one_line(line)
         if not self._live:
             self._stream.write(f"{self.label}: {line}\n")
             self._stream.flush()
             return
         width = shutil.get_terminal_size().columns - 1  # a full line would wrap, and a wrapped one is not rewritten
-        text = f"{self.label} [{time.monotonic() - self._start:.0f} s]: {line} …"
-        self._stream.write(f"\r\x1b[K{text[:width]}")
+        text = f"{self.label} [{time.monotonic() - self._start:.0f} s]: {line}"
+        kept = line.endswith(".")
+        self._stream.write(f"\r\x1b[K{text}\n" if kept else f"\r\x1b[K{f'{text} …'[:width]}")
         self._stream.flush()
-        self._shown = True
+        self._shown = not kept

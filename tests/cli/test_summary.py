@@ -80,6 +80,18 @@ def test_a_terminal_sees_one_line_and_keeps_none(monkeypatch: pytest.MonkeyPatch
     assert shown[-1] == ""
 
 
+def test_an_answer_stays_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stderr", stream)
+    with Stages() as say:
+        say("fitting")
+        say("so far: dry_friction@slide.")
+        say("fitting")
+    assert "onlinebayes [0 s]: so far: dry_friction@slide.\n" in stream.getvalue()
+    assert stream.getvalue().count("\n") == 1
+
+
 def test_a_log_keeps_every_line(capsys: pytest.CaptureFixture[str]) -> None:
     with Stages() as say:
         say("one")

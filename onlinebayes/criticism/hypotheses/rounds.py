@@ -1,7 +1,9 @@
-"""What a round of the search did: what was screened, what was refitted, what entered."""
+"""What a round of the search did: what was screened, what was refitted, what entered; a step that follows from it."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from onlinebayes.criticism.hypotheses.screening import Prediction
@@ -51,3 +53,32 @@ class Round:
     def equals(self) -> tuple[Addition, ...]:
         """All that cannot be told from what was added."""
         return (*(trial.addition for trial in self.equal), *self.alike)
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A step of the search.
+
+    Args:
+        found: where it leads.
+        rounds: what led there; none of a better fit of the same hypothesis.
+        together: whether its additions are only better together, so that none of them is dropped.
+    """
+
+    found: Evaluation
+    rounds: tuple[Round, ...] = ()
+    together: bool = False
+
+    @classmethod
+    def to(cls, rounds: Sequence[Round]) -> Move:
+        """To what the last of some rounds added."""
+        added = rounds[-1].added
+        assert added is not None
+        return cls(added.evaluation, tuple(rounds))
+
+
+def so_far(base: Evaluation, here: Evaluation) -> str:
+    """A first answer, before the search has ended."""
+    before, after = (float(one.left_out[0].squares.sum()) for one in (base, here))
+    names = " + ".join(here.hypothesis.keys) or "nothing"
+    return f"so far: {names}; {math.sqrt(after / max(before, 1e-300)):.0%} of the error is left; the search goes on."

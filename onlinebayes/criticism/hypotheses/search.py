@@ -1,6 +1,9 @@
 """The search: from hypothesis to hypothesis by moves, as long as the rule prefers a neighbour.
 
-    h <- the preferred of { h + one candidate, h without one of its additions }      until none is preferred
+    while some h' in moves(h) is preferred to h:    h <- the first of them
+    moves(h) = h fitted better, one law at every place, h + a candidate, h + a flexible candidate, h + two candidates
+
+each followed by h without those of its additions that are not preferred any more.
 
 Screening proposes (:mod:`.screening`), a refit evaluates (:mod:`.judging.evaluator`), the rule decides
 (:mod:`.judging.rule`).
@@ -16,7 +19,7 @@ from functools import partial
 
 from onlinebayes.criticism.hypotheses.additions import WiderBounds, wider_bounds
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
-from onlinebayes.criticism.hypotheses.rounds import Round, Trial
+from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, so_far
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
@@ -63,50 +66,55 @@ class Search:
     rounds: list[Round] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.current = self.base
+        self.current, self.flexible = self.base, set[Addition]()
         self._best = {frozenset(self.base.hypothesis.keys): self.base}
-        self.flexible = set[Addition]()
+        self._left = set[frozenset[str]]()
 
     def run(self) -> Evaluation:
         """The hypothesis of which no neighbour is preferred."""
-        self.current, seen = self.refined(self.base), set[frozenset[str]]()
-        self.base = self.current
-        # What was dropped may be preferred again beside what came later: the same hypothesis twice ends the search.
-        while len(self.current.hypothesis.keys) < self.most and frozenset(self.current.hypothesis.keys) not in seen:
-            here, found = self.current, self.round(self.current)
-            better = here if found.added is None else self.evaluated_from(found.added.evaluation, here.hypothesis)
-            if better is not here:
-                # It was not the addition that was missing, but a better fit without it: the round begins again.
-                self.base = better if here is self.base else self.base
-                self.current = better
+        self.current = self.base = self.refined(self.base)
+        self.flexible = {*self.last}
+        while (move := next(self.moves(self.current), None)) is not None:
+            if not move.rounds:
+                self.base = move.found if self.current is self.base else self.base
+                self.current = move.found
                 continue
-            if alike := self.at_all_places(here, found):
-                self.rounds += alike
-                assert alike[-1].added is not None
-                self.current = self.pruned(self.refined(alike[-1].added.evaluation))
-                continue
-            self.rounds.append(found)
-            if found.added is None and here is self.base and self.last and not at_noise_floor(here):
-                self.candidates, self.flexible, self.last = (*self.candidates, *self.last), {*self.last}, ()
-                continue
-            if self.flexible:
-                self.candidates = [one for one in self.candidates if one not in self.flexible]
-            if (
-                found.added is None
-                and here is self.base
-                and not at_noise_floor(here)
-                and (two := self.pair(here, found))
-            ):
-                # Do not prune: the two are only better together.
-                self.rounds[-1:] = two
-                assert two[-1].added is not None
-                self.current = self.refined(two[-1].added.evaluation)
-                continue
-            seen.add(frozenset(here.hypothesis.keys))
-            if found.added is None:
-                break
-            self.current = self.pruned(self.refined(found.added.evaluation))
+            self._left.add(frozenset(self.current.hypothesis.keys))
+            self.rounds += move.rounds
+            after = self.refined(move.found)
+            self.current = after if move.together else self.pruned(after)
+            self.evaluator.watch(so_far(self.base, self.current))
         return self.current
+
+    def moves(self, here: Evaluation) -> Iterator[Move]:
+        """The preferred neighbours of a hypothesis, in the order in which they are tried; the first one is taken.
+
+        What was dropped may be preferred again beside what came later: a hypothesis that the search has left ends it.
+        """
+        keys = here.hypothesis.keys
+        if len(keys) >= self.most or frozenset(keys) in self._left:
+            return
+        self._kept(here.hypothesis, here)
+        alone = self.round(here)
+        if alone.added is not None:
+            # Perhaps it was not the addition that was missing, but a better fit without it.
+            again = self.evaluated_from(alone.added.evaluation, here.hypothesis)
+            if again is not here:
+                yield Move(again)
+        if alike := self.at_all_places(here, alone):
+            yield Move.to(alike)
+        if alone.added is not None:
+            yield Move.to([alone])
+        rounds = [alone]
+        if here is self.base and not at_noise_floor(here):
+            if self.last:
+                self.last, free = (), self.round(here, self.last)
+                rounds.append(free)
+                if free.added is not None:
+                    yield Move.to(rounds)
+            if pair := self.pair(here, rounds[-1]):
+                yield replace(Move.to([*rounds[:-1], *pair]), together=True)
+        self.rounds += rounds
 
     def at_all_places(self, here: Evaluation, alone: Round) -> list[Round]:
         """One law at all its places, as a round for each, see :mod:`.same_law_at_all_places`; none without."""
@@ -178,9 +186,9 @@ class Search:
             self._best[key] = best
         return best
 
-    def round(self, here: Evaluation) -> Round:
-        """Screen all candidates, refit those that promise most, add what the rule prefers."""
-        found = self.tried_all(here)
+    def round(self, here: Evaluation, more: Sequence[Addition] = ()) -> Round:
+        """Screen all candidates and some more, refit those that promise most, add what the rule prefers."""
+        found = self.tried_all(here, more)
         tried = found.tried
         best = max((trial for trial in tried if trial.refused is None), key=lambda trial: trial.least, default=None)
         if best is None:
@@ -190,14 +198,14 @@ class Search:
         others = tuple(trial for trial in equal if trial is not chosen)
         return replace(found, added=chosen, equal=others, alike=_alike(found.screened, tried, chosen))
 
-    def tried_all(self, here: Evaluation) -> Round:
+    def tried_all(self, here: Evaluation, more: Sequence[Addition] = ()) -> Round:
         """All candidates screened, those that promise most refitted; nothing added yet."""
         evaluator = self.evaluator
         evaluator.watch(f"screening with {here.hypothesis}")
         present = set(here.hypothesis.keys)
         # A number on the end of its range is no answer: the range is widened until the fit stands inside.
         wider = wider_bounds(here.fitted.simulator, here.values)
-        left = [addition for addition in (*wider, *self.candidates) if addition.key not in present]
+        left = [addition for addition in (*wider, *self.candidates, *more) if addition.key not in present]
         screened = tuple(screen(evaluator, here, left))
         shown = {prediction.addition.key for prediction in screened}
         silent = tuple(addition.key for addition in left if addition.key not in shown)
