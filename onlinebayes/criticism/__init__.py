@@ -10,6 +10,7 @@ from onlinebayes.criticism.commands import compare, diagnose, refine
 from onlinebayes.criticism.criticism import Criticism
 from onlinebayes.criticism.experiment import Allowed, Payload, Plan, Rivalry, Tried, next_experiment
 from onlinebayes.criticism.findings.doubts import held_out_gain
+from onlinebayes.criticism.findings.named import Named, evidence, names_said, probability
 from onlinebayes.criticism.hypotheses.additions import wider_bounds
 from onlinebayes.criticism.hypotheses.explanation import (
     SCALES_HORIZON,
@@ -68,6 +69,7 @@ __all__ = [
     "HorizonError",
     "Hypothesis",
     "ModelMixture",
+    "Named",
     "Numerics",
     "ParameterChange",
     "Payload",
@@ -95,6 +97,7 @@ __all__ = [
     "compare",
     "diagnose",
     "equals",
+    "evidence",
     "explanation_of",
     "fit",
     "flexible",
@@ -102,8 +105,10 @@ __all__ = [
     "grown_theta",
     "held_out_errors",
     "held_out_gain",
+    "names_said",
     "next_experiment",
     "prepare",
+    "probability",
     "propose",
     "refine",
     "run_scores",

@@ -1,4 +1,4 @@
-"""``make cost``: what an answer costs, in seconds and memory, each command a process of its own, start-up included.
+"""``make cost``: what an answer costs, in seconds and memory, each command anew, start-up included.
 
 | part       | what is run                                                                                 |
 |------------|---------------------------------------------------------------------------------------------|
@@ -31,10 +31,13 @@ import numpy as np
 
 from envs.rigs import RIGS, Rig, sized_case, write_case
 from onlinebayes.experiments import status
-from onlinebayes.runs import BadInput, ResultTable
+from onlinebayes.runs import BadInput, ResultTable, cores
+from onlinebayes.runs.memo import FOLDER
 
 Part = Literal["arm", "long log", "growth", "six joints"]
 MEMORY = 4.0  # GB
+WALL = 0.65
+NOTHING_KEPT = {**os.environ, FOLDER: "off"}
 SEED = 0
 
 
@@ -89,7 +92,7 @@ def spent(command: str, problem_file: Path) -> Cost:
     out = problem_file.parent / command
     words = [sys.executable, "-m", "onlinebayes.cli.main", command, str(problem_file), "--out", str(out)]
     began = time.monotonic()
-    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=NOTHING_KEPT)
     assert process.stderr is not None
     for line in process.stderr:
         sys.stderr.write(line)
@@ -106,21 +109,21 @@ def spent(command: str, problem_file: Path) -> Cost:
 def arm(results: ResultTable, folder: Path) -> None:
     """A two-link arm with 40 s of data."""
     file = problem(lengthened(RIGS["two_link_arm"], 8, 5.0), "dry_friction@elbow", folder / "arm")
-    add(results, "two-link arm, 40 s at 200 Hz, refine", spent("refine", file), 15.0)
+    add(results, "two-link arm, 40 s at 200 Hz, refine", spent("refine", file), 30.0)
 
 
 def long_log(results: ResultTable, folder: Path) -> None:
     """The same arm with 100 000 rows."""
     file = problem(lengthened(RIGS["two_link_arm"], 100, 5.0), "dry_friction@elbow", folder / "long")
-    add(results, "two-link arm, 100 000 rows, refine", spent("refine", file), 60.0)
+    add(results, "two-link arm, 100 000 rows, refine", spent("refine", file), 90.0)
 
 
 def six_joints(results: ResultTable, folder: Path) -> None:
     """Six joints with a minute of data."""
     file = problem(lengthened(RIGS["six_joint_arm"], 15, 4.0), "dry_friction@j2", folder / "six")
-    add(results, "six joints, 60 s at 200 Hz, compare", spent("compare", file), 10.0)
+    add(results, "six joints, 60 s at 200 Hz, compare", spent("compare", file), 15.0)
     refined = spent("refine", file)
-    add(results, "six joints, 60 s at 200 Hz, refine", refined, 90.0)
+    add(results, "six joints, 60 s at 200 Hz, refine", refined, 120.0)
     tried = refined.report["candidates_tried"]
     results.add("six joints: candidates tried", tried, goal="150 or more", holds=tried >= 150)
 
@@ -130,6 +133,9 @@ def add(results: ResultTable, name: str, cost: Cost, limit: float) -> None:
     spent = cost.processor
     results.add(f"{name}, processor time", spent, unit="s", goal=f"at most {limit:g}", holds=spent <= limit)
     results.add(f"{name}, wall time", cost.seconds, unit="s")
+    share = cost.seconds / spent
+    held = share <= WALL if cores() == 2 else None
+    results.add(f"{name}, wall over processor time", share, goal=f"at most {WALL:g} on two cores", holds=held)
     results.add(f"{name}, memory", cost.memory, unit="GB", goal=f"under {MEMORY:g}", holds=cost.memory < MEMORY)
     named = ", ".join(cost.report["accepted"]) or "nothing"
     results.add(f"{name}, what it named", named)
@@ -168,7 +174,7 @@ def growth(results: ResultTable, folder: Path) -> None:
 def add_slope(results: ResultTable, name: str, sizes: Sequence[float], times: Sequence[float]) -> None:
     """A row of the slope of log time against log size."""
     slope = float(np.polyfit([math.log(size) for size in sizes], [math.log(max(t, 1e-3)) for t in times], 1)[0])
-    results.add(name, slope, unit="slope of log t against log size", goal="at most 1.15", holds=slope <= 1.15)
+    results.add(name, slope, unit="slope of log t against log size", goal="at most 1.1", holds=slope <= 1.1)
 
 
 def main(study: Study) -> None:

@@ -30,7 +30,7 @@ from typing import Any, Literal
 from tensordict import TensorDict
 
 from onlinebayes.experiments import status
-from onlinebayes.runs import Interrupt, ResultTable, seed_everything
+from onlinebayes.runs import Interrupt, ResultTable, processor_time, seed_everything
 from onlinebayes.trainers import Excited, Finding, GrowingTrainer, OnlineState, improve
 from onlinebayes.trainers.real import united
 from recipes.hidden_effect import MOMENTS, Settings, build
@@ -111,9 +111,9 @@ def named(job: Job) -> dict[str, Any]:
             more = trainer.real.run(parts.objective.policy, trainer.schedule.real_steps)
             assert more is not None
             seen.append(more)
-            began = time.process_time()
+            began = processor_time()
             said.append(growing.critic(united(seen), parts.begun, interrupt))
-            seconds.append(time.process_time() - began)
+            seconds.append(processor_time() - began)
             if interrupt.requested:
                 raise KeyboardInterrupt
     return {

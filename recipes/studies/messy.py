@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import statistics
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -44,7 +43,7 @@ from onlinebayes.criticism import (
 )
 from onlinebayes.experiments import STOPPED, status
 from onlinebayes.problems import ProblemFile
-from onlinebayes.runs import UNWATCHED, BadInput, ResultTable, one_torch_thread
+from onlinebayes.runs import UNWATCHED, BadInput, ResultTable, one_torch_thread, processor_time
 from recipes.studies.blind_rigs.judging import loaded, refined
 from recipes.studies.blind_rigs.names import answer, law, spelt
 from recipes.studies.blind_rigs.table import Goal, add_share
@@ -198,14 +197,14 @@ def ask(name: str) -> dict[str, Any]:
         made = messy_case(rig, int(seed))
         hidden = tuple(spelt(key, made.truth) for key in made.hidden)
         small = tuple(spelt(key, made.truth) for key in made.small)
-        began = time.process_time()
+        began = processor_time()
         try:
             problem = loaded(made)
             result = refined(problem)
         except BadInput as error:
             ended = str(error).splitlines()[0]
-            return asdict(Found(name, hidden, small, ended=ended, seconds=time.process_time() - began))
-        return asdict(judged(Found(name, hidden, small, seconds=time.process_time() - began), made, problem, result))
+            return asdict(Found(name, hidden, small, ended=ended, seconds=processor_time() - began))
+        return asdict(judged(Found(name, hidden, small, seconds=processor_time() - began), made, problem, result))
 
 
 def judged(case: Found, made: BlindCase, problem: ProblemFile, result: Criticism) -> Found:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import statistics
 import sys
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -28,7 +27,7 @@ from onlinebayes.measurements import Measurement
 from onlinebayes.parameters import Parameter
 from onlinebayes.problems import ProblemFile, criticise
 from onlinebayes.report import write_report
-from onlinebayes.runs import ResultTable, Row, generator
+from onlinebayes.runs import ResultTable, Row, generator, processor_time
 from recipes.skid_steer_logs import LIMITS, Drives, Miss, calibration_step, fitted, load, nominal, sampled
 from recipes.studies.jobs import check_names, each_kept_or_done, finished, printed_by
 
@@ -104,15 +103,15 @@ def miss_rows(robot: str, before: Sequence[Miss], after: Sequence[Miss]) -> Iter
 
 def judge(robot: str, study: Study) -> dict[str, Any]:
     """Refine one robot's log, and fit what was found over every split."""
-    problem, began = load(robot), time.process_time()
+    problem, began = load(robot), processor_time()
     found = criticise("refine", sampled(problem, study.every))
     write_report(found, study.out / robot, title=f"the log of a {robot}", problem=problem.path)
     rows = [*found_rows(robot, found)]
-    rows.append(Row(f"{robot}: processor time of refine", time.process_time() - began, unit="s"))
+    rows.append(Row(f"{robot}: processor time of refine", processor_time() - began, unit="s"))
     model, theta = fitted(found)
     splits = [over_split(robot, problem, model, theta, seed) for seed in study.seeds]
     rows += miss_rows(robot, *zip(*splits, strict=True))
-    rows.append(Row(f"{robot}: processor time of all", time.process_time() - began, unit="s"))
+    rows.append(Row(f"{robot}: processor time of all", processor_time() - began, unit="s"))
     return {"rows": [asdict(row) for row in rows]}
 
 

@@ -7,6 +7,7 @@ threads; they leave Ctrl-C to their parent, which ends them.
 from __future__ import annotations
 
 import multiprocessing
+import os
 import signal
 import time
 from collections.abc import Callable, Generator, Iterable
@@ -14,6 +15,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import Any, TypeVar
+
+from onlinebayes.runs.side_by_side import CORES
 
 R = TypeVar("R")
 
@@ -92,6 +95,7 @@ def _end(pipe: Connection, process: BaseProcess) -> None:
 
 def _do(pipe: Connection, job: Callable[[], Any]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    os.environ[CORES] = "1"  # the other jobs need the other cores
     try:
         answer = job(), ""
     except Exception as error:  # the parent counts it, and goes on

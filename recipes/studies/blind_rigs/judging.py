@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from typing import Any
@@ -12,8 +11,9 @@ from typing import Any
 import torch
 
 from envs.rigs import BlindCase, case, write_case
-from onlinebayes.criticism import Candidate, Criticism, refine, same_as
+from onlinebayes.criticism import Candidate, Criticism, names_said, refine, same_as
 from onlinebayes.problems import ProblemFile, load_problem
+from onlinebayes.runs import processor_time
 from onlinebayes.simulators.mujoco import MujocoSimulator
 from recipes.studies.blind_rigs.names import spelt
 from recipes.studies.blind_rigs.plan import Job
@@ -35,9 +35,9 @@ def judge(job: Job, most: float = math.inf) -> dict[str, Any]:
     torch.set_num_threads(1)
     made = case(job.rig, job.kind, job.seed)
     problem = loaded(made)
-    began = time.process_time()  # one thread: what other work beside the study takes is not counted
+    began = processor_time()  # one thread: what other work beside the study takes is not counted
     result = refined(problem)
-    if (seconds := time.process_time() - began) > most:
+    if (seconds := processor_time() - began) > most:
         return unanswered(job, Failed("out of time", seconds))
     return asdict(judged(made, problem, result, seconds))
 
@@ -83,6 +83,7 @@ def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: fl
     reference = after if found else true_error(made, asked, result.base.simulator, error.noise_floor)
     # Of a miswired log or of a second's motion the parameters are nobody's.
     meant = made.kind in ("effect", "null") and set(accepted) == set(hidden)
+    left = max(result.remainder.rms_over_floor.values(), default=None)
     covered, intervals = _coverage(result, truth) if meant else (0, 0)
     return replace(
         _asked(made),
@@ -101,7 +102,9 @@ def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: fl
         beside=_beside(made, asked, result, reference),
         covered=covered,
         intervals=intervals,
-        left=max(result.remainder.rms_over_floor.values(), default=None),
+        left=left,
+        named=tuple(map(asdict, names_said(result.explanation, left))) if result.explanation and left else (),
+        deviations=_deviations(result, truth) if meant else {},
         seconds=seconds,
     )
 
@@ -143,6 +146,12 @@ def _standing(candidate: Candidate) -> str:
     gain = "" if candidate.score_gain is None else f", gain {candidate.score_gain:.3g} ± {candidate.score_gain_se:.2g}"
     place = "not ranked" if candidate.rank is None else f"rank {candidate.rank}"
     return f"{place}{gain}: {'; '.join(candidate.refused_because) or 'another went before it'}"
+
+
+def _deviations(result: Criticism, truth: Mapping[str, float]) -> dict[str, float]:
+    """How far each estimate that is said to mean something is from the truth, in half widths of its interval."""
+    given = {name: estimate for name, estimate in result.parameters.items() if estimate.identifiable and name in truth}
+    return {name: 2 * (e.mean - truth[name]) / (e.q95 - e.q05) for name, e in given.items() if e.q95 > e.q05}
 
 
 def _coverage(result: Criticism, truth: Mapping[str, float]) -> tuple[int, int]:

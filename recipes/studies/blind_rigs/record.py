@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 from onlinebayes.criticism import Verdict
 from recipes.studies.blind_rigs.names import Answer, answer, spellings
@@ -69,6 +70,8 @@ class Judged:
         beside: of two hidden effects, each one -> held-out error of the true model without it over the true model's.
         covered, intervals: 90 % intervals that hold the truth, of those given where the right model was found.
         left: rms_over_floor of the final model, the worst signal's.
+        named: what speaks for each name that was said, the fields of :class:`~onlinebayes.criticism.Named`.
+        deviations: parameter -> (estimate - truth) / half its 90 % interval, where the right model was found.
         seconds: of processor time that refine took [s].
     """
 
@@ -96,6 +99,8 @@ class Judged:
     covered: int = 0
     intervals: int = 0
     left: float | None = None
+    named: tuple[Mapping[str, Any], ...] = ()
+    deviations: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0
 
     @property

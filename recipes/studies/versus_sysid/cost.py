@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import io
 import math
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -26,6 +25,7 @@ from mujoco import sysid
 from numpy import ndarray
 
 from onlinebayes.identification import SETTLED, fit
+from onlinebayes.runs import processor_time
 from recipes.studies.versus_sysid.sysid import Problem
 from recipes.studies.versus_sysid.sysid_parameters import problem_parameters
 from recipes.studies.versus_sysid.task import Task
@@ -38,9 +38,9 @@ Residual = Callable[[ndarray, sysid.ParameterDict], tuple[list[ndarray], list[An
 def seconds(task: Task) -> tuple[float, float]:
     """Processor time of ours and of sysid, from the nominal values [s]."""
     windows, nominal = task.fit_windows, task.simulator.parameters.clamp(task.simulator.nominal)
-    began = time.process_time()
+    began = processor_time()
     fit(task.simulator, windows, nominal)
-    ours = time.process_time() - began
+    ours = processor_time() - began
     return ours, _to_tolerance(*with_free_starts(own_problem(task)))
 
 
@@ -72,14 +72,14 @@ def with_free_starts(problem: Problem) -> tuple[sysid.ParameterDict, Residual]:
 def _to_tolerance(parameters: sysid.ParameterDict, residual: Residual) -> float:
     """Processor time until sysid's objective is within the tolerance of its last [s]."""
     marks: list[tuple[float, float]] = []
-    began = time.process_time()
+    began = processor_time()
     sysid.optimize(
         parameters,
         residual,
         optimizer="mujoco",
         x_scale="jac",
         output=io.StringIO(),
-        iter_callback=lambda log: marks.append((time.process_time() - began, float(log[-1].objective))),
+        iter_callback=lambda log: marks.append((processor_time() - began, float(log[-1].objective))),
     )
     # An entry is written after the step that leaves its point: that point was reached when the entry before was.
     near = next(k for k, (_, objective) in enumerate(marks) if objective <= marks[-1][1] * math.exp(2 * SETTLED))

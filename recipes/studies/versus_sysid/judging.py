@@ -7,7 +7,6 @@ criticism's held-out error at the engineer's nominal parameters, so that it belo
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any, final
@@ -17,6 +16,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from onlinebayes.identification import start_floor, start_spread
+from onlinebayes.runs import processor_time
 from recipes.studies.blind_rigs.names import Answer
 from recipes.studies.blind_rigs.plan import Job
 from recipes.studies.spawned import Failed
@@ -84,9 +84,9 @@ def judged(asked: Outcome, case: Case, fit: Callable[[Task], Fitted]) -> Outcome
     task, floor = case.task, floors(case.task)
     if asked.method != "ours":
         task.base_theta, task.fit_windows  # noqa: B018  (made here)
-    began = time.process_time()
+    began = processor_time()
     fitted = fit(task)
-    seconds = time.process_time() - began
+    seconds = processor_time() - began
     error = float((rms(task.held_windows, fitted.predict(task.held_windows)) / floor).square().mean().sqrt())
     right, false = scored(case.answers, fitted.claims)
     claims = tuple("|".join(sorted(claim)) for claim in fitted.claims)

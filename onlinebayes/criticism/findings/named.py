@@ -1,0 +1,96 @@
+"""What speaks for each name that is said: how much it gains, how surely, beside what else, and what is still left.
+
+A name and its equals are one statement: one of them is in the machine. The weights say how it is shared among them,
+those of the final model and its fitted rivals; an equal that was not fitted weighs as much as what it equals.
+
+    p(one of them) = 1 / (1 + e^-(b . x)),      p(a name) = its weight p(one of them)
+
+The coefficients b are learnt on blind cases, see ``learnt.json`` beside this file: it names the command that made it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from onlinebayes.criticism.hypotheses.explanation import Explanation
+from onlinebayes.criticism.hypotheses.ranking import equals, laws
+from onlinebayes.criticism.hypotheses.weighing import weighted
+
+LEARNT = Path(__file__).with_name("learnt.json")
+
+
+@dataclass(frozen=True)
+class Named:
+    """One name that was said, and what speaks for it.
+
+    Args:
+        name: key of what was added.
+        equals: keys of what cannot be told from it.
+        weights: of the name and of its equals, in their order; they add up to 1.
+        gain, se: of left-out score, data left out by runs, and its standard error [nats].
+        least: the least gain over all ways of leaving data out [nats].
+        place: 0 for what was added first.
+        left: what the final model leaves of the worst signal [floors].
+    """
+
+    name: str
+    equals: tuple[str, ...]
+    weights: tuple[float, ...]
+    gain: float
+    se: float
+    least: float
+    place: int
+    left: float
+
+
+def evidence(said: Named) -> tuple[float, ...]:
+    """x: a constant, what is left, how certain and how large the gain is, how many equals, and how late it came."""
+    left = math.log(min(max(said.left, 1.0), 100.0))
+    certain = math.log(min(max(said.gain / max(said.se, 1e-9), 1.0), 300.0)) / 3
+    large = math.log(min(max(said.least, 0.01), 10.0)) / 3
+    return 1.0, left, certain, large, math.log1p(len(said.equals)), float(min(said.place, 2))
+
+
+@cache
+def _coefficients() -> tuple[float, ...]:
+    return tuple(json.loads(LEARNT.read_text(encoding="utf-8"))["coefficients"])
+
+
+def probability(said: Named) -> float:
+    """That a name or one of its equals is in the machine."""
+    return 1 / (1 + math.exp(-sum(b * x for b, x in zip(_coefficients(), evidence(said), strict=True))))
+
+
+def names_said(explanation: Explanation, left: float) -> tuple[Named, ...]:
+    """Every name of an answer, in the order in which they were added.
+
+    Args:
+        explanation: what was found.
+        left: what the final model leaves of the worst signal [floors].
+    """
+    kept = laws(explanation.found.hypothesis)
+    rounds = {one.added.addition.key: one for one in explanation.rounds if one.added is not None}
+    found = []
+    for place, name in enumerate(name for name in kept if name in rounds):
+        added = rounds[name].added
+        assert added is not None
+        others = equals(rounds[name])
+        weights = _weights(explanation, name, others)
+        first = added.gains[0]
+        found.append(Named(name, others, weights, first.gain, first.se, added.least, place, left))
+    return tuple(found)
+
+
+def _weights(explanation: Explanation, name: str, others: tuple[str, ...]) -> tuple[float, ...]:
+    own, *rivals = weighted(explanation)
+    fitted: dict[str, float] = {}
+    for one in rivals:
+        for key in laws(one.evaluation.hypothesis):
+            fitted[key] = fitted.get(key, 0.0) + one.weight
+    each = [own.weight, *(fitted.get(key, own.weight) for key in others)]
+    total = sum(each) or 1.0
+    return tuple(weight / total for weight in each)
