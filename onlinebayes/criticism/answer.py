@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from onlinebayes.criticism.criticism import Criticism
+from onlinebayes.criticism.findings.contradicted import uncontradicted
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
@@ -69,6 +70,11 @@ def answered(
     """
     units, made = {signal.name: signal.unit for signal in task.fit_runs.signals}, attempts.made
     explanation = explanation if fault is None else replace(explanation, found=explanation.base)
+    stopwatch("asking the held-out runs what to keep")
+    nothing_gone: tuple[Explanation, tuple[str, ...]] = (explanation, ())
+    explanation, contradicted = made(
+        "asking the held-out runs what to keep", lambda: uncontradicted(explanation, task.held_runs), nothing_gone
+    )
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
     windows = explanation.windows
@@ -92,7 +98,7 @@ def answered(
         beliefs = weights(hypotheses) if verdict == "tie" else ()
         said = made("the notes", lambda: (*notes_on(explanation, numerics, final_model.parameters), *beliefs), ())
     candidates: tuple[Candidate, ...] = made(
-        "ranking the candidates", lambda: ranked(explanation, final_model.parameters), ()
+        "ranking the candidates", lambda: ranked(explanation, final_model.parameters, contradicted), ()
     )
     corrected = None if fault is None else made("the corrected table", lambda: _corrected(fault, task), None)
     nothing = Remainder("structured", after, "")
@@ -110,7 +116,7 @@ def answered(
         steps=made("the steps of the search", lambda: steps(explanation), ()),
         candidates=candidates,
         candidates_tried=len(candidates),
-        holdout_looks=1,
+        holdout_looks=1 + len(contradicted),
         failures=made("looking where the model fails", lambda: failures(base_fit, windows, units), ()),
         parameters=final_model.parameters,
         flat_directions=made("looking for what the data do not determine", lambda: flat_of(fit, windows), ()),
@@ -122,7 +128,8 @@ def answered(
         units=units,
         sensor_sd=dict(zip(units, windows.noise.tolist(), strict=True)),
         selection=task.selection,
-        notes=(*doubted, *task.notes, *said),
+        notes=(*doubted, *map(_worse, contradicted), *task.notes, *said),
+        contradicted=contradicted,
         widened=made("the bounds that exclude the truth", lambda: _widened(found), {}),
         detail=detail,
         timings=stopwatch.timings(),
@@ -132,6 +139,10 @@ def answered(
         hypotheses=hypotheses,
         explanation=explanation,
     )
+
+
+def _worse(key: str) -> str:
+    return f"{key} fits the runs that it was fitted to and makes the held-out runs worse: it is not in the model"
 
 
 def _wiring(fault: CorrectedLog, base: Evaluation) -> Wiring:

@@ -37,7 +37,7 @@ class Criticism:
         steps: the acceptances, in order.
         candidates: every effect that was tried, ranked ones first.
         candidates_tried: how many these were.
-        holdout_looks: how often the held-out runs have been opened; a command opens them once.
+        holdout_looks: how often the held-out runs were opened: once, and once more for each addition that went.
         failures: where the base model's error concentrates, the worst regions of each signal first.
         parameters: address -> estimate, of the final model.
         flat_directions: combinations of the final model's parameters that the fit runs do not determine.
@@ -58,6 +58,7 @@ class Criticism:
         changes: the parameters that differ between runs; the ``final`` model has one value a run of each.
         corrected: with ``data_problem``, the base model fitted to the corrected table, without replays.
         hypotheses: the final model, and those that the data cannot tell from it, each with its weight.
+        contradicted: what was added and taken out again, for the held-out error rises with it.
         failed: what failed in the work, a line each; the answer is the best that was known without it.
         explanation: the evaluations that it stands on, for :func:`~onlinebayes.criticism.next_experiment`.
     """
@@ -92,6 +93,7 @@ class Criticism:
     changes: tuple[ParameterChange, ...] = ()
     corrected: FittedModel | None = None
     hypotheses: tuple[WeightedModel, ...] = ()
+    contradicted: tuple[str, ...] = ()
     failed: tuple[str, ...] = ()
     explanation: Explanation | None = field(default=None, repr=False, compare=False)
 

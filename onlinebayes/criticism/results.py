@@ -32,6 +32,9 @@ MOVES_NOTHING = "nothing moves"
 NOT_NEEDED = "not needed"
 """Why a candidate that gains enough is not in the model: another one explains more."""
 
+CONTRADICTED = "the held-out error rises with it"
+"""Why a candidate that explains the runs that were fitted is not in the model."""
+
 
 @dataclass(frozen=True)
 class Candidate:

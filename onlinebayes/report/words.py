@@ -68,6 +68,9 @@ def headline(result: Criticism) -> str:
         fault = f" ({result.wiring.fault})" if result.wiring else ""
         return f"The data themselves explain the misfit better than any missing physics{fault}."
     helped = f"; {effects} {_does(result)}" if result.accepted else ""
+    if result.contradicted and not result.accepted:
+        fits = "fits the runs it was" if len(result.contradicted) == 1 else "fit the runs they were"
+        helped = f"; {effects_in_words(result.contradicted)} {fits} fitted to, and not the held-out ones"
     if result.verdict == "unexplained" and result.changes:
         return f"No effect explains the misfit, a change does: {_differs(result)}{helped}."
     if result.interrupted:

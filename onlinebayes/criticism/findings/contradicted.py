@@ -1,0 +1,79 @@
+"""What was added and makes the held-out runs worse is taken out again, from the model as from the report.
+
+    while some a in h:   S_held(h - a) <= S_held(h)      h <- the h - a of the least S_held
+
+S_held is the score of the held-out windows, each from its best start (:mod:`..judging.held_out`), in nats. An addition
+may fit what it was fitted to for a wrong reason; on runs that it has not seen it costs more than it brings then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+from onlinebayes.criticism.hypotheses.additions import OwnValues
+from onlinebayes.criticism.hypotheses.explanation import Explanation
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest
+from onlinebayes.identification.judging.held_out import held_out_errors
+from onlinebayes.identification.judging.hypothesis import Hypothesis
+from onlinebayes.measurements import Measurement
+from onlinebayes.runs import side_by_side
+
+
+def uncontradicted(explanation: Explanation, held: Measurement) -> tuple[Explanation, tuple[str, ...]]:
+    """What was found without the additions that the held-out runs contradict, and the keys of these.
+
+    Args:
+        explanation: what the fit runs say.
+        held: the held-out runs.
+    """
+    found, evaluator, gone = explanation.found, explanation.evaluator, list[str]()
+    score = _score(evaluator, found, held) if found is not explanation.base else 0.0
+    while keys := [one.key for one in found.hypothesis.additions if not isinstance(one, OwnValues)]:
+        simpler = side_by_side([partial(_without, explanation, found, key, held) for key in keys])
+        key, best, least = min(
+            ((key, one, s) for key, (one, s) in zip(keys, simpler, strict=True)), key=lambda other: other[2]
+        )
+        if best is None or least > score or math.isinf(least):
+            break
+        # Nothing but the base model itself is the base model: the report looks whether anything was added.
+        found, score = (best if best.hypothesis.additions else explanation.base), least
+        gone.append(key)
+    if not gone:
+        return explanation, ()
+    return replace(explanation, found=found, rivals=_rivals(explanation, found, gone)), tuple(gone)
+
+
+def _rivals(explanation: Explanation, found: Evaluation, gone: Sequence[str]) -> tuple[Evaluation, ...]:
+    """The rivals without what was taken out; none where that is what they are rivals of."""
+    if explanation.found.hypothesis.keys[:1] != found.hypothesis.keys[:1]:
+        return ()
+    simpler = []
+    for rival in explanation.rivals:
+        hypothesis = Hypothesis(tuple(one for one in rival.hypothesis.additions if one.key not in gone))
+        if one := explanation.evaluator.evaluate(FitRequest(hypothesis, [rival.values], rival.fitted.lin.starts)):
+            simpler.append(one)
+    return tuple(simpler)
+
+
+def _without(
+    explanation: Explanation, found: Evaluation, key: str, held: Measurement
+) -> tuple[Evaluation | None, float]:
+    """The hypothesis without one addition, and its score over the held-out runs [nats]; infinite without a fit."""
+    hypothesis = found.hypothesis.minus(key)
+    evaluator, base = explanation.evaluator, explanation.base
+    if hypothesis.additions:
+        simpler = evaluator.evaluate(FitRequest(hypothesis, [found.values], found.fitted.lin.starts))
+    else:
+        simpler = base
+    return simpler, math.inf if simpler is None else _score(evaluator, simpler, held)
+
+
+def _score(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> float:
+    """Sum over signals of 1/2 log(error^2 + 1), errors of the held-out runs in floors."""
+    names = [evaluator.given.signals[column] for column in evaluator.windows.columns]
+    floors = dict(zip(names, evaluator.windows.noise.tolist(), strict=True))
+    errors = held_out_errors(evaluator, evaluation, held)
+    return sum(0.5 * math.log1p((error / floors[name]) ** 2) for name, error in errors.items())
