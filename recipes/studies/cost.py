@@ -32,12 +32,11 @@ import numpy as np
 from envs.rigs import RIGS, Rig, sized_case, write_case
 from onlinebayes.experiments import status
 from onlinebayes.runs import BadInput, ResultTable, cores
-from onlinebayes.runs.memo import FOLDER
+from recipes.studies.jobs import NOTHING_KEPT
 
 Part = Literal["arm", "long log", "growth", "six joints"]
 MEMORY = 4.0  # GB
 WALL = 0.65
-NOTHING_KEPT = {**os.environ, FOLDER: "off"}
 SEED = 0
 
 

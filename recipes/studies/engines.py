@@ -19,7 +19,6 @@ Each finished job is kept, so that a second start goes on.
 from __future__ import annotations
 
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -34,7 +33,7 @@ from onlinebayes.criticism import same_as
 from onlinebayes.experiments import status
 from onlinebayes.runs import ResultTable
 from recipes.studies.engines_data import CASES, Case, written
-from recipes.studies.jobs import Places, check_names, each_kept_or_done, finished, printed_by
+from recipes.studies.jobs import NOTHING_KEPT, Places, check_names, each_kept_or_done, finished, printed_by
 
 SEEDS = (1, 2, 3)
 OFF, SECONDS = 1.0, 180.0
@@ -75,7 +74,7 @@ def refined(problem: Path, folder: Path) -> tuple[dict[str, Any], float]:
     """The report of ``onlinebayes refine``, and its processor seconds."""
     command = [sys.executable, "-m", "onlinebayes", "refine", str(problem), "--out", str(folder)]
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, check=True, env={**os.environ, "OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL)
+    subprocess.run(command, check=True, env={**NOTHING_KEPT, "OMP_NUM_THREADS": "1"}, stdout=subprocess.DEVNULL)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     seconds = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
     return json.loads((folder / "report.json").read_text(encoding="utf-8")), seconds

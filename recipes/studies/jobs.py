@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 import sys
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, closing
@@ -18,12 +19,16 @@ import onlinebayes
 import recipes
 from onlinebayes.experiments import workers_of
 from onlinebayes.runs import BadInput, Progress, ResultTable, commit, write_atomic
+from onlinebayes.runs.memo import FOLDER
 from onlinebayes.trainers.distributed import Here
 from recipes.studies.spawned import Failed, spawned
 
 K = TypeVar("K", bound=Hashable)
 R = TypeVar("R")
 UNKNOWN = "unknown"
+
+NOTHING_KEPT: Mapping[str, str] = {**os.environ, FOLDER: "off"}
+"""Environment of a command whose time or answer is judged: what an earlier one kept is neither its time nor its own."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import subprocess
 import sys
 import time
@@ -26,6 +25,7 @@ from typing import Any
 
 from envs.measured import FOLDER
 from onlinebayes.runs import Row
+from recipes.studies.jobs import NOTHING_KEPT
 
 OUT = Path("out/measured")
 UNITS = {"rad": ("mrad", 1e3), "m": ("mm", 1e3)}
@@ -106,6 +106,6 @@ def refine(name: str, data: Path, out: Path = OUT) -> Refined:
     problem = FOLDER / name / "problem.toml"
     command = [sys.executable, "-m", "onlinebayes.cli.main", "refine", str(problem), "--out", str(folder)]
     began = time.monotonic()
-    subprocess.run(command, check=True, env={**os.environ, "ONLINEBAYES_DATA": str(data)})
+    subprocess.run(command, check=True, env={**NOTHING_KEPT, "ONLINEBAYES_DATA": str(data)})
     seconds = time.monotonic() - began
     return Refined(name, json.loads((folder / "report.json").read_text(encoding="utf-8")), seconds)
