@@ -19,6 +19,7 @@ from pathlib import Path
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals, laws
 from onlinebayes.criticism.hypotheses.weighing import weighted
+from onlinebayes.runs import BadInput
 
 LEARNT = Path(__file__).with_name("learnt.json")
 
@@ -57,6 +58,8 @@ def evidence(said: Named) -> tuple[float, ...]:
 
 @cache
 def _coefficients() -> tuple[float, ...]:
+    if not LEARNT.exists():
+        raise BadInput(f"{LEARNT.name} is missing", "run python -m recipes.studies.reliability --learn")
     return tuple(json.loads(LEARNT.read_text(encoding="utf-8"))["coefficients"])
 
 
