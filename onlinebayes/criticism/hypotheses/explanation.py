@@ -66,6 +66,8 @@ class Explanation:
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
+            if times > 1 and best.found is best.base and not at_noise_floor(best.found):
+                break  # nothing explains the misfit: longer windows would say more of parameters that are wrong
             longer = best._over(windows, quieter=times > 1)
             if longer is None:
                 break

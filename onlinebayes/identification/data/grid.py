@@ -19,7 +19,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import torch
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from torch import Tensor
 
 from onlinebayes.identification.data.lost_rows import filled, jumps, lost
@@ -92,7 +92,8 @@ class RunGrid:
 def row_step(measurement: Measurement) -> float:
     """Median time between the rows that measure the densest signal [s]; commands may come more often."""
     data = measurement.data
-    steps = [_median_step(data["time"], data["measured"][..., s]) for s in range(len(measurement.signals))]
+    alike = _measured_together(data["measured"].flatten(0, 1))
+    steps = [_median_step(data["time"], rows.view_as(data["mask"])) for rows, _ in alike]
     step = min([step for step in steps if step is not None], default=_median_step(data["time"], data["mask"]))
     if step is None:
         raise BadInput("every run has a single row", "record runs of many rows")
@@ -236,22 +237,27 @@ def _nearest(
     step: float,
 ) -> tuple[Float[Tensor, "G1 S"], Float[Tensor, "G1 S"], Float[Tensor, "G1 S"], Bool[Tensor, "G1 S"]]:
     """Each grid row's nearest measured value, the local slope, how many rows late it was, and whether there is one."""
-    nothing = torch.zeros_like(grid)
-    found: list[tuple[Tensor, Tensor, Tensor, Tensor]] = []
-    for s in range(signal.shape[1]):
-        t, y = time[measured[:, s]], signal[measured[:, s], s]
+    reading, slopes, lateness = (signal.new_zeros(len(grid), signal.shape[1]) for _ in range(3))
+    observed = measured.new_zeros(len(grid), signal.shape[1])
+    for rows, columns in _measured_together(measured):
+        t, y = time[rows], signal[rows][:, columns]
         if len(t) < 3:
-            found.append((nothing, nothing, nothing, nothing > 0))
             continue
-        slope = torch.gradient(y, spacing=(t,))[0]
+        slope = torch.gradient(y, spacing=(t,), dim=0)[0]
         right = torch.searchsorted(t, grid).clamp(1, len(t) - 1)
         nearest = torch.where(grid - t[right - 1] < t[right] - grid, right - 1, right)
         late = (t[nearest] - grid) / step
         near = late.abs() <= 0.5001
-        shown = torch.where(near, torch.stack([y[nearest], slope[nearest], late]), nothing)
-        found.append((shown[0], shown[1], shown[2], near))
-    if not found:
-        empty = signal.new_zeros(len(grid), 0)
-        return empty, empty, empty, measured.new_zeros(len(grid), 0)
-    reading, slopes, lateness, observed = (torch.stack(part, -1) for part in zip(*found, strict=True))
+        for part, value in ((reading, y[nearest]), (slopes, slope[nearest]), (lateness, late[:, None])):
+            part[:, columns] = torch.where(near[:, None], value, torch.zeros_like(value))
+        observed[:, columns] = near[:, None]
     return reading, slopes, lateness, observed
+
+
+def _measured_together(measured: Bool[Tensor, "T S"]) -> Iterator[tuple[Bool[Tensor, " T"], Int[Tensor, " C"]]]:
+    """Rows and columns of the signals that are measured at the same rows, group by group."""
+    if not measured.numel():
+        return
+    groups, of = torch.unique(measured.T, dim=0, return_inverse=True)
+    for k, rows in enumerate(groups):
+        yield rows, (of == k).nonzero()[:, 0]
