@@ -26,7 +26,7 @@ from onlinebayes.posterior import (
     write_posterior,
 )
 from onlinebayes.problems import ProblemFile, load_problem
-from onlinebayes.runs import BadInput, Interrupt, Stages, Stopped, one_line
+from onlinebayes.runs import BadInput, Interrupt, Stages, Stopped, one_line, users_memo
 
 WIDTH, COLUMN, LINES = 80, 11, 10
 
@@ -101,6 +101,7 @@ def _inferred(problem: ProblemFile) -> LogPosterior:
             scope=problem.scope,
             progress=say,
             interrupt=interrupt,
+            memo=users_memo(),
         )
 
 

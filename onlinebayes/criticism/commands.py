@@ -236,7 +236,9 @@ def _answers(
             answers.append(replace(answers[-1], fault=fault))  # with no law asked only what leaves noise is believed
     with watch.giving_up(), attempts.attempt("fitting to all windows"):
         watch.say("fitting to all windows")
-        answers.append(replace(answers[-1], explanation=settled(found.on_all_windows(answers[-1].task.fit_runs))))
+        # Longer windows would say more of parameters that are wrong, where nothing explains the misfit.
+        whole = found.on_all_windows(answers[-1].task.fit_runs, doubled=found.explains)
+        answers.append(replace(answers[-1], explanation=settled(whole)))
     return answers
 
 

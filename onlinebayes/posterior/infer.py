@@ -27,7 +27,7 @@ from onlinebayes.posterior.results import LogPosterior, Method
 from onlinebayes.posterior.score import Score, score_of
 from onlinebayes.posterior.summaries import correlation, each_parameter, mean_squares, reproductions
 from onlinebayes.posterior.unmeasured import with_unmeasured_moments
-from onlinebayes.runs import BadInput, Interrupt, Watch, one_torch_thread
+from onlinebayes.runs import BadInput, Interrupt, Memo, Watch, one_torch_thread
 from onlinebayes.simulators.identifiable import Identifiable
 
 FEWEST = 50.0
@@ -47,6 +47,7 @@ def posterior_of_log(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
     interrupt: Interrupt | None = None,
+    memo: Memo | None = None,
 ) -> LogPosterior:
     """What a log says of a model's parameters.
 
@@ -58,6 +59,7 @@ def posterior_of_log(
         seed: decides all draws.
         progress: takes one line of text between stages.
         interrupt: ends the work at its next replay.
+        memo: keeps fits, so that commands on the same model and log share them; None for none.
 
     Raises:
         BadInput: the measurement does not suit the simulator, nothing is free, or the simulation diverges.
@@ -69,7 +71,7 @@ def posterior_of_log(
     with one_torch_thread(), watch.heeded():
         watch.say("making model and log ready")
         task = prepare(simulator, measurement, holdout, selection, scope)
-        task, search = begun_as_read(task, watch)
+        task, search = begun_as_read(task, watch, memo)
         found = explanation_of(search)
         watch.say("fitting to all windows")
         return _inferred(task, found.on_all_windows(task.fit_runs), torch.Generator().manual_seed(seed), watch)

@@ -55,19 +55,26 @@ class Explanation:
     rivals: tuple[Evaluation, ...] = ()
     shorter: Explanation | None = None
 
-    def on_all_windows(self, fit_runs: Measurement) -> Explanation:
+    @property
+    def explains(self) -> bool:
+        """Whether something was found, or nothing but noise is left to be explained."""
+        return self.found is not self.base or at_noise_floor(self.found)
+
+    def on_all_windows(self, fit_runs: Measurement, *, doubled: bool = True) -> Explanation:
         """With both fitted once more to all windows, where the search looked at a part of them.
 
         They are doubled as long as seven are left and what was found leaves no more over them: a longer window says far
         more of the parameters, and where more is left there, something is missing that the search has not seen.
+
+        Args:
+            fit_runs: the runs.
+            doubled: whether longer windows are tried, too.
         """
         known, best = self.evaluator.windows, self
-        for times in (1, 2, 4, 8, 16):
+        for times in (1, 2, 4, 8, 16) if doubled else (1,):
             windows = all_windows(self.evaluator.given, fit_runs, times * known.horizon, known.noise)
             if windows.rows < times * known.rows or (times > 1 and windows.count < FEWEST_BLOCKS):
                 break
-            if times > 1 and best.found is best.base and not at_noise_floor(best.found):
-                break  # nothing explains the misfit: longer windows would say more of parameters that are wrong
             longer = best._over(windows, quieter=times > 1)
             if longer is None:
                 break

@@ -81,4 +81,5 @@ def so_far(base: Evaluation, here: Evaluation) -> str:
     """A first answer, before the search has ended."""
     before, after = (float(one.left_out[0].squares.sum()) for one in (base, here))
     names = " + ".join(here.hypothesis.keys) or "nothing"
-    return f"so far: {names}; {math.sqrt(after / max(before, 1e-300)):.0%} of the error is left; the search goes on."
+    left = 100 * math.sqrt(after / max(before, 1e-300))
+    return f"so far: {names}; {left:.2g} % of the error is left; the search goes on."
