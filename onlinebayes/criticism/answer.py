@@ -1,4 +1,4 @@
-"""The answer put together: what the fit runs say, the held-out runs opened once, and what a reader should know.
+"""The answer put together: what the fit runs say, what the held-out runs leave of it, and what a reader should know.
 
 found in the fit runs -> verdict -> both models replayed over all runs -> error over the held-out runs
 """

@@ -1,7 +1,7 @@
 """The public functions ``compare``, ``diagnose`` and ``refine``, each from built objects to a :class:`.Criticism`.
 
 fit runs: base model -> faults of the log -> what is missing or off (see ``hypotheses``) -> final model
-held-out runs: opened once, for the reported error (see ``answer``)
+held-out runs: what makes their error rise is taken out, then that error is reported (see ``answer``)
 """
 
 from __future__ import annotations

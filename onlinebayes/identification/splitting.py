@@ -1,4 +1,4 @@
-"""Which runs are fitted and which are opened once, at the end."""
+"""Which runs are fitted and which are opened at the end."""
 
 from __future__ import annotations
 

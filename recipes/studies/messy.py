@@ -89,6 +89,7 @@ class Found:
         small: what lies beside it.
         ended: empty, or why there is no answer.
         verdict, accepted: what refine said.
+        contradicted: what was added and taken out again for the held-out runs.
         equal: what the first accepted one cannot be told from.
         errors: held-out errors with nothing added, and with one accepted addition more each [mean over signals of
             after / before]; shorter where one cannot be fitted again.
@@ -104,6 +105,7 @@ class Found:
     ended: str = ""
     verdict: str = ""
     accepted: tuple[str, ...] = ()
+    contradicted: tuple[str, ...] = ()
     equal: tuple[str, ...] = ()
     errors: tuple[float, ...] = ()
     reference: float | None = None
@@ -119,13 +121,13 @@ class Found:
     @property
     def named_first(self) -> bool:
         """Whether the first accepted addition is what dominates, one of two, or a part of one."""
-        return any(self._kind(key) == "dominating" for key in self.accepted[:1])
+        return any(self.kind_of(key) == "dominating" for key in self.accepted[:1])
 
     @property
     def named_or_tied(self) -> bool:
         """The same, or it is said that it cannot be told from it."""
         return self.named_first or (
-            self.verdict == "tie" and any(self._kind(key) == "dominating" for key in self.equal)
+            self.verdict == "tie" and any(self.kind_of(key) == "dominating" for key in self.equal)
         )
 
     @property
@@ -137,12 +139,12 @@ class Found:
     @property
     def false(self) -> tuple[str, ...]:
         """What was accepted and is not there."""
-        return tuple(key for key in self.accepted if self._kind(key) == "false")
+        return tuple(key for key in self.accepted if self.kind_of(key) == "false")
 
     @property
     def small_first(self) -> bool:
         """Whether a small one was accepted first."""
-        return any(self._kind(key) == "small" for key in self.accepted[:1])
+        return any(self.kind_of(key) == "small" for key in self.accepted[:1])
 
     @property
     def worse(self) -> bool:
@@ -156,7 +158,7 @@ class Found:
             return None
         return min(max((1 - self.errors[-1]) / (1 - self.reference), 0.0), 1.0)
 
-    def _kind(self, key: str) -> str:
+    def kind_of(self, key: str) -> str:
         """``dominating``, ``small`` or ``false``."""
         rig = self.name.rpartition("-")[0]
         if any(answer(rig, hidden).admits(key) for hidden in self.hidden):
@@ -225,6 +227,7 @@ def judged(case: Found, made: BlindCase, problem: ProblemFile, result: Criticism
         case.small,
         verdict=result.verdict,
         accepted=result.accepted,
+        contradicted=result.contradicted,
         equal=first,
         errors=tuple(errors),
         reference=None if reference is None else statistics.fmean(reference),
@@ -311,6 +314,8 @@ def tabulate(cases: Iterable[Found], first: int) -> ResultTable:
     _share(table, "a small one accepted first", fair, lambda one: one.small_first)
     _share(table, "something accepted that is not there", fair, lambda one: bool(one.false))
     _share(table, "something accepted that makes held-out runs worse", fair, lambda one: one.worse, Goal(most=0.05))
+    gone = Counter(one.kind_of(key) for one in fair for key in one.contradicted)
+    table.add("taken out for the held-out runs", ", ".join(f"{n} {kind}" for kind, n in gone.items()) or "nothing")
     _share(table, "at most three accepted", fair, lambda one: len(one.accepted) <= MOST_NAMED, Goal(least=1.0))
     _share(table, "insufficient_data", fair, lambda one: one.verdict == "insufficient_data", Goal(most=0.0))
     if fair:

@@ -29,7 +29,7 @@ import onlinebayes.criticism
 from envs.rigs import KINDS, RIGS
 from onlinebayes.criticism import Named, evidence, probability
 from onlinebayes.experiments import STOPPED, status
-from onlinebayes.runs import ResultTable, commit, write_atomic
+from onlinebayes.runs import BadInput, ResultTable, commit, write_atomic
 from recipes.studies.blind_rigs.judging import judge, unanswered
 from recipes.studies.blind_rigs.names import COMPOSED, law
 from recipes.studies.blind_rigs.plan import jobs
@@ -172,7 +172,13 @@ def _intervals(table: ResultTable, name: str, cases: Sequence[Judged], *, goal: 
 
 
 def main(study: Study) -> int:
-    """Judge what is not judged yet; learn from it, or write the table."""
+    """Judge what is not judged yet; learn from it, or write the table.
+
+    Raises:
+        BadInput: there is nothing learnt that could be judged.
+    """
+    if not study.learn and not LEARNT.exists():
+        raise BadInput(f"{LEARNT.name} is missing", "run python -m recipes.studies.reliability --learn first")
     counts = {"effect": study.effects, "null": study.null, "wiring": 0, "short": 0}
     chosen = {kind: counts.get(kind, study.others) for kind in KINDS}
     asked = {

@@ -1,4 +1,4 @@
-"""The held-out runs, opened once: the error that is reported, and the same error in detail."""
+"""The held-out runs: the error that is reported, and the same error in detail."""
 
 from __future__ import annotations
 

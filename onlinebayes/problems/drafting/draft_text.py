@@ -59,7 +59,7 @@ def _comments(
     comments: dict[tuple[str, ...], str] = {
         ("model",): "the MJCF file",
         ("measurements",): "tables: run, time, commands, positions",
-        ("holdout",): "runs that are opened once, at the end, for the reported error",
+        ("holdout",): "runs that are opened at the end, for the reported error",
         ("ignore",): "columns that look like the model's and are not",
     }
     free = MujocoSimulator(simulator.spec, parameters, threads=1)

@@ -27,7 +27,8 @@ GLOSSARY = {
     "Effect": "a physical term that a simulator may have or lack, such as dry friction at a joint.",
     "Error": "the distance between what was measured and what the model simulates, as a root mean square.",
     "Window": "a short piece of a run. The model starts it from the measured state and then runs without correction.",
-    "Held-out runs": "runs that had no part in fitting or choosing: the error in them is an honest one.",
+    "Held-out runs": "runs that had no part in fitting, nor in choosing what to add. What makes the error in them "
+    "rise is taken out of the model again.",
     "Sensor noise": "what the sensors alone err by. What is left of a fitted model is compared with it.",
     "Noise floor": "the error that a perfect model would show in held-out runs: sensor noise, and windows that start a "
     "little off.",
@@ -111,6 +112,10 @@ def _snippet(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, s
     return section("Use the refined model", *parts) if parts else Html("")
 
 
+def _gone(result: Criticism) -> str:
+    return phrases.listing([phrases.plain(effect) for effect in result.contradicted]) or "nothing"
+
+
 def provenance(result: Criticism) -> Html:
     """Settings, checks and versions."""
     numerics, selection = result.numerics, result.selection
@@ -124,7 +129,8 @@ def provenance(result: Criticism) -> Html:
             f"{quantities.exact(numerics.timestep, 's')}, {_fineness(result)}",
         ),
         ("held-out runs", phrases.listing(list(result.held_out_runs)) or "none"),
-        ("held-out runs opened", f"{looks}, for the reported error only"),
+        ("held-out runs opened", f"{looks}, for the reported error"),
+        ("taken out, for that error rises with it", _gone(result)),
         ("windows", quantities.exact(selection.horizon_s, "s")),
         ("blocks of the cross-validation", str(blocks or "–")),
         ("sensor noise (sd)", phrases.listing(noise)),

@@ -103,6 +103,7 @@ def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: fl
         covered=covered,
         intervals=intervals,
         left=left,
+        contradicted=tuple(map(same_as, result.contradicted)),
         named=tuple(map(asdict, names_said(result.explanation, left))) if result.explanation and left else (),
         deviations=_deviations(result, truth) if meant else {},
         seconds=seconds,

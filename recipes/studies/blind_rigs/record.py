@@ -70,6 +70,7 @@ class Judged:
         beside: of two hidden effects, each one -> held-out error of the true model without it over the true model's.
         covered, intervals: 90 % intervals that hold the truth, of those given where the right model was found.
         left: rms_over_floor of the final model, the worst signal's.
+        contradicted: what was added and taken out again for the held-out runs.
         named: what speaks for each name that was said, the fields of :class:`~onlinebayes.criticism.Named`.
         deviations: parameter -> (estimate - truth) / half its 90 % interval, where the right model was found.
         seconds: of processor time that refine took [s].
@@ -99,6 +100,7 @@ class Judged:
     covered: int = 0
     intervals: int = 0
     left: float | None = None
+    contradicted: tuple[str, ...] = ()
     named: tuple[Mapping[str, Any], ...] = ()
     deviations: Mapping[str, float] = field(default_factory=dict)
     seconds: float = 0.0

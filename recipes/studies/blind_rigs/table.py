@@ -87,6 +87,8 @@ def _overall(table: ResultTable, found: Sequence[Judged], effects: Sequence[Judg
     _share(table, "null: something accepted", null, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted", hiding, lambda judged: bool(judged.innocent))
     _share(table, "effects: something else accepted, not tied with what hides", hiding, lambda j: bool(j.accused))
+    gone = [any(one.admits(key) for one in judged.answers) for judged in found for key in judged.contradicted]
+    table.add("taken out for the held-out runs: was hidden", sum(gone), unit=f"of {len(gone)}")
     off = [judged for judged in found if judged.kind in ("surplus", "own")]
     _share(table, "surplus and own: something else accepted, not tied with what is off", off, lambda j: bool(j.accused))
     for kind in RIGHT:
