@@ -2,7 +2,7 @@
 
 from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints
-from onlinebayes.runs.digest import NoDigest, digest
+from onlinebayes.runs.digest import NoDigest, digest, source_digest
 from onlinebayes.runs.errors import BadInput, UnknownName
 from onlinebayes.runs.files import atomic_path, write_atomic
 from onlinebayes.runs.interrupt import Interrupt, Stopped, heed
@@ -72,6 +72,7 @@ __all__ = [
     "set_random_state",
     "side_by_side",
     "similar",
+    "source_digest",
     "to_toml",
     "users_memo",
     "write_atomic",

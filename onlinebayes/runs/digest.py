@@ -9,7 +9,7 @@ An object of another library, or of a user's module, has no digest: nobody knows
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from enum import Enum
 from functools import cache, partial
 from importlib.metadata import version
@@ -48,13 +48,19 @@ def digest(*values: object) -> str:
     return found.hexdigest()
 
 
+def source_digest(folders: Iterable[Path]) -> str:
+    """Digest of all ``.py`` and ``.xml`` files below some folders, in hexadecimal."""
+    found = hashlib.sha256()
+    for top in folders:
+        for path in sorted(path for path in top.rglob("*") if path.suffix in (".py", ".xml")):
+            found.update(str(path.relative_to(top)).encode() + path.read_bytes())
+    return found.hexdigest()
+
+
 @cache
 def _library() -> bytes:
     """Digest of this library's source, and of what it computes with."""
-    found = hashlib.sha256()
-    top = Path(__file__).parents[1]
-    for path in sorted(top.rglob("*.py")):
-        found.update(str(path.relative_to(top)).encode() + path.read_bytes())
+    found = hashlib.sha256(source_digest([Path(__file__).parents[1]]).encode())
     found.update(" ".join(f"{name} {version(name)}" for name in ("torch", "numpy", "mujoco")).encode())
     return found.digest()
 

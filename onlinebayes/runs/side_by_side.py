@@ -79,15 +79,15 @@ def side_by_side(work: Sequence[Callable[[], T]]) -> list[T]:
     count = min(len(work), cores())
     if count < 2 or not _may_fork():
         return [piece() for piece in work]
-    crew = [_Crew(range(k, len(work), count)) for k in range(1, count)]
+    workers = [_Worker(range(k, len(work), count)) for k in range(1, count)]
     try:
-        for one in crew:
+        for one in workers:
             one.start(work)
         found: dict[int, T] = {k: work[k]() for k in range(0, len(work), count)}
-        for one in crew:
+        for one in workers:
             found.update(one.answers(work))
     finally:
-        for one in crew:
+        for one in workers:
             one.end()
     return [found[k] for k in range(len(work))]
 
@@ -98,7 +98,7 @@ def _may_fork() -> bool:
 
 
 @dataclass
-class _Crew:
+class _Worker:
     """A copy of this process, and the pieces that it does."""
 
     pieces: Sequence[int]
@@ -122,7 +122,7 @@ class _Crew:
         if not self.pid:
             _HERE.made, _HERE.spent_before = True, before
             here.close()
-            _live(there, work, self.pieces)
+            _serve(there, work, self.pieces)
         there.close()
 
     def answers(self, work: Sequence[Callable[[], T]]) -> dict[int, T]:
@@ -150,8 +150,8 @@ class _Crew:
             self.pid = 0
 
 
-def _live(pipe: Connection, work: Sequence[Callable[[], T]], pieces: Sequence[int]) -> NoReturn:
-    """The life of a copy: silent, deaf to Ctrl-C, which its parent hears, and gone without a word."""
+def _serve(pipe: Connection, work: Sequence[Callable[[], T]], pieces: Sequence[int]) -> NoReturn:
+    """What a copy does: silent, deaf to Ctrl-C, which its parent hears, and gone without a word."""
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)

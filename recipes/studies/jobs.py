@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import os
@@ -18,7 +17,7 @@ import envs
 import onlinebayes
 import recipes
 from onlinebayes.experiments import workers_of
-from onlinebayes.runs import BadInput, Progress, ResultTable, commit, write_atomic
+from onlinebayes.runs import BadInput, Progress, ResultTable, commit, source_digest, write_atomic
 from onlinebayes.runs.memo import FOLDER
 from onlinebayes.trainers.distributed import Here
 from recipes.studies.spawned import Failed, spawned
@@ -178,12 +177,7 @@ def _call(job: Callable[[], R]) -> R:
 
 def code_mark(packages: Iterable[ModuleType]) -> str:
     """Twelve digits that change with any ``.py`` or ``.xml`` of these packages."""
-    digest = hashlib.sha256()
-    for package in packages:
-        folder = Path(str(package.__file__)).parent
-        for file in sorted(path for path in folder.rglob("*") if path.suffix in (".py", ".xml")):
-            digest.update(str(file.relative_to(folder)).encode() + file.read_bytes())
-    return digest.hexdigest()[:12]
+    return source_digest(Path(str(package.__file__)).parent for package in packages)[:12]
 
 
 def print_rows(table: ResultTable) -> None:

@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 
+from onlinebayes.criticism.findings.doubts import score_of
 from onlinebayes.criticism.hypotheses.additions import OwnValues
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest
@@ -38,8 +39,7 @@ def uncontradicted(explanation: Explanation, held: Measurement) -> tuple[Explana
         )
         if best is None or least > score or math.isinf(least):
             break
-        # Nothing but the base model itself is the base model: the report looks whether anything was added.
-        found, score = (best if best.hypothesis.additions else explanation.base), least
+        found, score = best, least
         gone.append(key)
     if not gone:
         return explanation, ()
@@ -76,4 +76,4 @@ def _score(evaluator: Evaluator, evaluation: Evaluation, held: Measurement) -> f
     names = [evaluator.given.signals[column] for column in evaluator.windows.columns]
     floors = dict(zip(names, evaluator.windows.noise.tolist(), strict=True))
     errors = held_out_errors(evaluator, evaluation, held)
-    return sum(0.5 * math.log1p((error / floors[name]) ** 2) for name, error in errors.items())
+    return sum(score_of(error / floors[name]) for name, error in errors.items())

@@ -44,9 +44,10 @@ def held_out_gain(error: HeldOutError) -> float:
     for signal, floor in error.noise_floor.items():
         before, after = (one[signal] / floor for one in (error.before, error.after))
         if not math.isnan(before + after):
-            parts.append(_score(before) - _score(after) if before != after else 0.0)
+            parts.append(score_of(before) - score_of(after) if before != after else 0.0)
     return sum(parts) if parts else math.nan
 
 
-def _score(error: float) -> float:
+def score_of(error: float) -> float:
+    """A signal's part of the score S, of its RMS in floors [nats]."""
     return 0.5 * math.log1p(error**2)
