@@ -1,4 +1,4 @@
-"""What every long piece of work needs: errors, atomic files, checkpoints, progress, interruption, seeds, TOML."""
+"""Infrastructure of long work: errors, atomic files, checkpoints, progress, interruption, seeds, TOML."""
 
 from onlinebayes.runs.attempts import Attempts
 from onlinebayes.runs.checkpoints import Checkpoint, Checkpoints

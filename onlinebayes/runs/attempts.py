@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 @final
 class Attempts:
-    """What was tried and failed.
+    """Record of the attempts that failed.
 
     Attributes:
         failed: a line for each failure: what was tried, what it raised, and where.
@@ -47,7 +47,7 @@ class Attempts:
             self.note(what, error)
 
     def made(self, what: str, make: Callable[[], T], otherwise: T) -> T:
-        """What ``make`` gives; ``otherwise`` where it fails."""
+        """Return the result of ``make``; ``otherwise`` where it fails."""
         with self.attempt(what):
             return make()
         return otherwise

@@ -34,7 +34,7 @@ _NAME = re.compile(r"checkpoint-(\d{6,})\.(pt|json)")
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What was saved.
+    """A saved state and the file that holds it.
 
     Attributes:
         number: counted from 1.

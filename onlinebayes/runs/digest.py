@@ -118,7 +118,7 @@ def _name(value: Any) -> str:
 
 
 def _parts(value: object) -> tuple[Any, ...]:
-    """What an object is made of, as for a pickle."""
+    """Split an object into its parts, as for a pickle."""
     _name(type(value))
     try:
         parts = value.__reduce_ex__(4)

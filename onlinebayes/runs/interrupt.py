@@ -23,7 +23,7 @@ class MayStop(Protocol):
 
     @property
     def requested(self) -> bool:
-        """Whether it has."""
+        """True once the work was asked to end."""
         ...
 
 

@@ -1,6 +1,6 @@
-"""What was computed once and need not be computed again: named tensors and a line of text, by the digest of a question.
+"""A cache of results on disk: named tensors and a line of text, by the digest of a question.
 
-    memo.recall(key) -> what was kept, or None                memo.keep(key, tensors, text)
+       memo.recall(key) -> the kept result, or None                memo.keep(key, tensors, text)
 
 Files appear whole or not at all, so that several processes may share a folder; one that is damaged counts as not there.
 The files that were not used for longest go where all of them together are too large.
@@ -38,7 +38,7 @@ TEXT = "text"
 
 @dataclass(frozen=True, eq=False)
 class Kept:
-    """What was kept: named tensors, and a text."""
+    """One kept result: named tensors, and a text."""
 
     tensors: Mapping[str, Tensor]
     text: str = ""
@@ -49,7 +49,7 @@ class Memo(Protocol):
     """Keeps answers by the digest of their questions."""
 
     def recall(self, key: str) -> Kept | None:
-        """What was kept under a key; None where nothing was."""
+        """Return the result kept under a key; None where nothing was kept."""
         ...
 
     def keep(self, key: str, kept: Kept) -> None:
@@ -86,7 +86,7 @@ class FolderMemo:
         self.folder, self.largest, self.problem = folder, largest, ""
 
     def recall(self, key: str) -> Kept | None:
-        """What was kept under a key; None where nothing was, or where the file is damaged."""
+        """Return the result kept under a key; None where nothing was kept, or where the file is damaged."""
         path = self.folder / f"{key}.npz"
         try:
             with path.open("rb") as source, np.load(source, allow_pickle=False) as file:

@@ -1,4 +1,4 @@
-"""What a wrong name may have meant: the cure of a :class:`.errors.BadInput`."""
+"""Suggestions for a wrong name: the cure of a :class:`.errors.BadInput`."""
 
 from __future__ import annotations
 

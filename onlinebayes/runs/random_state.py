@@ -14,7 +14,7 @@ from onlinebayes.runs.seeds import seed_everything
 
 
 def random_state() -> dict[str, Any]:
-    """Where every global generator stands."""
+    """Return the state of every global random generator."""
     version, words, gauss = random.getstate()
     name, keys, position, has_gauss, cached = np.random.get_state(legacy=True)
     return {

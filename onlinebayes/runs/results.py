@@ -87,7 +87,7 @@ class ResultTable:
 
     @property
     def holds(self) -> bool:
-        """Whether no row with a goal misses it."""
+        """True if no row misses its goal."""
         return all(row.holds is not False for row in self.rows)
 
     def to_json(self) -> str:

@@ -1,4 +1,4 @@
-"""Which version of the code runs: the commit of its repository, with "+" where code was changed since."""
+"""The version of the code that runs: the commit of its repository, with "+" where code was changed since."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def commit(file: str | Path = __file__) -> str | None:
 
 
 def _git(folder: Path, *words: str) -> str | None:
-    """What git answers; None where it is missing, refuses or takes too long."""
+    """Return the output of git; None where it is missing, refuses or takes too long."""
     command = ["git", "--no-optional-locks", "-C", str(folder), *words]
     try:
         return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()

@@ -81,7 +81,7 @@ class RunFolder:
         self._lock.release()
 
     def path(self, name: str) -> Path:
-        """Where a file of the run lies."""
+        """Return the path of a file of the run."""
         return self.folder / name
 
     def _claim(self) -> None:

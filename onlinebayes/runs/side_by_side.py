@@ -41,7 +41,7 @@ POLL_S = 0.2
 
 @dataclass
 class _Copy:
-    """What a copy knows of itself: whether it is one, and the processor time that was spent before it began [s]."""
+    """State of a copy: whether it is one, and the processor time that was spent before it began [s]."""
 
     made: bool = False
     spent_before: float = 0.0
@@ -67,7 +67,7 @@ def processor_time() -> float:
 
 
 def side_by_side(work: Sequence[Callable[[], T]]) -> list[T]:
-    """What all pieces return, in their order.
+    """Run all pieces at once and return their results, in their order.
 
     Args:
         work: pieces that neither wait for one another nor change what another one reads.
@@ -126,7 +126,7 @@ class _Worker:
         there.close()
 
     def answers(self, work: Sequence[Callable[[], T]]) -> dict[int, T]:
-        """What its pieces returned; they are done here where it has none."""
+        """Return the results of its pieces; they are done here where it has none."""
         while self.pid and not select.select([self.pipe], [], [], POLL_S)[0]:
             heed()
         try:
@@ -151,7 +151,7 @@ class _Worker:
 
 
 def _serve(pipe: Connection, work: Sequence[Callable[[], T]], pieces: Sequence[int]) -> NoReturn:
-    """What a copy does: silent, deaf to Ctrl-C, which its parent hears, and gone without a word."""
+    """Run the pieces in a copy: silent, deaf to Ctrl-C, which its parent hears, and gone without a word."""
     try:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
@@ -166,7 +166,7 @@ def _serve(pipe: Connection, work: Sequence[Callable[[], T]], pieces: Sequence[i
 
 
 def _done(work: Sequence[Callable[[], T]], pieces: Sequence[int]) -> bytes:
-    """What a copy sends: the answers, or the first error."""
+    """Run the pieces and return the message of a copy: the answers, or the first error."""
     found: dict[int, T] = {}
     try:
         for k in pieces:

@@ -1,6 +1,6 @@
-"""What is being tried, on standard error: one line rewritten on a terminal, plain lines in a log.
+"""Progress of a search on standard error: one line rewritten on a terminal, plain lines in a log.
 
-How many rounds a search will take nobody knows, so that there is no bar.
+The number of rounds that a search will take is not known, so that there is no bar.
 """
 
 from __future__ import annotations

@@ -31,7 +31,7 @@ class Stateful(Protocol):
 
 
 def gather(parts: Mapping[str, Stateful]) -> dict[str, Any]:
-    """Where each part stands, by its name."""
+    """Return the state of each part, by its name."""
     return {name: part.state_dict() for name, part in parts.items()}
 
 

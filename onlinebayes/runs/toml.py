@@ -47,7 +47,7 @@ def _table(
 
 
 def _is_table(value: Any, path: tuple[str, ...]) -> bool:
-    """Whether a value gets a header of its own: mappings, but small ones two levels down stay on one line."""
+    """Check whether a value gets a header of its own: mappings, but small ones two levels down stay on one line."""
     return isinstance(value, Mapping) and not (path and path[0] == "parameters")
 
 

@@ -1,4 +1,4 @@
-"""What long work keeps an eye on: whom to tell where it stands, and whether it is to end."""
+"""A watch over long work: it takes the lines of progress and says whether the work is to end."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Watch:
 
     @property
     def stopped(self) -> bool:
-        """Whether the work is to end: looked at between its steps."""
+        """True if the work is to end: looked at between its steps."""
         return self.spent or (self.interrupt is not None and self.interrupt.requested)
 
     @property
@@ -40,7 +40,7 @@ class Watch:
 
     @property
     def spent(self) -> bool:
-        """Whether its processor time is used up."""
+        """True if the processor time is used up."""
         return self.until is not None and processor_time() >= self.until
 
     def within(self, budget_s: float | None) -> Watch:
