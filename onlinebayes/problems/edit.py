@@ -98,7 +98,7 @@ def _weld(spec: mujoco.MjSpec, name: str) -> None:
 
 
 def _users(spec: mujoco.MjSpec, joint: str) -> list[str]:
-    """What in the model cannot be without a joint: ``actuator 'motor'``, ``sensor 'encoder'``."""
+    """List the elements of the model that cannot be without a joint: ``actuator 'motor'``, ``sensor 'encoder'``."""
     of_joint = mujoco.mjtObj.mjOBJ_JOINT
     found = [("actuator", a.name) for a in spec.actuators if a.trntype in ON_JOINTS and a.target == joint]
     found += [("sensor", s.name) for s in spec.sensors if s.objtype == of_joint and s.objname == joint]
@@ -120,7 +120,7 @@ def _check_input(table: Section, model: mujoco.MjModel, i: int) -> None:
 
 
 def _takes(model: mujoco.MjModel, i: int) -> tuple[str, ...]:
-    """What an actuator's command may be: decided by the bias of its force, f = gain u + bias(q, v)."""
+    """Return the possible meanings of an actuator's command, by the bias of its force, f = gain u + bias(q, v)."""
     bias, integrates = model.actuator_biastype[i], model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_INTEGRATOR
     if bias == mujoco.mjtBias.mjBIAS_NONE:
         return ("force", "voltage")

@@ -105,7 +105,7 @@ def add_effects(
 
     @cache
     def moving() -> tuple[Identifiable, Windows]:
-        """How the machine moves, which is worked out where an effect is added at all."""
+        """Chart the motion of the machine; this is done only where an effect is added at all."""
         model, turned = charted(simulator, measurement)
         return model, make_windows(model, turned, horizon, 0.0, None)
 

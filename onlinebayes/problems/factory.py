@@ -41,7 +41,7 @@ RETURNS = "return a Identifiable, an MjSpec, or a dm_control model, entity, envi
 
 
 def from_factory(model: str, parameters: ParameterSpace) -> Identifiable | mujoco.MjSpec:
-    """What the factory gives.
+    """Call a factory and return its simulator or model.
 
     Args:
         model: ``"package.module:factory"``; called with ``parameters``, or without where it takes no argument.
@@ -74,7 +74,7 @@ def import_module(name: str) -> ModuleType:
 
 
 def _takes_parameters(make: Any) -> bool:
-    """Whether the factory wants an argument; optional ones (dm_control's own) are left alone."""
+    """Check whether the factory wants an argument; optional ones (dm_control's own) are left alone."""
     wanted = inspect.signature(make).parameters.values()
     plain = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
     return any(p.kind in plain and p.default is p.empty for p in wanted)
@@ -116,7 +116,7 @@ def _last_loaded(compiled: mujoco.MjModel, model: str) -> mujoco.MjSpec:
 
 
 def _same(a: mujoco.MjModel, b: mujoco.MjModel) -> bool:
-    """Whether two models have the same structure, and the same numbers as far as XML with six digits can hold them."""
+    """Check whether two models have the same structure and numbers, as far as XML with six digits can hold them."""
     if (a.nq, a.nv, a.nu, a.nbody, a.ngeom, a.names) != (b.nq, b.nv, b.nu, b.nbody, b.ngeom, b.names):
         return False
     fields = ("body_mass", "body_inertia", "body_pos", "jnt_axis", "dof_damping", "dof_armature", "geom_size")

@@ -72,7 +72,7 @@ def build_simulator(
 
 
 def _root(folder: Path, model: str) -> Path:
-    """Where a model may read. One that the problem file names elsewhere was named on purpose: what lies beside it."""
+    """Return the folder that a model may read: the problem's, or its own where it lies elsewhere on purpose."""
     inside = not Path(model).is_absolute() and ".." not in Path(model).parts
     return folder if inside else (folder / model).resolve().parent
 
@@ -101,7 +101,7 @@ def _check_sign(address: str, value: float, unit: str, cure: str) -> None:
 
 
 def _check_made(top: Section, simulator: Simulator, parameters: Declared) -> None:
-    """What a factory's own simulator must have, and what cannot be done to it."""
+    """Check the parameters of a factory's own simulator, and that nothing is asked that cannot be done to it."""
     for key in ("model_edit", "actuators"):
         if top.section(key).values:
             raise top.error(key, "the factory returns a simulator, which cannot be edited", "return an MjSpec instead")

@@ -33,7 +33,7 @@ NEVER_NEGATIVE = {
 
 @dataclass(frozen=True)
 class Declared:
-    """What the file says about parameters.
+    """Parameters as a problem file declares them.
 
     Args:
         model: address or glob -> bounds.
@@ -65,7 +65,7 @@ class Declared:
 
     @property
     def scope(self) -> Scope | None:
-        """How they differ between runs; None where they do not."""
+        """The differences of the parameters between runs; None where they do not differ."""
         return Scope(self.per_run, self.known, self._unfitted, self.groups) or None
 
     @property

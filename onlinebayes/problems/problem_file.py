@@ -47,7 +47,7 @@ TOP = (
 
 @dataclass(frozen=True)
 class ProblemFile:
-    """What a problem file asks.
+    """Contents of a problem file, read and checked.
 
     Args:
         path: the file.
@@ -124,7 +124,7 @@ def load_problem(
 
 
 def allowed_in(problem: ProblemFile) -> Allowed:
-    """What its ``[next]`` allows; raises :class:`BadInput` as :func:`.limits.read_allowed`."""
+    """Read what the problem's ``[next]`` allows; raises :class:`BadInput` as :func:`.limits.read_allowed`."""
     return read_allowed(Section(read_toml(problem.path), str(problem.path)), problem.simulator)
 
 
@@ -167,7 +167,7 @@ def _selection(section: Section) -> Selection:
 def _scope(
     top: Section, effects: Section, parameters: Declared, simulator: Extensible, measurement: Measurement
 ) -> Scope | None:
-    """How parameters differ between runs, every name in it checked."""
+    """Return the differences of the parameters between runs, every name in it checked."""
     scopes = effects.section("scope")
     for key in scopes.values:
         with scopes.at(key):
@@ -225,7 +225,7 @@ def _check_latency(top: Section, column: SignalColumn, measurement: Measurement)
 
 
 def _located(top: Section, table: str) -> Path:
-    """Where a table lies: from the problem file's folder on, or in the folder of measured data."""
+    """Locate a table: from the problem file's folder on, or in the folder of measured data."""
     variable, _, rest = table.partition("/")
     if variable != DATA or not rest:
         return Path(top.file).parent / table

@@ -1,4 +1,4 @@
-"""What ``refine`` wrote, as objects again: the mended model, and the values that were fitted.
+"""The output of ``refine``, as objects again: the mended model, and the values that were fitted.
 
     refined = load_refined("out/refine")
     refined.problem.simulator      the model with its accepted effects; its bounds are still the prior

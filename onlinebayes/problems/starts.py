@@ -41,7 +41,7 @@ def known_starts(section: Section, coordinates: Sequence[str]) -> dict[str, Know
 
 
 def _known(section: Section, pattern: str) -> KnownStart:
-    """What one entry says; a number alone is a value that is known exactly."""
+    """Read one entry; a number alone is a value that is known exactly."""
     if not isinstance(section.values[pattern], dict):
         return KnownStart(section.number(pattern))
     table = section.section(pattern, ("value", "sd"))

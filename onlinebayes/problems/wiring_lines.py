@@ -74,5 +74,5 @@ def _rounded(value: float) -> float:
 
 
 def _undone(key: str, value: Any) -> Any:
-    """What a key that no longer holds is set to; None where it may stay."""
+    """Return the value that undoes a key which no longer holds; None where it may stay."""
     return SI[value][0] if key == "unit" and value in SI else _NEUTRAL.get(key)

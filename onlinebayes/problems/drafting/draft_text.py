@@ -10,7 +10,7 @@ from onlinebayes.runs import one_line, to_toml
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
 MOST_NAMED = 4
-"""How many of the columns that a name could be are listed."""
+"""The number of columns that are listed at most where several could be a name."""
 HEAD = """\
 A first problem file, made by onlinebayes init: read every line, above all the bounds.
 Then: onlinebayes compare {name} --out out   (how wrong is the model?)
@@ -81,7 +81,7 @@ def _lacking(missing: Mapping[str, tuple[str, ...]]) -> str:
 
 
 def doubt(columns: Sequence[str]) -> str:
-    """What stands in a name's way."""
+    """Say why a name has no column: none was found, or several could be it."""
     if len(columns) < 2:
         return "no column was found" if not columns else f"perhaps {columns[0]}"
     few = columns[:MOST_NAMED]
@@ -90,7 +90,7 @@ def doubt(columns: Sequence[str]) -> str:
 
 
 def cure(name: str) -> str:
-    """What to write where a name has no column."""
+    """Say what to write where a name has no column."""
     if name == "time":
         return 'name it here: [time] column = "...", unit = "ms"'
     kind, _, target = name.partition(".")
@@ -99,7 +99,7 @@ def cure(name: str) -> str:
 
 
 def _more(simulator: MujocoSimulator, mapped: object) -> str:
-    """What else could stand here, as comments; a table that stands above is not begun a second time."""
+    """Write the other keys that could stand here, as comments; a table that stands above is not begun again."""
     signal = simulator.signals[0] if simulator.signals else "qpos.joint"
     table = one_line(f'[signals."{signal}"]')
     begun = isinstance(mapped, Mapping) and signal in mapped

@@ -131,7 +131,7 @@ def _runs_and_columns(runs: Sequence[str], unused: Sequence[str]) -> dict[str, l
 
 
 def _held_out(runs: int) -> int:
-    """How many of the last runs are held out: a third, or fewer that leave enough to be blocks of their own."""
+    """Return the number of last runs held out: a third, or fewer that leave enough to be blocks of their own."""
     third = max(1, runs // 3)
     return min(third, runs - FEWEST_BLOCKS) if runs > FEWEST_BLOCKS else third
 

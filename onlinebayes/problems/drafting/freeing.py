@@ -1,4 +1,4 @@
-"""Which parameters a first problem file frees, and between which bounds.
+"""The choice of the parameters that a first problem file frees, and of their bounds.
 
 In this order: damping of every joint, the moment of inertia about a vertical hinge, mass of every body that a joint
 carries, moments of inertia of free bodies, then what the model sets at all of frictionloss and armature, and the gears
@@ -93,7 +93,7 @@ def _is_free(model: mujoco.MjModel, joint: int) -> bool:
 
 
 def _vertical(model: mujoco.MjModel, body: int) -> int | None:
-    """Which of the body's principal moments a vertical hinge turns, where it is the body's only joint; else None.
+    """Find the principal moment of a body that a vertical hinge, its only joint, turns; None where there is none.
 
     About such an axis gravity does nothing, and of mass and moment only one number shows.
     """

@@ -1,4 +1,4 @@
-"""What the columns of logs could be, by what is in them: the clock, numbers, runs, the one that is left."""
+"""The possible meanings of the columns of logs, by their values: the clock, numbers, runs, the one that is left."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def clock_of(sources: Sequence[Source], shared: Sequence[str]) -> Match | None:
 
 
 def rises(sources: Sequence[Source], column: str) -> bool:
-    """Whether it could be a clock: numbers that rise from row to row, but where a run begins."""
+    """Check whether a column could be a clock: numbers that rise from row to row, but where a run begins."""
     try:
         steps = [np.diff(source.columns([column])[column]) for source in sources]
     except BadInput:
@@ -54,7 +54,7 @@ def rises(sources: Sequence[Source], column: str) -> bool:
 
 
 def is_unit_of(unit: str, wanted: str) -> bool:
-    """Whether a column's unit is one of the quantity with this SI unit; no unit is that one itself."""
+    """Check whether a column's unit is one of the quantity with this SI unit; no unit is that one itself."""
     try:
         return not unit or to_si(unit, wanted) > 0
     except BadInput:
@@ -62,7 +62,7 @@ def is_unit_of(unit: str, wanted: str) -> bool:
 
 
 def is_numeric(sources: Sequence[Source], column: str) -> bool:
-    """Whether every log has numbers there."""
+    """Check whether every log has numbers in a column."""
     try:
         return all(np.isfinite(source.columns([column])[column]).any() for source in sources)
     except BadInput:

@@ -57,7 +57,7 @@ QUANTITIES = {
     "ampere",
     "amperes",
 }
-"""What an actuator is told in, or what it then does: a command where nothing better is there."""
+"""Words for the input or output of an actuator: a command where nothing better is there."""
 UNIT_OF_A_COMMAND = {"a", "v", "nm"}
 """Units of such quantities, which are letters of many other names."""
 NO_COMMAND = {
@@ -118,7 +118,7 @@ class Match:
 
     @property
     def exact(self) -> bool:
-        """Whether nothing need be said in the problem file."""
+        """True if the match needs no line in the problem file."""
         return self.column == self.name and not self.unit
 
 
@@ -207,12 +207,12 @@ def words(column: str) -> list[str]:
 
 
 def _is_rate(said: Sequence[str]) -> bool:
-    """Whether the words have the unit of a speed: ``rpm``, or a unit of a position before seconds (``deg_s``)."""
+    """Check whether the words have the unit of a speed: ``rpm``, or a unit of a position before seconds (``deg_s``)."""
     return "rpm" in said or any(unit in OF_POSITIONS and SECONDS.get(of) == "s" for unit, of in pairwise(said))
 
 
 def _has_foreign_unit(kind: str, column: str, said: Sequence[str]) -> bool:
-    """Whether the unit in a column's name is of another quantity, or one that cannot be turned into SI."""
+    """Check whether the unit in a column's name is of another quantity, or one that cannot be turned into SI."""
     if kind == "qpos" and _is_rate(said):
         return True
     unread = kind == "qvel" and any(word in UNITS for word in said) and not unit_of(kind, column)
@@ -220,7 +220,7 @@ def _has_foreign_unit(kind: str, column: str, said: Sequence[str]) -> bool:
 
 
 def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]) -> int:
-    """How well they agree: 0 for not at all."""
+    """Score the agreement of a column with a name: 0 for none."""
     kind, _, target = name.partition(".")
     have, wanted = set(words(column)), set(words(target))
     means = KINDS | {"ctrl": KINDS["ctrl"] | GOALS | QUANTITIES}
@@ -240,7 +240,7 @@ def _score(name: str, column: str, names: Sequence[str], told: Mapping[str, str]
 
 
 def _said(kind: str, beside: Sequence[str], named: bool, servo: bool) -> int:
-    """How surely the words beside the name mean the kind: 0 for not at all."""
+    """Score how surely the words beside the name mean the kind: 0 for not at all."""
     have, rate = {*beside}, kind == "qvel" and _is_rate(beside)
     goal = kind == "ctrl" and bool(have & GOALS)
     if rate or have & KINDS[kind] or (goal and (servo or have & QUANTITIES)):

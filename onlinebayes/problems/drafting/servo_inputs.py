@@ -1,4 +1,4 @@
-"""What an actuator is told: the position or the speed of its joint, or something else."""
+"""The meaning of an actuator's command: the position or the speed of its joint, or something else."""
 
 from __future__ import annotations
 
