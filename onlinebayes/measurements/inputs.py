@@ -1,4 +1,4 @@
-"""What was commanded, row by row: an empty cell holds the last command, and nothing may be held before the first.
+"""Commands row by row: an empty cell holds the last command, and nothing may be held before the first.
 
 u_i = the last command written at or before row i;   enable_i likewise, 1 before the first
 """

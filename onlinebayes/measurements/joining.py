@@ -106,7 +106,7 @@ class JoinedSource(Source):
 
 @dataclass(frozen=True)
 class _Piece:
-    """What one table has of one run: column name -> values, time among them."""
+    """The part of one run that one table has: column name -> values, time among them."""
 
     path: Path
     values: Mapping[str, np.ndarray]

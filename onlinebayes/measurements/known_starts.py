@@ -1,4 +1,4 @@
-"""What is known of the state in which a run begins, or a window of it, before any model is fitted.
+"""Prior knowledge of the state in which a run begins, or a window of it, before any model is fitted.
 
     value given:  s ~ N(value, sd^2)      where the run begins; s = value exactly where sd is 0
     sd alone:     s ~ N(measured, sd^2)   in every window
@@ -17,7 +17,7 @@ from onlinebayes.runs import BadInput
 
 @dataclass(frozen=True)
 class KnownStart:
-    """What is known of one coordinate of the start, ``qpos.<joint>`` or ``qvel.<joint>``.
+    """Prior knowledge of one coordinate of the start, ``qpos.<joint>`` or ``qvel.<joint>``.
 
     Args:
         value: it where the run begins [SI]; None for the value that was measured, in every window.

@@ -1,4 +1,4 @@
-"""How a column of a log becomes a quantity of the model: value = scale cell + offset, sign and units in the scale.
+"""Maps from a column of a log to a quantity of the model: value = scale cell + offset, sign and units in the scale.
 
 A command may be the product of two columns: a duty cycle and the supply's voltage are together the volts at a motor.
 """
@@ -93,7 +93,7 @@ class CommandColumn:
 
     @property
     def measured(self) -> bool:
-        """Whether it is a wrench from outside, ``xfrc.<body>.<axis>``, which was measured and not commanded."""
+        """True for a wrench from outside, ``xfrc.<body>.<axis>``, which was measured and not commanded."""
         return self.actuator.startswith("xfrc.")
 
     @property

@@ -7,5 +7,5 @@ from fnmatch import fnmatchcase
 
 
 def matches(name: str, patterns: Iterable[str]) -> bool:
-    """Whether one of the patterns is the name, or a glob that it fits."""
+    """Check whether one of the patterns is the name, or a glob that it fits."""
     return any(name == pattern or fnmatchcase(name, pattern) for pattern in patterns)

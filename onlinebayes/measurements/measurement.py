@@ -1,4 +1,4 @@
-"""What was measured: runs of commands and signals on one clock, padded to one rectangle.
+"""Measured data: runs of commands and signals on one clock, padded to one rectangle.
 
 | key of ``data``  | shape     | meaning                                                                              |
 |------------------|-----------|--------------------------------------------------------------------------------------|

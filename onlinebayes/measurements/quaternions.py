@@ -16,7 +16,7 @@ from jaxtyping import Int
 from onlinebayes.runs import BadInput
 
 LOOSEST = 0.1
-"""How far a logged quaternion's norm may lie from 1: rounding and slow filters, not another quantity."""
+"""The largest distance of a logged quaternion's norm from 1: rounding and slow filters, not another quantity."""
 
 
 def quaternions(signals: Iterable[str]) -> tuple[tuple[str, str, str, str], ...]:

@@ -1,4 +1,4 @@
-"""Which rows are which run: those of one name, which stand together; without a ``run`` column all of them.
+"""Assignment of rows to runs: those of one name, which stand together; without a ``run`` column all of them.
 
 Where time begins again in a table without one, another column may name the runs.
 """

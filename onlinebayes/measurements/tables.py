@@ -259,12 +259,12 @@ class TableReader:
 
 
 def _where(source: Source, run: str) -> str:
-    """What a message about a run names beside the row; of joined tables rows are counted in each run."""
+    """Return the place that a message about a run names beside the row; joined tables count rows in each run."""
     return f"{source.path}, run '{run}'" if isinstance(source, JoinedSource) else str(source.path)
 
 
 def _instead(names: Iterable[str]) -> str:
-    """What a table does have, for the mapping; nothing where it has a clock alone."""
+    """List the columns that a table does have, for the mapping; nothing where it has a clock alone."""
     there = _others(names)
     return f", or map one of its columns: {_list(there)}" if there else ""
 

@@ -49,7 +49,7 @@ SI = {
 
 
 def to_si(unit: str, wanted: str = "") -> float:
-    """What multiplies a value in ``unit`` to give SI.
+    """Return the factor that turns a value in ``unit`` into SI.
 
     Args:
         unit: e.g. ``"deg"``.

@@ -1,4 +1,4 @@
-"""Which format a path is in, by its first bytes: the name of a file proves nothing.
+"""Detection of a path's format by its first bytes: the name of a file proves nothing.
 
 | begins with          | format                                                     |
 |----------------------|------------------------------------------------------------|
@@ -30,7 +30,7 @@ PACKED = {
     b"\x28\xb5\x2f\xfd": "packed by zstd",
     b"\x89HDF\r\n": "an HDF5 file",
 }
-"""How files begin that hold a table and are not read."""
+"""First bytes of files that hold a table and are not read."""
 
 _CURE = "name a CSV, Parquet, MCAP or Rerun file, or the folder of a LeRobot data set"
 

@@ -111,7 +111,7 @@ def _texts(column: Any, name: str, path: Path) -> np.ndarray:
 
 
 def is_numeric(kind: Any) -> bool:
-    """Whether a column of this type casts to float64; one of nulls alone has a type of its own."""
+    """Check whether a column of this type casts to float64; one of nulls alone has a type of its own."""
     import pyarrow as pa
 
     types = pa.types

@@ -1,4 +1,4 @@
-"""What every file of measurements offers, whatever its format: names of columns, and the columns as arrays.
+"""The interface of a file of measurements, whatever its format: names of columns, and the columns as arrays.
 
 Units, signs, ``ignore`` and the rules of a run stand above this, in ``measurements/tables.py``; a format only turns
 bytes into columns. A file may be hostile: nothing is read that would need more than ``MOST_CELLS`` numbers.
