@@ -104,7 +104,7 @@ class ActorCritic:
 
     @property
     def inputs(self) -> Inputs:
-        """What the network sees."""
+        """The inputs of the network."""
         return self.network.inputs
 
     def transforms(self) -> list[Transform]:

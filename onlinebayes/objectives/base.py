@@ -1,4 +1,4 @@
-"""What a trainer asks of an objective: a policy to act with, and one pass of learning over fresh data."""
+"""The interface of an objective: a policy to act with, and one pass of learning over fresh data."""
 
 from __future__ import annotations
 

@@ -63,7 +63,7 @@ class TransitionBuffer:
         return {key: rows[index] for key, rows in self._rows.items()}
 
     def at(self, places: Tensor, keys: Iterable[Any] | None = None) -> dict[Any, Tensor]:
-        """What lies at places (*batch) of the ring, of these keys or of all; the row after ``size - 1`` is row 0."""
+        """Read places (*batch) of the ring, of these keys or of all; the row after ``size - 1`` is row 0."""
         return {key: self._rows[key][places % self.size] for key in (self._rows if keys is None else keys)}
 
     def state_dict(self) -> dict[str, Any]:

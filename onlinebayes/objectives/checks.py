@@ -1,4 +1,4 @@
-"""What every objective refuses: numbers with which nothing can be learnt, actions without bounds."""
+"""Checks of every objective's arguments: it refuses numbers that prevent learning, and actions without bounds."""
 
 from __future__ import annotations
 

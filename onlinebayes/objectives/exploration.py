@@ -1,4 +1,4 @@
-"""How a deterministic policy explores.
+"""Exploration by a deterministic policy.
 
     with probability epsilon   a ~ U(low, high)
     else                       a = clip(pi(s) + sigma (high - low) / 2 N(0, 1), low, high)

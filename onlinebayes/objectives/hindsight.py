@@ -29,15 +29,15 @@ from onlinebayes.objectives.inputs import after
 from onlinebayes.runs import BadInput
 
 LEFT = "steps_left"
-"""Where the ring keeps the number of steps that follow in the same episode."""
+"""Key under which the ring keeps the number of steps that follow in the same episode."""
 
 LEADS = "leads_elsewhere"
-"""Where it keeps whether the episode ends elsewhere than it is at this step."""
+"""Key under which it keeps whether the episode ends elsewhere than it is at this step."""
 
 
 @dataclass(frozen=True)
 class Hindsight:
-    """How a transition is told again with a goal that was reached later.
+    """Relabelling of transitions with goals that were reached later.
 
     Args:
         reward: achieved goals (*batch, G), desired goals (*batch, G) -> rewards (*batch), as a task's ``goal_reward``.
@@ -242,7 +242,7 @@ def steps_left(done: Bool[Tensor, "*n T"], mask: Bool[Tensor, "*n T"]) -> Int[Te
 def leads_elsewhere(
     achieved: Float[Tensor, "*n T G"], left: Int[Tensor, "*n T"], reward: Callable[[Tensor, Tensor], Tensor]
 ) -> Bool[Tensor, "*n T"]:
-    """Whether the goal achieved at an episode's end is worth less than itself for the one achieved at each step.
+    """Check, with each step's achieved goal as the desired one, whether the episode's end earns less than the step.
 
     Args:
         achieved: after each step.

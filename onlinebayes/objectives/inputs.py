@@ -1,4 +1,4 @@
-"""What a network sees: one or several keys of an observation as one row, normalised if wanted.
+"""Inputs of a network: one or several keys of an observation as one row, normalised if wanted.
 
 x = concat(o_key for key in in_keys),    then normalised if wanted (see ``normalisation``)
 """

@@ -110,7 +110,7 @@ def stochastic_policy(
 
 @dataclass(frozen=True)
 class ActionHead:
-    """How a network's numbers become a distribution over actions.
+    """Map from a network's outputs to a distribution over actions.
 
     Args:
         outputs: numbers that the network gives.

@@ -68,7 +68,7 @@ class RecurrentNetwork(nn.Module):
         begins: Bool[Tensor, "N T"],
         memory: Float[Tensor, "N 2 H"],
     ) -> tuple[Float[Tensor, "N T H"], Float[Tensor, "N T H"]]:
-        """What the heads see at each step of a batch, and at the state that follows each step.
+        """Return the inputs of the heads at each step of a batch, and at the state that follows each step.
 
         Args:
             row: what is seen.

@@ -1,4 +1,4 @@
-"""What every objective must do, for the tests of those you write yourself.
+"""Conformance checks for objectives, for the tests of those you write yourself.
 
     check_objective(lambda: my_objective(*specs), make_env)
 
@@ -79,7 +79,7 @@ def check_learns(objective: Objective, data: TensorDictBase) -> None:
 
 
 def check_goes_on(make: Make, data: TensorDictBase) -> None:
-    """What was loaded learns on as what was saved."""
+    """Check that a loaded objective learns on exactly as the saved one."""
     first, second = make(), make()
     first.update(data.clone())
     second.load_state_dict(saved(first))
@@ -126,7 +126,7 @@ def saved(objective: Objective) -> dict[str, Any]:
 
 
 def same(first: Any, second: Any) -> bool:
-    """Whether two states are equal to the last bit; a NaN equals none."""
+    """Check whether two states are equal to the last bit; a NaN equals none."""
     one, other = dict(leaves(first)), dict(leaves(second))
     return one.keys() == other.keys() and all(
         torch.equal(value, other[path]) if isinstance(value, Tensor) else value == other[path]
