@@ -83,7 +83,7 @@ class AdaptivePlanner(TensorDictModuleBase):
         return planned
 
     def trajectory(self) -> TensorDict:
-        """What was seen and done in the episode, as far back as is looked: batch size (1, T)."""
+        """Return the episode so far, at most as far back as the memory reaches: batch size (1, T)."""
         last = len(self._seen) - 1  # the command after it has no outcome yet
         first = 0 if self.memory is None else max(0, last - self.memory)
         seen, done = torch.stack(self._seen[first : last + 1])[None], self._done[first:last]
@@ -92,7 +92,7 @@ class AdaptivePlanner(TensorDictModuleBase):
         return TensorDict({**parts, "mask": mask}, batch_size=(1, len(done)))
 
     def get_extra_state(self) -> dict[str, Any]:
-        """What was seen and done; the belief stands in the planner's state."""
+        """Return the observations and actions so far; the belief stands in the planner's state."""
         return {"seen": list(self._seen), "done": list(self._done)}
 
     def set_extra_state(self, state: Mapping[str, Any]) -> None:

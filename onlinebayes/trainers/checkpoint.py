@@ -1,4 +1,4 @@
-"""All that a run needs to go on as if it had never been stopped, to the last bit on the same machine and threads.
+"""The complete state of a run, which goes on as if never stopped, to the last bit on the same machine and threads.
 
 | part          | what it holds                                                                        |
 |---------------|--------------------------------------------------------------------------------------|
@@ -108,7 +108,7 @@ def load_run_state(trainer: OnlineTrainer | GrowingTrainer, state: OnlineState, 
 
 
 def _collector_state(collector: Batches) -> dict[str, Any] | None:
-    """Where a collector stands, if it can tell."""
+    """Return the state of a collector; None if it has none to give."""
     if isinstance(collector, Collector):
         return collector_state(collector)
     return collector.state_dict() if isinstance(collector, Stateful) else None

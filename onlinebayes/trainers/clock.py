@@ -1,4 +1,4 @@
-"""Where the seconds of a run went, by the name of the work."""
+"""The time that a run spent [s], by the name of the work."""
 
 from __future__ import annotations
 

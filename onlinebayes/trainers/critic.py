@@ -39,7 +39,7 @@ HELD_OUT = 0.25
 
 @dataclass(frozen=True)
 class Finding:
-    """What a critic says.
+    """The answer of a critic.
 
     Args:
         effects: that the model should get; none where it may stay as it is.
@@ -58,7 +58,7 @@ class Critic(Protocol):
     """Looks for what a model lacks."""
 
     def __call__(self, real: TensorDict, problem: Problem, interrupt: Interrupt, /) -> Finding:
-        """What the real trajectories (n, T) so far say of the problem's simulator; ends early where it is asked to."""
+        """Criticise the problem's simulator by the real trajectories (n, T) so far; ends early where it is asked to."""
         ...
 
 
@@ -176,7 +176,7 @@ class SearchCritic:
 
 
 def finding_of(result: Criticism, model: Identifiable, told: str) -> Finding:
-    """What of a criticism goes into a model; ``told`` begins its words."""
+    """Choose the effects that a criticism adds to a model; ``told`` begins the words of the finding."""
     named = ", ".join(result.accepted)
     told = "; ".join((told, *result.failed))
     if not named:

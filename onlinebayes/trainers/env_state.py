@@ -1,6 +1,6 @@
-"""Where an environment and its collector stand, so that a run that was stopped goes on to the last bit.
+"""The state of an environment and its collector, so that a run that was stopped goes on to the last bit.
 
-An environment of another kind, a robot or a Gymnasium game, cannot say where it stands: then only the transforms'
+An environment of another kind, a robot or a Gymnasium game, cannot give its state: then only the transforms'
 state is kept, and the run goes on from fresh episodes.
 """
 

@@ -29,7 +29,7 @@ from onlinebayes.trainers.trajectories import Policy
 
 @dataclass(frozen=True)
 class Limits:
-    """Where a machine may be while it is excited.
+    """Limits within which a machine may move while it is excited.
 
     Args:
         low, high: of each observed value (O,); infinite where there is no limit.
@@ -50,7 +50,7 @@ class Limits:
             )
 
     def passed(self, observation: Float[Tensor, "*n O"]) -> Bool[Tensor, "*n"]:
-        """Whether an observation lies outside."""
+        """Check whether an observation lies outside."""
         return ((observation < self.low.to(observation)) | (observation > self.high.to(observation))).any(-1)
 
 
@@ -140,7 +140,7 @@ class Excited:
         return seen if more is None else united([seen, more])
 
     def state_dict(self) -> dict[str, Any]:
-        """How often it was asked, and where the system stands."""
+        """Return the number of calls so far, and the state of the system."""
         return {
             "asked": self._asked,
             "system": self._system.state_dict() if isinstance(self._system, Stateful) else None,
@@ -154,7 +154,7 @@ class Excited:
 
 
 def range_of(column: int, key: NestedKey = "observation") -> Callable[[TensorDict], Float[Tensor, " n"]]:
-    """How far one observed value moves within each trajectory (n, T), in its unit."""
+    """Build a statistic: the range of one observed value within each trajectory (n, T), in its unit."""
 
     def moved(seen: TensorDict) -> Float[Tensor, " n"]:
         value = seen.get(key)[..., column]

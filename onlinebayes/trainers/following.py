@@ -94,7 +94,7 @@ class Follower:
     def belief(
         self, learnt: Learnt, history: History | None, real: TensorDict | None
     ) -> tuple[TruncatedMixture | BoxUniform, History]:
-        """What all real trajectories (n, T) say of the machine as it is now, and what was made of them."""
+        """Infer the machine as it is now from all real trajectories (n, T); return the belief and its history."""
         known = 0 if history is None else history.lengths.number
         seen = None if real is None or not known else real[:known]
         belief = ChangingBelief(
@@ -106,7 +106,7 @@ class Follower:
 
 
 def news(before: History | None, after: History) -> list[str]:
-    """What the last trajectories made of the history, in words; nothing where the machine is the same as before."""
+    """Describe what the last trajectories added to the history; nothing where the machine is the same as before."""
     old = () if before is None else before.changes
     lines = [str(change) for change in after.changes if change not in old]
     return [after.in_words()] if after.unexplained else lines

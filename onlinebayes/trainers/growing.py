@@ -147,7 +147,7 @@ class GrowingTrainer:
         return whole
 
     def _news(self, state: OnlineState) -> bool:
-        """Whether there are real trajectories that the weights of what is open do not know."""
+        """Check whether there are real trajectories that the weights of the open hypotheses do not know."""
         open_ = state.hypotheses is not None and isinstance(self.critic, Weigher)
         return open_ and state.real is not None and state.weighed < len(state.real)
 
@@ -177,7 +177,7 @@ class GrowingTrainer:
         return self._become(state, clear.added_to(self.first.simulator))
 
     def _finding(self, state: OnlineState, interrupt: Interrupt) -> Finding:
-        """What the critic says; one that cannot use the trajectories says why."""
+        """Ask the critic for its finding; one that cannot use the trajectories says why."""
         if state.real is None:
             return Finding((), "there is no real trajectory to criticise yet")
         try:

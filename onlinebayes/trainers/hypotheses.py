@@ -25,7 +25,7 @@ from onlinebayes.simulators.effects import EFFECTS, Effect
 from onlinebayes.simulators.effects.plain import from_plain
 
 UNMOVED = ("signal", "parameter")
-"""What effects act on that change how a world is seen, or when, but not how it moves."""
+"""Kinds of target whose effects change how a world is seen, or when, but not how it moves."""
 
 CLEAR = 10.0
 """Times the weight of the next one that the heaviest hypothesis has where it is clear."""
@@ -59,7 +59,7 @@ class OpenHypothesis:
         return tuple(from_plain(effect, {**EFFECTS, **own}) for effect in self.effects)
 
     def moves(self, simulator: Simulator) -> bool:
-        """Whether worlds move differently with it; else only sensors and moments do."""
+        """Check whether the hypothesis changes the motion of worlds; else it changes only sensors and moments."""
         return all(effect.target_kind not in UNMOVED for effect in self.added_to(simulator))
 
 
@@ -79,7 +79,7 @@ class OpenHypotheses:
 
     @property
     def weights(self) -> dict[str, float]:
-        """What each adds, joined by ``" + "`` -> its weight."""
+        """The weight of each hypothesis, by the keys that it adds, joined by ``" + "``."""
         return {" + ".join(one.keys): one.weight for one in self.each}
 
     @property
@@ -115,7 +115,7 @@ class OpenHypotheses:
 
 
 def open_from_plain(values: Mapping[str, Any] | None) -> OpenHypotheses | None:
-    """What :meth:`OpenHypotheses.to_plain` wrote down; None where nothing was open."""
+    """Restore the hypotheses that :meth:`OpenHypotheses.to_plain` wrote down; None where nothing was open."""
     if values is None:
         return None
     each: Sequence[Mapping[str, Any]] = values["each"]

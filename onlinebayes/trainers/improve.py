@@ -13,7 +13,7 @@ from onlinebayes.objectives import Objective
 from onlinebayes.runs import BadInput
 
 BUFFER = "buffer"
-"""Where an objective's ``state_dict`` keeps its replay buffer."""
+"""Key under which an objective's ``state_dict`` keeps its replay buffer."""
 
 
 @runtime_checkable

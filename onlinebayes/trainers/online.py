@@ -161,7 +161,7 @@ class OnlineTrainer:
         return True
 
     def _tell(self, state: OnlineState) -> None:
-        """Where a step begins, and there only: a run that goes on in the middle of one has been told before."""
+        """Tell the objective the belief, only where a step begins: a run that resumes inside one was told before."""
         if isinstance(self.objective, TakesBelief) and not state.batches and not state.measured:
             self.objective.set_belief(self.worlds if self.worlds is not None else state.belief)
 
@@ -231,7 +231,7 @@ class OnlineTrainer:
 
 
 def _doubts(report: FitReport) -> list[str]:
-    """What a fit that learnt nothing is told by."""
+    """Return a warning if a fit learnt nothing, else nothing."""
     if not report.validation or min(report.validation) <= PRIOR_LOSS:
         return []
     return [

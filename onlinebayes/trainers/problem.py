@@ -1,4 +1,4 @@
-"""What a run is made of, built once: worlds behind sensors, a collector, simulations, and the trainer over them.
+"""The parts of a run, built once: worlds behind sensors, a collector, simulations, and the trainer over them.
 
     problem = Problem(simulator, task, prior, sensor_sd)
     trainer = online_trainer(problem, objective, estimator=..., real=..., schedule=..., sizes=..., seed=0)
@@ -42,7 +42,7 @@ ALONE = "give estimator and real system, or the order policy-only"
 
 @runtime_checkable
 class Worlds(Protocol):
-    """What a trainer is built over: :class:`Problem` of a simulator, :class:`EnvProblem` of any environment."""
+    """The interface under a trainer: :class:`Problem` of a simulator, :class:`EnvProblem` of any environment."""
 
     @property
     def prior(self) -> Belief:
@@ -52,7 +52,7 @@ class Worlds(Protocol):
         """``number`` worlds, their theta drawn by a transform, seen through the sensors."""
 
     def simulations(self, number: int, steps: int, seed: int) -> Simulations:
-        """What gives ``number`` trajectories of ``steps`` steps."""
+        """Build the source of ``number`` trajectories of ``steps`` steps."""
 
     def score(self, policy: Policy, truth: Float[Tensor, " P"]) -> float:
         """Mean return of a policy's deterministic action in worlds with these parameters."""
@@ -127,7 +127,7 @@ def behind_sensors(
 
 @dataclass(frozen=True)
 class Sizes:
-    """How many worlds of each kind.
+    """Numbers of worlds, steps and trajectories of each kind.
 
     Args:
         worlds: that the policy learns in.

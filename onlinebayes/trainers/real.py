@@ -55,7 +55,7 @@ class RealEnvironment:
         return self._run(policy, steps)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the environment stands, for a checkpoint."""
+        """Return the state of the environment, for a checkpoint."""
         return self._state()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -77,7 +77,7 @@ class GrowingFolder:
         self._seen: set[str] = set()
 
     def run(self, policy: Policy, steps: int) -> TensorDict | None:
-        """What is new, padded to one length; a file that cannot be read now is tried again at the next call."""
+        """Read the new files, padded to one length; a file that cannot be read now is tried again at the next call."""
         found, unreadable = dict[str, TensorDict](), None
         for path in sorted(self.folder.glob(self.pattern)):
             if path.name in self._seen:
@@ -117,7 +117,7 @@ class Background:
         self._result: list[TensorDict | BaseException | None] = []
 
     def run(self, policy: Policy, steps: int) -> TensorDict | None:
-        """What the last call has brought by now; begins the next one where none is under way."""
+        """Return the trajectories of the last call once it has ended; begins the next one where none is under way."""
         if self._thread is not None and self._thread.is_alive():
             return None
         result = self._result.pop() if self._result else None
@@ -129,7 +129,7 @@ class Background:
         return result
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the system stood before the call under way, whose trajectories nobody has had yet."""
+        """Return the state of the system before the call under way, whose trajectories nobody has had yet."""
         return {"system": self._state_of_system() if self._thread is None else self._stood}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
@@ -150,7 +150,7 @@ class Background:
 def measured(
     system: RealSystem, policy: Policy, steps: int, form: TrajectoryFormat, before: TensorDict | None = None
 ) -> tuple[TensorDict | None, str]:
-    """What can be used of one call to the system, and a note on the rest; nothing that it does ends a run.
+    """Keep the usable part of one call to the system, and note the rest; nothing that it does ends a run.
 
     Args:
         system: the real system.

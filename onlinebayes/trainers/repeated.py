@@ -23,7 +23,7 @@ from torch import Tensor
 from onlinebayes.runs import BadInput
 
 INIT = "is_init"
-"""Where TorchRL's ``InitTracker`` says that an episode begins."""
+"""Key under which TorchRL's ``InitTracker`` says that an episode begins."""
 
 
 @final
@@ -63,7 +63,7 @@ class Repeated(TensorDictModuleBase):
         return tensordict.set("action", action.to(device or action.device).reshape(*batch, *action.shape[1:]))
 
     def _next(self, began: Tensor) -> Tensor:
-        """Which step of its trajectory each world repeats now."""
+        """Return the step of its trajectory that each world repeats now."""
         went_on = self._step if len(self._step) == len(began) else torch.zeros_like(began, dtype=torch.long)
         step = torch.where(began, 0, went_on)
         self._step = step + 1

@@ -1,4 +1,4 @@
-"""What the page of a run says: parameters, curves, calibration, the episode as it moves, where the time went."""
+"""Contents of the page of a run: parameters, curves, calibration, the episode as it moves, where the time went."""
 
 from __future__ import annotations
 

@@ -32,7 +32,7 @@ class Turn:
 
 @dataclass(frozen=True)
 class Schedule:
-    """How much of each step.
+    """Amount of work in each step, and its order.
 
     Args:
         steps: outer steps with policy batches; as many real trajectories unless the policy learns alone.

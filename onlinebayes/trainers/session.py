@@ -23,7 +23,7 @@ from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState, Record
 
 Judge = Callable[[OnlineState], Mapping[str, float]]
-"""What only somebody who knows the truth, or has the real system at hand, can say after a step: figures by name."""
+"""Figures by name after a step, of somebody who knows the truth or has the real system at hand."""
 
 Say = Callable[[str], None]
 """Is told in words."""

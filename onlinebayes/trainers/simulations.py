@@ -104,7 +104,7 @@ class Simulations:
         return torch.cat(parts)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where the worlds and their sensors stand."""
+        """Return the state of the worlds and their sensors."""
         return env_state(self.env)
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

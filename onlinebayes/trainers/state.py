@@ -1,4 +1,4 @@
-"""Where a run stands, and what each outer step did."""
+"""The state of a run, and the record of each outer step."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Record:
 
 @dataclass(frozen=True)
 class Inferred:
-    """What the inference of an outer step found; see :class:`Record`."""
+    """Result of the inference of an outer step; see :class:`Record`."""
 
     fit: FitReport
     coverage: float
@@ -64,7 +64,7 @@ class Inferred:
 
 @dataclass
 class OnlineState:
-    """Where a run stands.
+    """State of a run.
 
     Attributes:
         belief: what is known of theta from all real trajectories; the prior at first. This is what is reported.
@@ -136,7 +136,7 @@ class OnlineState:
         self.batches, self.measured, self.notes, self.aside = 0, False, [], {}
 
     def kept(self) -> str:
-        """What the run has, in words."""
+        """Say what the run has so far."""
         measured = 0 if self.real is None else len(self.real)
         belief = f"the belief from {measured} real trajectories" if measured else "the prior as belief"
         return f"{self.step} outer steps, {belief}, a policy after {self.frames} frames"

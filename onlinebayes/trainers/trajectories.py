@@ -22,7 +22,7 @@ Policy: TypeAlias = TensorDictModuleBase
 
 @dataclass(frozen=True)
 class TrajectoryFormat:
-    """Which keys of a rollout make up a trajectory.
+    """Keys of a rollout that make up a trajectory.
 
     Attributes:
         keys: kept as they are.

@@ -34,7 +34,7 @@ MakeEnv = Callable[[ParameterRandomization], EnvBase]
 
 @dataclass(frozen=True)
 class Question:
-    """What a part is asked for its next batch.
+    """The request to a part for its next batch.
 
     Args:
         weights: of the policy.
@@ -130,7 +130,7 @@ class PartedCollector:
         return torch.cat(batches)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where each part stands, and whether new episodes are to begin."""
+        """Return the state of each part, and whether new episodes are to begin."""
         return {"parts": self._stand, "begin": self._begin}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

@@ -153,7 +153,7 @@ class OnRay:
                     actor.forget.remote(names)
 
     def _answer(self, reference: Any) -> Any:
-        """What a worker gave, or raised.
+        """Return the result of a worker, or raise the error that it raised.
 
         Raises:
             BadInput: workers died at it again and again.

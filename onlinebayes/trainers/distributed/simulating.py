@@ -95,7 +95,7 @@ class PartedSimulations:
         return torch.stack(self._simulated(policies, [theta] * len(policies)), dim=1)
 
     def state_dict(self) -> dict[str, Any]:
-        """How often it was asked, which the next seeds follow from."""
+        """Return the number of draws so far, which the next seeds follow from."""
         return {"draws": self._draws}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

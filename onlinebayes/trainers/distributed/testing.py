@@ -1,4 +1,4 @@
-"""What is asked of workers, for the tests of one's own: ``check_workers(OnRay(2))``."""
+"""Conformance checks for workers, for the tests of one's own: ``check_workers(OnRay(2))``."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def check_workers(workers: Workers) -> None:
 
 
 def _refused(act: Callable[[], object]) -> str:
-    """What was raised."""
+    """Return the message of the :class:`BadInput` that a call raises; empty if none."""
     try:
         act()
     except BadInput as error:

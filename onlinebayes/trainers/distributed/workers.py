@@ -1,4 +1,4 @@
-"""Where work is done: in this process, one piece after the other, or by workers elsewhere.
+"""The places where work is done: in this process, one piece after the other, or by workers elsewhere.
 
     for number, result in workers.work(do, jobs): ...        do(job) for each job; results as they come
     ask = workers.station([make_0, make_1, ...])             objects that stay where they are
@@ -28,7 +28,7 @@ class Workers(Protocol):
 
     @property
     def number(self) -> int:
-        """How many there are, which is into how many parts work is divided."""
+        """The number of workers, which is into how many parts work is divided."""
 
     def work(self, do: Callable[[J], R], jobs: Iterable[J]) -> Iterator[tuple[int, R]]:
         """Do all jobs, each looked up when it is its turn; (number, result) as they come. What one raises is raised."""
