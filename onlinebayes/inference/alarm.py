@@ -36,7 +36,7 @@ FEWEST = 100
 
 @dataclass(frozen=True, eq=False)
 class Surprise:
-    """How unlike the simulations a measurement is.
+    """Difference of a measurement from the simulations.
 
     Args:
         p: as above; below .05 the model can hardly have made this.
@@ -78,7 +78,7 @@ class Novelty:
         self._scores = _score(apart)
 
     def check(self, measured: Float[Tensor, "n E"]) -> Surprise:
-        """How strange the summaries of n trajectories of one system are."""
+        """Test how unlike the simulations the summaries of n trajectories of one system are."""
         e = (measured - self._centre) @ self._whitening
         apart = torch.cdist(e, self._simulated)
         scores = _score(apart)
@@ -111,11 +111,11 @@ class Alarm:
         self._novelty = Novelty(self._summaries(self._keys.usable(simulations)))
 
     def check(self, measured: TensorDictBase) -> Surprise:
-        """How strange the trajectories (n, T) of one system are."""
+        """Test how unlike the simulations the trajectories (n, T) of one system are."""
         return self._novelty.check(self._summaries(measured))
 
     def each(self, measured: TensorDictBase) -> list[Surprise]:
-        """How strange each of B trajectories (B, T) is by itself."""
+        """Test each of B trajectories (B, T) by itself."""
         return [self._novelty.check(row[None]) for row in self._summaries(measured)]
 
     def _summaries(self, trajectories: TensorDictBase) -> Float[Tensor, "B E"]:

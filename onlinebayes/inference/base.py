@@ -1,4 +1,4 @@
-"""What a trainer, a plot and a calibration ask of inference, whatever estimator stands behind it.
+"""The interface of inference for a trainer, a plot and a calibration, whatever estimator stands behind it.
 
     estimator.fit(simulations, groups)            learn q(theta | x) from theta_i ~ proposal, x_i ~ simulator(theta_i)
     belief = estimator.condition(x_1 ... x_n)     p(theta | x_1 ... x_n) of one system
@@ -53,7 +53,7 @@ class Belief(Density, Protocol):
 
 @dataclass
 class FitReport:
-    """What a fit did: mean negative log densities (in the box's coordinates) an epoch.
+    """Losses and results of a fit: mean negative log densities (in the box's coordinates) an epoch.
 
     Attributes:
         train: training loss of each epoch; one for an estimator without epochs.
@@ -97,7 +97,7 @@ class PosteriorEstimator(Protocol):
         ...
 
     def condition(self, trajectories: TensorDictBase) -> Belief:
-        """What the trajectories (n, T) of one system say together."""
+        """Return the posterior given all trajectories (n, T) of one system."""
         ...
 
     def each(self, groups: TensorDictBase) -> Density:
@@ -132,7 +132,7 @@ class Widenable(Protocol):
 
 @runtime_checkable
 class DensityBatch(Density, Protocol):
-    """What an estimator network gives for a batch of embeddings."""
+    """The densities that an estimator network gives for a batch of embeddings."""
 
     @property
     def batch_shape(self) -> torch.Size:

@@ -88,7 +88,7 @@ def ranks(
     samples: int = 99,
     generator: torch.Generator | None = None,
 ) -> Int[Tensor, "B P"]:
-    """How many of ``samples`` posterior draws lie below the truth, 0 ... samples, for each parameter.
+    """Count the posterior draws, of ``samples``, that lie below the truth, 0 ... samples, for each parameter.
 
     Arguments as for :func:`credibility`.
     """

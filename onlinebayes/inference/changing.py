@@ -53,7 +53,7 @@ RINGS, CHANCE = 0.05, 0.01
 """p at which a trajectory rings, and probability below which so many rings are no chance."""
 
 DRAWS = 300
-"""That stand for a posterior that is no mixture."""
+"""Draws that stand for a posterior that is no mixture."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Change:
 
 @dataclass(frozen=True, eq=False)
 class History:
-    """What was made of some trajectories; a belief can be taken up again with it.
+    """Summary of the trajectories so far; a belief can be taken up again with it.
 
     Args:
         lengths: the hypotheses.
@@ -98,7 +98,7 @@ class History:
 
     @property
     def unexplained(self) -> bool:
-        """Whether more trajectories ring than chance has."""
+        """True if more trajectories ring than chance has."""
         return bool(binom.sf(self._rings - 1, len(self.novelty), RINGS) < CHANCE)
 
     @property
@@ -191,7 +191,7 @@ class ChangingBelief:
 
     @property
     def changes(self) -> tuple[Change, ...]:
-        """That were said, each with a probability of :data:`SURE` at least."""
+        """The changes so far that were said, each with a probability of :data:`SURE` at least."""
         return self.history.changes
 
     @property
@@ -229,7 +229,7 @@ class ChangingBelief:
         return result
 
     def _tails(self, seen: TensorDictBase, first: int, begins: Sequence[int]) -> dict[int, TruncatedMixture]:
-        """What the trajectories from each of these numbers on say; the first of those seen has the number ``first``."""
+        """Return the posterior from each of these trajectories on; the first of those seen has the number ``first``."""
         rows, estimator = [begin - first for begin in begins], self._estimator
         if isinstance(estimator, Tailed):
             found = estimator.tails(seen, rows)

@@ -89,7 +89,7 @@ class ProposalRound:
 
 @dataclass(frozen=True, eq=False)
 class EpsilonFreeRun:
-    """What a run ended with.
+    """Result of a run.
 
     Attributes:
         belief: the posterior, of the last round.
@@ -206,7 +206,7 @@ class EpsilonFree:
         return float((whole.log_unnormalised(drawn.sample_frame((DRAWS,), generator)) >= least).double().mean())
 
     def _next(self, made: ProposalRound, generator: torch.Generator) -> Proposal:
-        """Where to simulate after a round."""
+        """Choose the proposal of the round after this one."""
         if isinstance(made.outcome, TruncatedMixture):
             return self._boxed(made.outcome, generator)
         known = [made.learnt[i] for i in range(len(made.learnt.log_weights))]

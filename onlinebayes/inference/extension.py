@@ -1,4 +1,4 @@
-"""What is known of some parameters, in a space that has grown by others of which nothing is known yet.
+"""Extension of a density over some parameters to a space with new ones, of which nothing is known yet.
 
     p(theta, phi) = p(theta) u(phi),      u uniform on the unit cube of the new parameters
 

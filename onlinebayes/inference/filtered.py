@@ -34,7 +34,7 @@ def filtered_estimator(
     train: Fit = TRAIN,
     levels: Levels = DISTURBED,
 ) -> Callable[[Belief], PosteriorEstimator]:
-    """What a trainer asks for: proposal -> a fresh estimator in the proposal's box.
+    """Build the maker of estimators that a trainer needs: proposal -> a fresh estimator in the proposal's box.
 
     Arguments as for :func:`~onlinebayes.inference.residual_estimator`; ``levels`` as for
     :class:`~onlinebayes.embeddings.FilteredEmbedding`.

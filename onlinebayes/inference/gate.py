@@ -1,4 +1,4 @@
-"""Where to simulate next: narrower only when the belief proves itself on held-out simulations, wider otherwise.
+"""Choice of the next proposal: narrower only when the belief proves itself on held-out simulations, wider otherwise.
 
     alpha_g = credibility of the smallest region of the belief given group g that holds theta_g      (see calibration)
     c = share of g with alpha_g <= level

@@ -1,4 +1,4 @@
-"""Which parameters, and which ratios and products of them, do the data tell something about? From draws, in words.
+"""The parameters, ratios and products that the data tell something about, from draws, in words.
 
     s_i^2 = 12 Var(z_i)        share of the prior's variance that parameter i keeps; z: coordinates of its box
     l_i = log theta_i          where its bounds are positive, else theta_i
@@ -65,7 +65,7 @@ class Combination:
 
 @dataclass(frozen=True)
 class Identifiability:
-    """What a posterior tells of its parameters.
+    """The share of its prior width that a posterior leaves to each parameter, and the combinations that it knows.
 
     Attributes:
         parameters: standard deviation of each, as a share of the prior's.
@@ -94,7 +94,7 @@ class Identifiability:
         return f"{said}; left of the prior's width: {shares}.{f' {self._left()}.' if self.unknown else ''}"
 
     def _left(self) -> str:
-        """How wide the unknown ones are."""
+        """Describe how wide the unknown ones are."""
         names, widths = self.unknown, [self.parameters[name] for name in self.unknown]
         one, within = len(names) == 1, {name for each in self.combinations for name in each.exponents}
         subject = _and(names) + (" alone" if set(names) <= within else "")
@@ -104,7 +104,7 @@ class Identifiability:
 
 
 def identifiability(belief: Belief, prior: Box, *, samples: int = 10_000) -> Identifiability:
-    """What a belief tells of its parameters.
+    """Measure how far a belief determines its parameters and their combinations.
 
     Args:
         belief: any that can be drawn from.

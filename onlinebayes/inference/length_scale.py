@@ -36,7 +36,7 @@ PAIRED = 1000
 
 @dataclass(frozen=True)
 class LengthScaleChoice:
-    """What cross-validation found.
+    """Result of the cross-validation.
 
     Attributes:
         length_scale: the best; where it is the first or the last of the candidates, look beyond it.

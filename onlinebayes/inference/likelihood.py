@@ -84,7 +84,7 @@ class LikelihoodEstimator:
         return FitReport(seconds=monotonic() - begin)
 
     def condition(self, trajectories: TensorDictBase) -> LikelihoodPosterior:
-        """What the trajectories (n, T) of one system say together."""
+        """Return the posterior given all trajectories (n, T) of one system."""
         return self.each(trajectories.unsqueeze(0))[0]
 
     def each(self, groups: TensorDictBase) -> LikelihoodPosteriors:

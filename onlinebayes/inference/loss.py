@@ -70,7 +70,7 @@ class NeuralPosteriorLoss(TensorDictModuleBase):
         self.embedding.fit(*self.keys.read(self.keys.usable(trajectories), self.weight))
 
     def prepare(self, trajectories: TensorDictBase) -> TensorDict:
-        """All that does not depend on a weight, once before training: z of theta, and features with their mask.
+        """Compute once, before training, all that depends on no weight: z of theta, and features with their mask.
 
         Where the embedding has no weights, its vectors stand in place of the features. Trajectories without a recorded
         step are left out; see :meth:`TrajectoryKeys.recorded`. Of sets (G, n, T) the first trajectory is read of the

@@ -34,7 +34,7 @@ NARROW = 1e-3
 
 @runtime_checkable
 class Sampler(Protocol):
-    """What a corner plot needs of a distribution: draws."""
+    """The interface that a corner plot needs of a distribution: draws."""
 
     @property
     def space(self) -> ParameterSpace:

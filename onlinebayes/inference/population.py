@@ -38,7 +38,7 @@ THINNEST = 1e-8
 
 @dataclass(frozen=True, eq=False)
 class Population:
-    """What a run ended with.
+    """Result of a run.
 
     Args:
         belief: the weighted cloud, smoothed.

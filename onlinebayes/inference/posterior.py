@@ -29,7 +29,7 @@ from onlinebayes.runs import BadInput
 
 
 class Posterior:
-    """What is known of theta; conditioning gives a new posterior and leaves this one as it is.
+    """Posterior of theta; conditioning gives a new posterior and leaves this one as it is.
 
     Args:
         loss: the trained loss; embedding, estimator and keys are copied out of it and frozen. Before

@@ -1,4 +1,4 @@
-"""Where to simulate next: the prior, cut to the highest-density region of what is known so far.
+"""The proposal of the next simulations: the prior, cut to the highest-density region of what is known so far.
 
     R = {u : q_w(u) >= c},    P_{q_w}(R) = mass
 
@@ -38,7 +38,7 @@ class Region(Protocol):
     """A set of parameters."""
 
     def contains(self, theta: Tensor) -> Tensor:
-        """Whether theta (..., P) lies in it."""
+        """Check whether theta (..., P) lies in it."""
         ...
 
 
@@ -124,7 +124,7 @@ class TruncatedProposal:
         return self
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
-        """Whether theta lies in the region."""
+        """Check whether theta lies in the region."""
         return self._inside(self._mixture.box.to_frame(theta).to(self._low)).to(theta.device)
 
     def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:

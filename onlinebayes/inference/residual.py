@@ -30,7 +30,7 @@ def residual_estimator(
     observe: Callable[[TensorDictBase], Any] | None = None,
     train: Fit = TRAIN,
 ) -> Callable[[Belief], PosteriorEstimator]:
-    """What a trainer asks for: proposal -> a fresh estimator in the proposal's box.
+    """Build the maker of estimators that a trainer needs: proposal -> a fresh estimator in the proposal's box.
 
     Args:
         simulator: whose parameters are inferred; where it lies, the estimator is trained.

@@ -50,7 +50,7 @@ Told = Mapping[int, TruncatedMixture]
 
 @dataclass(frozen=True)
 class Hazard:
-    """How machines change, and how much is remembered.
+    """Model of the machine's changes, and limits of the memory.
 
     Args:
         rate: h, the probability that theta changes between two trajectories.
@@ -93,7 +93,7 @@ class Run:
     unread: int = 0
 
     def posterior(self, told: Told) -> TruncatedMixture:
-        """What is known of theta if this holds; ``told`` may lack :attr:`unread` where there is no trajectory yet."""
+        """Return the posterior if this holds; ``told`` may lack :attr:`unread` where there is no trajectory yet."""
         new = told.get(self.unread)
         if new is None:
             assert self.start is not None
@@ -147,7 +147,7 @@ class RunLengths:
         return replace(self, number=self.number + 1, runs=tuple(self._folded(run, now) for run in kept))
 
     def _weighed(self, before: Told, alone: TruncatedMixture) -> list[Run]:
-        """All that may be after the trajectory number t, with the logs of their weights."""
+        """List the hypotheses after the trajectory number t, with the logs of their weights."""
         t, h = self.number, self.hazard
         known = [run.posterior(before) for run in self.runs]
         inside = [in_box(one, alone.box) for one in known]

@@ -105,7 +105,7 @@ def load(path: str | Path, space: ParameterSpace | None = None, *, device: torch
 
 
 def _read(path: Path) -> Any:
-    """What the file holds."""
+    """Read the contents of the file."""
     where = str(path)
     if not path.is_file():
         raise BadInput("there is no such file", "look at the path", where=where)

@@ -1,4 +1,4 @@
-"""What every posterior estimator must do, for the tests of those you write yourself.
+"""Conformance checks for posterior estimators, for the tests of those you write yourself.
 
     check_estimator(lambda: MyEstimator(space), simulate, BoxUniform(space))
 

@@ -1,4 +1,4 @@
-"""Which keys of a TensorDict hold a trajectory: the collector's own, unless told otherwise."""
+"""Keys of a TensorDict that hold a trajectory: the collector's own, unless told otherwise."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from onlinebayes.inference.distributions import Box
 from onlinebayes.runs import BadInput
 
 ELSEWHERE: tuple[NestedKey, ...] = (("collector", "mask"), "masks")
-"""Where TorchRL's collectors and ``tensordict.pad_sequence`` put the mask."""
+"""Keys under which TorchRL's collectors and ``tensordict.pad_sequence`` put the mask."""
 
 ROUNDING = 1e-3
-"""How far outside its box z may lie [widths of the box]: single precision of theta in a box a thousandth wide."""
+"""Largest distance of z from its box [widths of the box]: single precision of theta in a box a thousandth wide."""
 
 SHAPE_CURE = (
     "needs (trajectories, steps, width): add [None] to a single trajectory, [..., None] to one number a step, and give "
@@ -75,7 +75,7 @@ class TrajectoryKeys:
         return values[0], values[1], values[2], mask
 
     def recorded(self, simulations: TensorDictBase) -> Bool[Tensor, " B"]:
-        """Which trajectories hold a recorded step; those of worlds that diverged at once hold none.
+        """Find the trajectories that hold a recorded step; those of worlds that diverged at once hold none.
 
         They can be left out of any inference that conditions on a recorded trajectory: p(theta | x) of such an x is
         the same whatever becomes of the others.
@@ -92,7 +92,7 @@ class TrajectoryKeys:
         return found
 
     def mask_of(self, trajectories: TensorDictBase) -> Bool[Tensor, "B T"]:
-        """Which steps of trajectories (B, T) are recorded, wherever the mask stands."""
+        """Return the mask of the recorded steps of trajectories (B, T), wherever it stands."""
         return self._mask(trajectories, self._values(trajectories)[0].shape[:2])
 
     def usable(self, simulations: TensorDictBase) -> TensorDictBase:
@@ -148,7 +148,7 @@ class TrajectoryKeys:
         return found
 
     def _blame_theta(self, trajectories: TensorDictBase, row: int) -> None:
-        """Where theta is no number, its trajectory cannot be any better."""
+        """Raise if theta is no number: then its trajectory cannot be any better."""
         theta = trajectories.get(self.theta, None)
         if theta is not None and not bool(torch.isfinite(theta[row]).all()):
             raise BadInput(f"theta of trajectory {row} is not finite", "draw it anew, or leave the trajectory out")

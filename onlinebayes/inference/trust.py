@@ -95,7 +95,7 @@ def _others(beta: Float[Tensor, " B"], ranks: dict[str, Float[Tensor, " B"]]) ->
 
 
 def _lean(ranks: Float[Tensor, " B"]) -> str:
-    """What ranks that are not uniform say of a parameter's posterior."""
+    """Describe the error of a parameter's posterior whose ranks are not uniform."""
     off = float(ranks.mean()) - 0.5
     if abs(off) > 2 / math.sqrt(12 * len(ranks)):
         return "lies too low" if off > 0 else "lies too high"

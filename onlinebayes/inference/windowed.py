@@ -46,7 +46,7 @@ class Windowed:
         return self.estimator.fit(sets, each, generator=generator)
 
     def condition(self, trajectories: TensorDictBase) -> Belief:
-        """What all windows of the trajectories (n, T) say together."""
+        """Return the posterior given all windows of the trajectories (n, T)."""
         return self.estimator.condition(windows(trajectories, self.steps))
 
     def each(self, groups: TensorDictBase) -> Density:

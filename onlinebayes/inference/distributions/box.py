@@ -82,10 +82,10 @@ class Box:
         return self.space.log_abs_det(theta.double()) - self.log_volume
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
-        """Whether theta lies in the box, edges (and rounding at them) included."""
+        """Check whether theta lies in the box, edges (and rounding at them) included."""
         return self.holds(self.to_frame(theta))
 
     def holds(self, z: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
-        """Whether a point given by its z lies in the box; see :meth:`contains`."""
+        """Check whether a point given by its z lies in the box; see :meth:`contains`."""
         slack = 1e-12 / (self.high - self.low).to(z)
         return ((z >= -slack) & (z <= 1 + slack)).all(-1)

@@ -31,7 +31,7 @@ class BoxUniform:
         return self.box.from_frame(z)
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
-        """Whether theta lies in the box, edges included."""
+        """Check whether theta lies in the box, edges included."""
         return self.box.contains(theta)
 
     def log_prob(self, theta: Float[Tensor, "*batch P"]) -> Float[Tensor, "*batch"]:
