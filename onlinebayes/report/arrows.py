@@ -76,7 +76,7 @@ def send_arrows(
 
 
 def places(model: mujoco.MjModel, joint: int, qpos: Array) -> tuple[Array, Array]:
-    """Where an arrow of a positive force stands, and its direction: both (T, 3), in the world [m, 1]."""
+    """Return the points and directions of the arrow of a positive force: both (T, 3), in the world [m, 1]."""
     data, body = mujoco.MjData(model), int(model.jnt_bodyid[joint])
     points, ways = np.empty((len(qpos), 3)), np.empty((len(qpos), 3))
     for k, row in enumerate(qpos):

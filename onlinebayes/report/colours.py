@@ -6,7 +6,7 @@ COLOURS = {
     "after": (90, 170, 245, 255),
     "command": (150, 200, 140, 255),
 }
-"""What is drawn -> RGBA, for dark and light ground; Rerun draws the measured curve last, so it is translucent."""
+"""Drawn quantity -> RGBA, for dark and light ground; Rerun draws the measured curve last, so it is translucent."""
 
 EFFECTS = ((230, 90, 140, 255), (80, 190, 150, 255), (180, 130, 235, 255), (220, 190, 70, 255))
 """Forces of effects, in turn -> RGBA."""

@@ -16,7 +16,7 @@ from onlinebayes.report.style import stylesheet
 from onlinebayes.runs import Attempts
 
 Part = tuple[str, Callable[[], Html]]
-"""What a part of the page shows, and what makes it."""
+"""The content that a part of the page shows, in words, and the function that makes it."""
 
 PAGE: Final = """<!doctype html>
 <html lang="en">

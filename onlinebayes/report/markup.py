@@ -55,7 +55,7 @@ def section(title: str, *content: str, note: str = "") -> Html:
 
 
 def folded(title: str, *content: str) -> Html:
-    """What only some readers want: closed until its title is clicked; open on paper."""
+    """Fold content that only some readers want: closed until its title is clicked; open on paper."""
     return tag("details", tag("summary", title), *content)
 
 

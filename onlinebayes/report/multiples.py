@@ -35,7 +35,7 @@ def title(profile: Profile) -> str:
 
 
 def telling(profile: Profile) -> str:
-    """Where it concentrates, in one phrase: ``44 % of the error in 12 % of the time: 0 to 0.1 m/s``."""
+    """Say where the error concentrates, in one phrase: ``44 % of the error in 12 % of the time: 0 to 0.1 m/s``."""
     excess = np.subtract(profile.before, profile.time)
     if profile.concentration < EVEN:
         return "no part of it stands out"

@@ -41,7 +41,7 @@ def effects_in_words(effects: Sequence[str], last: str = "and") -> str:
 
 
 def meaning(effect: str) -> str:
-    """What an effect of the vocabulary is, in one phrase from its own documentation; empty for others."""
+    """Describe an effect of the vocabulary in one phrase from its own documentation; empty for others."""
     kind = EFFECTS.get(effect.partition("@")[0])
     first = (kind.__doc__ or "").strip().splitlines()[0] if kind else ""
     return re.split(r"[;.](?:\s|$)", first)[0]

@@ -7,7 +7,7 @@ from onlinebayes.identification import LEAST_GAIN
 
 
 def headline(plan: Plan) -> str:
-    """What to do, in one sentence."""
+    """State the plan in one sentence."""
     if not plan.decides:
         return "No admissible recording decides what is open"
     return f"Play '{described(plan.chosen)}' for {float(plan.time[-1]):.3g} s"
@@ -28,7 +28,7 @@ def beginning(plan: Plan) -> str:
 
 
 def outcome(rivalry: Rivalry) -> str:
-    """What becomes of one pair of rivals, in a word or two."""
+    """Name the outcome for one pair of rivals in a word or two."""
     if rivalry.structural:
         return "structural"
     if rivalry.too_small:
@@ -37,7 +37,7 @@ def outcome(rivalry: Rivalry) -> str:
 
 
 def expected(rivalry: Rivalry) -> str:
-    """What the chosen input does about one pair of rivals."""
+    """Describe what the chosen input can decide about one pair of rivals."""
     first, second = rivalry.names
     if rivalry.structural:
         return f"{first} or {second}: at most {rivalry.best:.2g} sigma under any admissible input"
@@ -48,7 +48,7 @@ def expected(rivalry: Rivalry) -> str:
 
 
 def acceptance(rivalry: Rivalry) -> str:
-    """Whether the true one would be preferred for what it shows; of an effect that is added, from which size on."""
+    """State whether the true one would be preferred for what it shows; of an added effect, from which size on."""
     size = f"{rivalry.accepted_from:.3g} {rivalry.unit}".rstrip() if rivalry.accepted_from is not None else ""
     return (
         f"the true one would gain {rivalry.gain:.2g} nats, and {LEAST_GAIN:g} are asked"
@@ -57,7 +57,7 @@ def acceptance(rivalry: Rivalry) -> str:
 
 
 def remedy(rivalry: Rivalry) -> str:
-    """What would part a structural pair; empty for others."""
+    """Describe the remedy that would part a structural pair; empty for others."""
     if not rivalry.structural:
         return ""
     if not rivalry.remedies:
@@ -69,7 +69,7 @@ def remedy(rivalry: Rivalry) -> str:
 
 
 def instructions(plan: Plan) -> str:
-    """What to do with the command table."""
+    """Describe the use of the command table."""
     return (
         f"play next.csv at least {plan.recordings} times, log it as before, add the tables to 'measurements', "
         "name one of the recordings under 'holdout', and run refine again"

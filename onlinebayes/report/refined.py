@@ -33,13 +33,13 @@ RIVALS = tuple(f"refined-{k + 2}.toml" for k in range(MOST_HYPOTHESES))
 """Problem files of the other models that a result leaves open."""
 
 FILES = ("refined.toml", "refined.xml", *RIVALS)
-"""What ``refine`` writes besides the report, as far as there is a problem file, and a model that MuJoCo takes."""
+"""Files that ``refine`` writes besides the report, where there is a problem file, and a model that MuJoCo takes."""
 
 ASSETS = "refined_assets"
 """Folder beside refined.xml for the meshes and textures that the model had in memory."""
 
 FAILURES = (BadInput, ValueError, mujoco.FatalError)
-"""What MuJoCo raises where it cannot make a file of a model."""
+"""Errors that MuJoCo raises where it cannot make a file of a model."""
 
 
 def left_out(result: Criticism) -> Mapping[str, str]:
@@ -192,7 +192,7 @@ def _spec(result: Criticism, simulator: MujocoSimulator) -> mujoco.MjSpec:
 
 
 def _approximate(result: Criticism, simulator: MujocoSimulator) -> list[str]:
-    """What the file holds in place of fitted moments of inertia that no body has."""
+    """Note the bodies whose fitted moments of inertia no body has; the file holds the nearest possible ones."""
     bodies = simulator.bodies_with_adjusted_inertia(physical(_model(result).simulator, _model(result).theta))
     rule = "the nearest moments of inertia that a body can have (A + B >= C)"
     return [f"{rule} in place of the fitted ones of {', '.join(bodies)}"] if bodies else []
@@ -236,13 +236,13 @@ def _widened(parameters: Mapping[str, Any], result: Criticism, rival: WeightedMo
 
 
 def _does_without(model: FittedModel, name: str, widened: WidenedBounds) -> bool:
-    """Whether a parameter is not free in a model, or has the old bounds there."""
+    """Check whether a parameter is not free in a model, or has the old bounds there."""
     held = unwrap(model.simulator).parameters.get(address_of(name))
     return held is None or (held.low, held.high) == widened.before
 
 
 def _own(parameters: Mapping[str, Any], result: Criticism) -> dict[str, Any]:
-    """What differs between runs, with a value in every run."""
+    """Return the parameters that differ between runs, each with a value in every run."""
     space, found = unwrap(result.final.simulator).parameters, {}
     for change in result.changes:
         given, bounds = parameters.get(change.parameter), space[change.parameter]

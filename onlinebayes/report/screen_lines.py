@@ -1,4 +1,4 @@
-"""What a reader sees first, a line for each question: how wrong, where, what is missing, how much better, what next.
+"""The first lines of a result, one for each question: how wrong, where, what is missing, how much better, what next.
 
     share of an addition = (sum of squares before it - after it) / sum of squares of the base model,    in noise floors,
 
@@ -47,7 +47,7 @@ def first_screen(result: Criticism) -> Iterator[Line]:
 
 
 def shares(result: Criticism) -> dict[str, float]:
-    """What part of the squared error each addition takes away, the largest first."""
+    """Return the share of the squared error that each addition takes away, the largest first."""
     if not result.steps:
         return {}
     base = _squares(result, result.steps[0].error_before)
@@ -113,7 +113,7 @@ def _left(result: Criticism) -> str:
 
 
 def _open(result: Criticism) -> Iterator[str]:
-    """What the data do not say of the parameters."""
+    """Describe the directions of the parameters that the data leave open."""
     flat = result.flat_directions
     yield from (direction.description for direction in flat[:OPEN])
     if left := flat[OPEN:]:

@@ -28,7 +28,7 @@ VERDICTS = {
 
 
 SHOWN_RUNS = 8
-"""How many runs' own values stand in a sentence."""
+"""The most runs whose own values stand in a sentence."""
 
 
 def worst_signal(result: Criticism) -> str:
@@ -79,7 +79,7 @@ def headline(result: Criticism) -> str:
 
 
 def _does(result: Criticism) -> str:
-    """What effects do that were added and explain too little."""
+    """Describe the effects that were added and explain too little."""
     one = len(result.accepted) == 1
     if held_out_gain(result.heldout_error) < LEAST_GAIN:
         return f"{'fits the runs it was' if one else 'fit the runs they were'} fitted to, and not the held-out ones"
@@ -87,7 +87,7 @@ def _does(result: Criticism) -> str:
 
 
 def _not_all(result: Criticism) -> str:
-    """That a law close to the one that is named may be meant, or another besides; empty where only noise is left."""
+    """Add that a similar law may be meant, or another besides the one that is named; empty where only noise is left."""
     if result.remainder.status == "noise":
         return ""
     it = "it" if len(result.accepted) == 1 else "them"
@@ -108,7 +108,7 @@ def improvement(result: Criticism) -> str:
 
 
 def wiring(result: Criticism) -> str:
-    """What the wiring check found and how far mending it brings the error, in one sentence; empty with nothing."""
+    """State the wiring fault that was found and the error with it mended, in one sentence; empty with nothing."""
     found = result.wiring
     if found is None:
         return ""
@@ -120,7 +120,7 @@ def wiring(result: Criticism) -> str:
 
 
 def put_right(result: Criticism) -> str:
-    """What refined.toml and refined.xml hold where the data have a fault, in one sentence; empty without one."""
+    """Describe refined.toml and refined.xml where the data have a fault, in one sentence; empty without one."""
     if result.verdict != "data_problem" or result.wiring is None:
         return ""
     if result.corrected is None:
@@ -135,7 +135,7 @@ def put_right(result: Criticism) -> str:
 
 
 def left_out(effects: Mapping[str, str], files: Sequence[str]) -> str:
-    """What refined.xml cannot hold, in one line; empty without any.
+    """List the effects that refined.xml cannot hold, in one line; empty without any.
 
     Args:
         effects: their keys -> why, as a clause.
@@ -186,7 +186,7 @@ def changes(result: Criticism) -> list[str]:
 
 
 def remainder(result: Criticism) -> str:
-    """What is left after the accepted effects."""
+    """Describe the residual after the accepted effects."""
     ratio = max(result.remainder.rms_over_floor.values(), default=math.nan)
     if result.remainder.status == "noise":
         return f"What is left looks like noise ({quantities.times(ratio)} the sensor noise)."

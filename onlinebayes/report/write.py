@@ -14,7 +14,7 @@ from onlinebayes.report.refined import left_out, noted, write_refined
 from onlinebayes.runs import Attempts, write_atomic
 
 FILES = ("report.html", "run.rrd", "report.json")
-"""What every command writes."""
+"""Files that every command writes."""
 
 
 def write_report(

@@ -33,7 +33,7 @@ def failures(result: Criticism) -> Html:
 
 
 def remainder(result: Criticism) -> Html:
-    """What the final model leaves, signal by signal, the largest first."""
+    """Show the residual that the final model leaves, signal by signal, the largest first."""
     left = sorted(result.remainder.rms_over_floor.items(), key=lambda item: -item[1])
     rows = [
         (

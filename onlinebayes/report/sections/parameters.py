@@ -76,7 +76,7 @@ def _strip(name: str, value: Estimate, bounds: Parameter, base: Estimate | None)
 
 
 def _place(value: float, bounds: Parameter) -> float:
-    """Where a value lies between the bounds [%]."""
+    """Return the place of a value between the bounds [%]."""
     low, high = bounds.low, bounds.high
     if bounds.scale == "log":
         low, high, value = math.log(low), math.log(high), math.log(max(value, low))

@@ -1,4 +1,4 @@
-"""What was tried, how strong the evidence is, and why an effect is in the model or not."""
+"""The effects that were tried, the strength of the evidence, and why an effect is in the model or not."""
 
 from __future__ import annotations
 

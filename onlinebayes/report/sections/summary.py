@@ -12,7 +12,7 @@ from onlinebayes.report import candidate_words, phrases, region_words, replays, 
 from onlinebayes.report.markup import Html, bar, join, prose, tag, wide
 
 SIZES = 5
-"""How many values of effects stand in a tile or a row: the parameters have a table of their own."""
+"""The most values of effects in a tile or a row: the parameters have a table of their own."""
 
 
 def headline(result: Criticism) -> Html:
@@ -68,7 +68,7 @@ def picture(result: Criticism) -> Html:
 
 
 def legend(changed: bool, kinds: tuple[str, ...] = ("measured", "before", "after", "floor")) -> Html:
-    """What the colours mean; there is one model only where nothing was ``changed``."""
+    """Explain the colours; there is one model only where nothing was ``changed``."""
     labels = _LABELS if changed else {**_LABELS, "before": "model"}
     shown = [kind for kind in kinds if changed or kind != "after"]
     return tag("p", *(tag("span", labels[kind], kind=f"key {kind}") for kind in shown), kind="legend")

@@ -1,4 +1,4 @@
-"""What to do next, how to use the refined model, and how the result was reached."""
+"""Advice on the next step, on the use of the refined model, and an account of how the result was reached."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def advice(result: Criticism, files: tuple[str, ...], left_out: Mapping[str, str
 
 
 def _next(result: Criticism) -> Html:
-    """What to do with this verdict."""
+    """Advise on the next step after this verdict."""
     record = tag("p", f"What to record: {result.what_to_record}") if result.what_to_record else ""
     advice = ADD if result.command == "diagnose" and result.accepted else NEXT[result.verdict]
     if result.only_compared:
@@ -70,7 +70,7 @@ def _next(result: Criticism) -> Html:
 
 
 def _changes(result: Criticism) -> list[Html]:
-    """What differs between the runs, and the lines that give each its own value."""
+    """Show the parameters that differ between the runs, and the lines that give each run its own value."""
     sentences = words.changes(result)
     if not sentences:
         return []
@@ -153,7 +153,7 @@ def _fineness(result: Criticism) -> str:
 
 
 def _stages(result: Criticism) -> Html:
-    """What was done, one after the other, and how long it took."""
+    """Show the stages of the work in order, and the time that each took."""
     if not result.timings:
         return Html("")
     rows = [(timing.stage, f"{timing.seconds:.1f} s") for timing in result.timings]

@@ -1,4 +1,4 @@
-"""Where the model fails: by what the machine did, in its worst windows, and with the time for which it runs freely."""
+"""Places of the misfit: by what the machine did, in its worst windows, and with the time for which it runs freely."""
 
 from __future__ import annotations
 
