@@ -1,4 +1,4 @@
-"""What a log says of a model's parameters: a distribution, in place of one fitted value.
+"""The posterior of a model's parameters given a log: a distribution, in place of one fitted value.
 
 found = posterior_of_log(simulator, measurement)
 found.belief.sample((64,)), found.parameters["body.bob.mass"].sd, found.identifiability

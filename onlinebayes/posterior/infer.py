@@ -49,7 +49,7 @@ def posterior_of_log(
     interrupt: Interrupt | None = None,
     memo: Memo | None = None,
 ) -> LogPosterior:
-    """What a log says of a model's parameters.
+    """Infer the posterior of a model's parameters from a log.
 
     Args:
         simulator: the model; its parameters' bounds are the prior.

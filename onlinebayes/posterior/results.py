@@ -1,4 +1,4 @@
-"""What is known of a model's parameters from a log, as frozen values; nothing in these classes computes."""
+"""The posterior of a model's parameters given a log, as frozen values; nothing in these classes computes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ParameterBelief:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """How well the posterior's worlds follow the fit runs in one signal, from each window's best start [its unit].
+    """Error of the posterior's worlds against the fit runs in one signal, from each window's best start [its unit].
 
     Args:
         rms: measured - simulated, median over the posterior.
@@ -54,7 +54,7 @@ class Reproduction:
 
 @dataclass(frozen=True)
 class Method:
-    """How a posterior was made.
+    """Method and data by which a posterior was made.
 
     Args:
         draws: replays of all windows, each at one theta.

@@ -1,4 +1,4 @@
-"""What a log says of theta, in at most P numbers, and how far noise alone would move them.
+"""A summary t of a log for the inference of theta, in at most P numbers, and its spread under noise alone.
 
     C = d r / d u = -U S V',     t(theta) = U' r(theta),     t(theta*) = U' e ~ Student's t_nu(0, Sigma)
 
@@ -67,7 +67,7 @@ class Score:
         return torch.einsum("...wm,wmk->...k", rows, self.basis)
 
     def without(self, rows: Float[Tensor, "*batch W m"]) -> Float[Tensor, "*batch W m"]:
-        """What a fit of theta, to first order, would leave of rows."""
+        """Return the part of rows that a fit of theta, to first order, would leave."""
         return rows - torch.einsum("...k,wmk->...wm", self.of(rows), self.basis)
 
     def log_likelihood(self, t: Float[Tensor, "N K"]) -> Float[Tensor, " N"]:

@@ -1,4 +1,4 @@
-"""How far a score moves by what the machine has and the model lacks, noise or not: Sigma of :mod:`.score`.
+"""Spread of a score by what the machine has and the model lacks, noise or not: Sigma of :mod:`.score`.
 
     Sigma = (K c Sigma_0 + (B* - 1) V) / nu,     V = (B - 1) / B sum_b (t_b - mean)(t_b - mean)',      nu = K + B* + 1
     Sigma_0 = tau / Delta sum_i r_i^2 U_i U_i',  c = max(1, level of V over Sigma_0),                  A_b = U_b' U_b

@@ -77,7 +77,7 @@ def mean_squares(score: Score, rows: Float[Tensor, "N W m"]) -> Float[Tensor, "N
 def reproductions(
     windows: Windows, squares: Float[Tensor, "N S"], weight: Float[Tensor, " N"], units: Mapping[str, str]
 ) -> dict[str, Reproduction]:
-    """How well the posterior's worlds follow each signal; nothing where none could be followed.
+    """Measure the error with which the posterior's worlds follow each signal; empty where none could be followed.
 
     Args:
         windows: that were replayed.

@@ -35,12 +35,12 @@ def parameter(name: str, value: ParameterBelief) -> str:
 
 
 def known(found: Identifiability) -> str:
-    """Which parameters are known, and which only together; their widths stand above where all are."""
+    """Name the parameters that are known, and those known only together; their widths stand above where all are."""
     return str(found) if found.unknown or found.combinations else "every parameter by itself"
 
 
 def reproductions(found: LogPosterior) -> str:
-    """How well the posterior's worlds follow the signal that they follow least well, and how many more there are."""
+    """Describe the signal that the posterior's worlds follow least well, and count the other signals."""
     if not found.reproduction:
         return "none can be followed"
     signal, value = max(found.reproduction.items(), key=lambda one: one[1].rms / max(one[1].noise, 1e-300))
@@ -57,7 +57,7 @@ def reproduction(signal: str, value: Reproduction) -> str:
 
 
 def alarm(found: LogPosterior) -> str:
-    """That no world of the model can be what was measured; nothing where one can."""
+    """Warn that no world of the model can be what was measured; nothing where one can."""
     if found.surprise >= RINGS:
         return ""
     p = quantities.significant(found.surprise, 1)
@@ -69,7 +69,7 @@ def alarm(found: LogPosterior) -> str:
 
 
 def notes(found: LogPosterior) -> tuple[str, ...]:
-    """What else a reader should know."""
+    """List the notes on how the posterior was made, and its own."""
     method, said = found.method, list[str]()
     if method.linear:
         said.append(
