@@ -1,4 +1,4 @@
-"""What a planner makes small: a cost of every step, or minus the reward of a task."""
+"""Costs that a planner minimises: a cost of every step, or minus the reward of a task."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from onlinebayes.simulators import Task
 
 @runtime_checkable
 class Cost(Protocol):
-    """What steps cost, for whole rollouts at once."""
+    """Cost of steps, for whole rollouts at once."""
 
     def __call__(
         self, before: TensorDictBase, action: Float[Tensor, "M H U"], after: TensorDictBase

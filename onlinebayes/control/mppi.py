@@ -37,7 +37,7 @@ DRAWS = 1024
 
 @dataclass(frozen=True)
 class Report:
-    """How the last plan came about, for a batch of B environments.
+    """Diagnostics of the last plan, for a batch of B environments.
 
     Attributes:
         effective: number of candidates that carry the plan, of S (B,). Near 1 the temperature is too low or the noise

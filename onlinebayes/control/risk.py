@@ -27,7 +27,7 @@ from onlinebayes.runs import BadInput
 
 @runtime_checkable
 class Risk(Protocol):
-    """Which worlds a plan is tried in, and how their costs become one."""
+    """Choice of the worlds that a plan is tried in, and the rule by which their costs become one."""
 
     def worlds(self, draws: Float[Tensor, "D P"], number: int, generator: Generator) -> tuple[Tensor, Tensor]:
         """Parameters (K, P) and their weights (K,), which sum to 1.

@@ -41,7 +41,7 @@ AT_ONCE = 2**21
 
 
 class Found(NamedTuple):
-    """What one step gives for B starts.
+    """Result of one step for B starts.
 
     Attributes:
         plan: commands (B, H, U).

@@ -1,4 +1,4 @@
-"""What every planner must do, for the tests of those you write yourself.
+"""Conformance checks for planners, for the tests of those you write yourself.
 
     check_planner(lambda: MyPlanner(...), make_env, belief, another_belief)
 

@@ -94,7 +94,7 @@ class _Attention(nn.Module):
     def forward(
         self, query: Float[Tensor, "B Q E"], x: Float[Tensor, "B T E"], seen: Bool[Tensor, "B T"]
     ) -> Float[Tensor, "B Q E"]:
-        """What each query reads from the steps that are ``seen``."""
+        """Return for each query what it reads from the steps that are ``seen``."""
         q, k, v = (
             values.unflatten(-1, (self.heads, -1)).transpose(1, 2)
             for values in (self.queries(query), self.keys(x), self.values(x))

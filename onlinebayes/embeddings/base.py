@@ -1,4 +1,4 @@
-"""What every embedding is: trajectory -> vector, at once or step by step, blind to padding."""
+"""The interface of embeddings: trajectory -> vector, at once or step by step, blind to padding."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Embedding(nn.Module, ABC):
 
     @property
     def device(self) -> torch.device:
-        """Where it lies."""
+        """The device of the embedding."""
         return self._like.device
 
     def forward(

@@ -1,4 +1,4 @@
-"""What is told to an embedding about one transition (o, a, o'): the inputs decide how sharp a posterior can be.
+"""Input features of an embedding for one transition (o, a, o'): the inputs decide how sharp a posterior can be.
 
     d = o' - o                     what changed
     f = [o, a, d, a x d, r, a x r] a x d: every product of an action with a difference

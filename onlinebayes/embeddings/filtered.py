@@ -1,4 +1,4 @@
-"""What trajectories say of theta under sensor noise: where a filter's likelihood peaks, and how sharply.
+"""Embedding of trajectories under sensor noise: the place and the sharpness of a filter's likelihood peak in theta.
 
     z*, H = peak and information of  sum_i log p(y_i | theta(z))          (see ``likeliest``, ``kalman``)
     Sigma = (H + H_0)^-1 = L L^T,    z = z* + Sigma score
@@ -103,7 +103,7 @@ class FilteredEmbedding(SetEmbedding):
         return Rows(rows[:, 0, :seen], rows[..., seen:-seen], rows[..., -seen:], mask)
 
     def _vector(self, features: Tensor, mask: Tensor) -> Float[Tensor, "G E"]:
-        """What is told, not yet standardised, then z and L."""
+        """Compute the embedding, not yet standardised, then z and L."""
         rows = self.rows(features.flatten(0, 1), mask.flatten(0, 1))
         found = likeliest(self.model, rows, mask.shape[1], self.starts, self._levels)
         P = found.z.shape[-1]

@@ -1,4 +1,4 @@
-"""How likely a noisy trajectory is at theta, and which way to go from there: an extended Kalman filter (Kalman 1960).
+"""Likelihood of a noisy trajectory at theta, and the way to go from there: an extended Kalman filter (Kalman 1960).
 
     s_t+1 = f(s_t, theta, a_t),    y_t = h(s_t) + e_t,    e_t ~ N(0, R),    R = diag(r^2)
     log p(y | theta) = sum_t log N(v_t; 0, V_t)           v_t = y_t - h(predicted s_t), V_t its covariance
@@ -46,7 +46,7 @@ IMPOSSIBLE = -1e30
 
 @runtime_checkable
 class Frame(Protocol):
-    """What z is: a box's coordinates, such as those of ``onlinebayes.inference.Box``."""
+    """The frame of z: a box's coordinates, such as those of ``onlinebayes.inference.Box``."""
 
     def from_frame(self, z: Tensor, /) -> Tensor:
         """Theta of z in [0, 1]^P [units]."""
@@ -63,7 +63,7 @@ class Rows(NamedTuple):
 
 
 class Evidence(NamedTuple):
-    """What a trajectory says of z.
+    """The evidence of a trajectory about z.
 
     Attributes:
         log_likelihood: up to a constant.
@@ -126,7 +126,7 @@ class SimulatorFilter(nn.Module):
         self.register_buffer("spread", torch.ones(sum(self._sizes), dtype=torch.float64, device=device))
 
     def begin_at(self, first: Float[Tensor, "B O"]) -> None:
-        """Where trajectories begin, and how far states lie apart, read off their first observations."""
+        """Set where trajectories begin, and how far states lie apart, from their first observations."""
         covariance = torch.cov(first.T).reshape(2 * first.shape[1:]) - torch.diag(self.noise.square())
         values, vectors = torch.linalg.eigh(covariance)
         least = 1e-4 * self.noise.square().amin()
@@ -140,7 +140,7 @@ class SimulatorFilter(nn.Module):
 
     @torch.no_grad()
     def forward(self, rows: Rows, z: Float[Tensor, "B P"], process: float = 0.0) -> Evidence:
-        """What each trajectory says at its z in [0, 1]^P."""
+        """Compute the evidence of each trajectory at its z in [0, 1]^P."""
         return _Pass(self, rows, z, process, slopes=True).over()
 
     @torch.no_grad()

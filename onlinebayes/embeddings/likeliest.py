@@ -134,7 +134,7 @@ def _climb(sets: _Sets, z: Tensor, steps: int) -> Evidence:
 
 
 def _proposed(z: Tensor, here: Evidence, damping: Tensor) -> tuple[Tensor, Tensor]:
-    """Where a step would lead within the box, and the gain that it promises [nats]."""
+    """Propose a step within the box; return the point where it leads, and the gain that it promises [nats]."""
     H = here.information
     damped = H + torch.diag_embed(damping[:, None] * torch.diagonal(H, dim1=-2, dim2=-1) + RIDGE)
     step = torch.linalg.solve(damped, here.score[..., None])[..., 0].clamp(-FARTHEST, FARTHEST)

@@ -29,7 +29,7 @@ class PooledEmbedding(SetEmbedding):
         self.size = member.size + 1
 
     def scale(self, features: Float[Tensor, "B T F"], mask: Bool[Tensor, "B T"]) -> None:
-        """What the member scales."""
+        """Scale what the member scales, from these features."""
         self.member.scale(features, mask)
 
     def encode_set(self, features: Float[Tensor, "G n T F"], mask: Bool[Tensor, "G n T"]) -> Float[Tensor, "G E"]:
