@@ -67,7 +67,7 @@ def propose_next(problem_file: str, out: str, add: Sequence[str] = ()) -> int:
 
 
 def summary(plan: Plan, folder: Path, names: Sequence[str]) -> str:
-    """What to record and why, in lines of at most 80 columns."""
+    """Summarise the recording that is planned, and why, in lines of at most 80 columns."""
     lines = [("verdict", str(plan.verdict)), ("next", plan_words.headline(plan))]
     if plan.decides:
         lines.append(("start", plan_words.beginning(plan)))

@@ -14,11 +14,11 @@ from onlinebayes.report import REFINED_FILES, REPORT_FILES
 from onlinebayes.runs import BadInput
 
 NAMES = (*REPORT_FILES, *REFINED_FILES)
-"""All that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
+"""All files that ``compare``, ``diagnose`` and ``refine`` write by a name of their own."""
 
 
 def names_of(command: str) -> tuple[str, ...]:
-    """What ``compare``, ``diagnose`` or ``refine`` writes."""
+    """Return the names of the files that ``compare``, ``diagnose`` or ``refine`` writes."""
     return NAMES if command == "refine" else REPORT_FILES
 
 
@@ -89,7 +89,7 @@ def writable(folder: Path, names: Sequence[str] = NAMES) -> Iterator[Path]:
 
 
 def _same(path: Path, inputs: Mapping[Path, str]) -> str:
-    """What a path is among the inputs; empty where it is none of them."""
+    """Return the role of a path among the inputs; empty where it is none of them."""
     if not path.exists():
         return ""
     return next((what for other, what in inputs.items() if other.exists() and path.samefile(other)), "")

@@ -106,7 +106,7 @@ def _inferred(problem: ProblemFile) -> LogPosterior:
 
 
 def summary(models: Sequence[LogPosterior], folder: Path, names: Sequence[str]) -> str:
-    """What is known of each parameter and how far that can be trusted, in lines of at most 80 columns.
+    """Summarise the posterior of each parameter and how far it can be trusted, in lines of at most 80 columns.
 
     Of one model ten lines: the parameters that are known best stand in posterior.json where there are too many.
     """

@@ -28,7 +28,7 @@ CONTENTS = {
     "checkpoint-*": "all that the run needs to go on",
     "report.json": "all figures of the report",
 }
-"""What else a folder may hold, and what it is."""
+"""The other files that a folder may hold -> their contents."""
 
 
 def show(folder: str | Path, *, html: bool = False) -> None:
@@ -81,7 +81,7 @@ def _tell(label: str, text: str) -> None:
 
 
 def has_screen() -> bool:
-    """Whether a window can be opened here."""
+    """Check whether a window can be opened here."""
     if sys.platform in ("darwin", "win32"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,4 +1,4 @@
-"""What a command found, for a terminal of 80 columns, in about ten lines; the report has the rest."""
+"""Summary of a command's result, for a terminal of 80 columns, in about ten lines; the report has the rest."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def summary(result: Criticism, folder: Path, more: Sequence[str] = ()) -> str:
 
 
 def _to_write(result: Criticism) -> Iterator[str]:
-    """What has to be written into the problem file, with the reason."""
+    """Show the lines that have to be written into the problem file, with the reason."""
     if result.wiring:
         yield from _labelled("wiring", words.wiring(result))
         yield from _block(result.wiring.lines)

@@ -62,12 +62,12 @@ def work(command: Question, problem_file: str, out: str, add: Sequence[str] = ()
 
 
 def title_of(path: Path) -> str:
-    """What the report calls the machine: the file's name, or its folder's where it is plain ``problem.toml``."""
+    """Return the machine's name in the report: the file's name, or its folder's where it is plain ``problem.toml``."""
     return path.stem if path.stem != "problem" else path.resolve().parent.name
 
 
 def earlier_looks(folder: Path) -> int:
-    """How often held-out runs were opened for this folder before, from the report that lies there (0 without one)."""
+    """Return how often held-out runs were opened for this folder before, from the report there (0 without one)."""
     try:
         looks = json.loads((folder / "report.json").read_text(encoding="utf-8"))["holdout_looks"]
     except (OSError, ValueError, KeyError, TypeError):

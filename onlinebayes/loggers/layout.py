@@ -1,4 +1,4 @@
-"""How the viewer shows a run: which views there are, where they stand, and the colour of each curve.
+"""Layout of a run in the viewer: its views, their places, and the colour of each curve.
 
 The episode and the belief above; below, each parameter's interval over time, and in tabs the returns beside baselines,
 losses, fits and seconds. A policy that learns alone has no views of a belief. A group of curves has a view for each

@@ -47,7 +47,7 @@ class Film:
 
 @dataclass(frozen=True)
 class Page:
-    """What the page shows.
+    """Contents of the page.
 
     Args:
         title: of the run.

@@ -56,7 +56,7 @@ PLAYED = 60.0  # seconds in which the viewer plays a run
 
 @runtime_checkable
 class Sampler(Protocol):
-    """What is asked of a belief or a proposal."""
+    """The interface of a belief or a proposal."""
 
     @property
     def space(self) -> ParameterSpace:
@@ -120,7 +120,7 @@ class RunRecorder:
         self.step(step, {f"returns/{name}": value for name, value in values.items()})
 
     def seconds(self, step: int, seconds: Mapping[str, float], frames: int | None = None) -> None:
-        """Where the seconds of a step went by part, and over all of them how fast its simulated frames came."""
+        """Record the seconds of each part of a step, and over all of them how fast its simulated frames came."""
         values = {f"seconds/{name}": value for name, value in seconds.items()}
         total = sum(seconds.values())
         self.step(step, values | ({"speed/frames a second": frames / total} if frames is not None and total else {}))
@@ -131,7 +131,7 @@ class RunRecorder:
         self.picture(step, "calibration", charts.to_pixels(chart))
 
     def summary(self, step: int, text: str) -> None:
-        """What stands after a step, in Markdown."""
+        """Record the summary of a step, in Markdown."""
         import rerun as rr
 
         self._at(step).log("summary", rr.TextDocument(text, media_type=rr.MediaType.MARKDOWN))
@@ -283,7 +283,7 @@ class RunRecorder:
             stream.log(layout.path("marginals", name, who), chart)
 
     def _room(self, step: int) -> bool:
-        """Whether a step's pictures and episodes are kept: all until half of the bytes are spent, then ever fewer."""
+        """Check whether a step keeps pictures and episodes: all until half of the bytes are spent, then ever fewer."""
         spent = sum(path.stat().st_size for path in (*self._earlier, self.path) if path.exists())
         halvings = 0
         while spent > self.most * (1 - 0.5 ** (halvings + 1)) and halvings < 8:

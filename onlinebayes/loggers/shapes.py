@@ -12,7 +12,7 @@ GHOST = (232, 135, 52, 255)
 
 
 def archetype(shape: Shape, *, ghost: bool = False) -> Any:
-    """What Rerun draws; a ghost is a wireframe in a colour of its own, and where it is a mesh half transparent."""
+    """Return Rerun's archetype of a shape; a ghost is a wireframe in a colour of its own, a mesh half transparent."""
     import rerun as rr
 
     fill = rr.components.FillMode.MajorWireframe if ghost else rr.components.FillMode.Solid
@@ -37,7 +37,7 @@ def archetype(shape: Shape, *, ghost: bool = False) -> Any:
 
 
 def alike(one: Shape | None, other: Shape) -> bool:
-    """Whether two shapes look the same."""
+    """Check whether two shapes look the same."""
     if one is None or (one.kind, one.size, one.colour) != (other.kind, other.size, other.colour):
         return False
     return all(
