@@ -199,7 +199,7 @@ class ParameterSpace(Mapping[str, Parameter]):
         return torch.where(log, logarithmic, -torch.log(high - low).expand_as(theta)).sum(-1)
 
     def contains(self, theta: Float[Tensor, "*batch P"]) -> Bool[Tensor, "*batch"]:
-        """Whether every parameter lies within its bounds, edges included."""
+        """Check whether every parameter lies within its bounds, edges included."""
         self._check_width(theta)
         low, high, _ = self._bounds(theta)
         return ((theta >= low) & (theta <= high)).all(-1)

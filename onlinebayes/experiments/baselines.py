@@ -1,4 +1,4 @@
-"""What other kinds of run with the same settings reached, for the pages of this one."""
+"""Results of other kinds of run with the same settings, for the pages of this one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a script ends as a command: its exit status, and what it says of bad input and of Ctrl-C.
+"""The end of a script as a command: its exit status, and its lines on bad input and on Ctrl-C.
 
 | exit status | what happened                                                        |
 |-------------|----------------------------------------------------------------------|

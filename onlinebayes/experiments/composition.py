@@ -1,4 +1,4 @@
-"""What an experiment has built: problem, trainer, hidden truth, and how a run of it is judged."""
+"""The parts of an experiment: problem, trainer, hidden truth, and the judgement of a run of it."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class Run(Generic[P]):
         }
 
     def seen_by(self) -> Player | None:
-        """What shows the hidden system."""
+        """Return the player that shows the hidden system."""
         if self.player is None and isinstance(self.problem, Problem):
             return SimulatedPlayer(self.problem, self.trainer.objective.policy, self.truth)
         return self.player

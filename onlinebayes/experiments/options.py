@@ -1,4 +1,4 @@
-"""What every experiment can be told: a seed, a small budget, where its folder goes."""
+"""Options of every experiment: a seed, a small budget, the place of its folder."""
 
 from __future__ import annotations
 

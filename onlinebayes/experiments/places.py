@@ -1,4 +1,4 @@
-"""Where a run's folder lies, and what a run says of it at its end."""
+"""The place of a run's folder, and the line that names it at the end of a run."""
 
 from __future__ import annotations
 
@@ -20,5 +20,5 @@ def folder_of(name: str, settings: Options) -> str:
 
 
 def closing_line(place: Path) -> str:
-    """What an experiment says at its end: where its files lie, and how they are opened."""
+    """Return the last line of an experiment: where its files lie, and how they are opened."""
     return f"written: {place}   open it with: onlinebayes show {place}   or {place / 'run.html'} in a browser"

@@ -1,4 +1,4 @@
-"""What one run with a hidden system is told: which truth, how noisy, which kind of run, who steps the worlds."""
+"""Settings of one run with a hidden system: the truth, the noise, the kind of run, who steps the worlds."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Settings(Options):
             raise BadInput(f"seed {self.seed}, noise {self.noise}", "needs seed >= 0 and 0 <= noise < 1")
 
     def workers(self) -> Workers | None:
-        """What steps the worlds; None for this process."""
+        """Return the workers that step the worlds; None for this process."""
         return workers_of(self.ray_workers)
 
     def schedule(self, steps: int, policy_batches: int, real_steps: int) -> Schedule:
@@ -50,7 +50,7 @@ class Settings(Options):
         return Schedule(steps, policy_batches, real_steps, order=order)  # type: ignore[arg-type]
 
     def worlds(self, problem: Worlds, truth: Float[Tensor, " P"]) -> Distribution | None:
-        """Where the policy's worlds come from: the belief where that is None."""
+        """Return the distribution of the policy's worlds; None for the belief."""
         if self.kind == "prior":
             return problem.prior
         return Point(truth) if self.kind == "oracle" else None
@@ -62,7 +62,7 @@ def workers_of(number: int) -> Workers | None:
 
 
 def recorded_settings(settings: Settings) -> dict[str, Any]:
-    """What a run's folder remembers of its settings, for it goes on with the same only.
+    """Return the settings that a run's folder remembers, for it goes on with the same only.
 
     Not where it lies, and no workers where there are none: a run is the same in another place.
     """

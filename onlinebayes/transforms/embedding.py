@@ -1,4 +1,4 @@
-"""What a policy knows of its world so far: the embedding of the running episode, one step at a time.
+"""Knowledge of a policy about its world so far: the embedding of the running episode, one step at a time.
 
     e_k, h_k = step(features(o_{k-1}, a_{k-1}, o_k), h_{k-1}),    h_0 = initial,    e_0 = 0
 
@@ -27,7 +27,7 @@ VECTOR, HIDDEN = ("embedding", "vector"), ("embedding", "hidden")
 
 @runtime_checkable
 class Stepwise(Protocol):
-    """What is asked of an embedding (a module; see ``onlinebayes.embeddings``).
+    """The interface of a stepwise embedding (a module; see ``onlinebayes.embeddings``).
 
     And ``features``, a module: observation, action, next observation (B, .) -> features (B, F) of single transitions.
     It cannot stand below: from Python 3.12 on ``isinstance`` does not see a module within a module.

@@ -65,7 +65,7 @@ class ParameterRandomization(Transform):
 
     @property
     def distribution(self) -> Distribution:
-        """Where theta comes from now."""
+        """The distribution that theta is drawn from now."""
         return self._distribution
 
     def set_distribution(self, distribution: Distribution) -> None:

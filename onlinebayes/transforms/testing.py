@@ -1,4 +1,4 @@
-"""What every transform of this library must pass, modelled on the list that TorchRL sets its own transforms.
+"""Conformance checks for transforms, modelled on the list that TorchRL sets its own transforms.
 
 | check               | TorchRL's ``TransformBase``                     | what it asks                               |
 |---------------------|-------------------------------------------------|--------------------------------------------|
@@ -126,7 +126,7 @@ def check_buffer(make_transform: MakeTransform, example: Callable[[], TensorDict
 
 
 def check_inverse(make_env: MakeEnv, make_transform: MakeTransform) -> None:
-    """What a policy wrote reaches the environment with the specs it states, and is unchanged for the caller."""
+    """Check that a policy's action reaches the environment within its specs, and is unchanged for the caller."""
     env = TransformedEnv(make_env(), make_transform())
     given = env.rand_action(env.reset())
     before = given.clone()
