@@ -30,7 +30,7 @@ GREEN = (0.55, 0.68, 0.52, 1.0)
 
 
 class Valley(TorchSimulator, ABC):
-    """What both cars drive in; a subclass says what its engine's strength is called."""
+    """The hill of both cars; a subclass says what its engine's strength is called."""
 
     joints = (Joint("car", "slide", max_speed=MAX_SPEED, low=LOW, high=HIGH),)
     timestep = 1.0
@@ -176,7 +176,7 @@ def start(theta: Float[Tensor, "n P"], generator: torch.Generator) -> TensorDict
 
 
 def arrived(state: TensorDictBase, goal: float) -> Bool[Tensor, " N"]:
-    """Whether the car is at the goal and does not roll back."""
+    """Check whether the car is at the goal and does not roll back."""
     return (state.get("qpos")[..., 0] >= goal) & (state.get("qvel")[..., 0] >= 0)
 
 

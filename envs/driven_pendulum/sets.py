@@ -58,7 +58,7 @@ class Encoder:
 
 @dataclass(frozen=True)
 class MeasuredSet:
-    """What the laboratory hands over, and apart from it the truth.
+    """Data that the laboratory hands over, and apart from them the truth.
 
     Args:
         runs: names of the R runs.
@@ -91,7 +91,7 @@ class MeasuredSet:
 
 @dataclass(frozen=True)
 class Protocol:
-    """How a set is recorded.
+    """Protocol by which a set is recorded.
 
     Args:
         fit, held: numbers of runs to fit and to hold out.

@@ -1,4 +1,4 @@
-"""Which sensor to use, on an energy budget (thesis, chapter 3): recorded activities, a phone's battery, the choice."""
+"""Choice of a sensor on an energy budget (thesis, chapter 3): recorded activities, a phone's battery, the choice."""
 
 from envs.egocentric.cost import CameraCost
 from envs.egocentric.motion import MotionPredictor, cross_fitted, features, fit_motion, predicted

@@ -1,4 +1,4 @@
-"""What a second of camera costs: a price of charge, and how fast the camera takes it from the battery.
+"""Cost of a second of camera: a price of charge, and how fast the camera takes it from the battery.
 
     cost = price [1/mAh] x i_camera [mA] x 1 s / 3600 s/h
 

@@ -102,12 +102,12 @@ def cross_fitted(
 
 @torch.no_grad()
 def predicted(model: nn.Module, signals: Float[Tensor, "N R 6"]) -> Float[Tensor, "N 20"]:
-    """What a predictor says of some seconds."""
+    """Predict the log probabilities of the activities in some seconds."""
     return model(signals)
 
 
 def features(sequences: Sequences, log_probability: Float[Tensor, "S T 20"]) -> Float[Tensor, "S T 32"]:
-    """What a policy sees of a second: the predictor's log probabilities, mean and spread of the six signals.
+    """Compute a policy's input of a second: the predictor's log probabilities, mean and spread of the six signals.
 
     Each is standardised over all seconds; the log probabilities are cut off at -8.
     """

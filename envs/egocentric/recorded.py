@@ -38,16 +38,16 @@ class Recorded:
 
     @property
     def motion_right(self) -> Bool[Tensor, " N"]:
-        """Where the motion network is right."""
+        """True where the motion network is right."""
         return self.motion == self.label
 
     @property
     def vision_right(self) -> Bool[Tensor, " N"]:
-        """Where the vision network is right."""
+        """True where the vision network is right."""
         return self.vision == self.label
 
     def vision_rate(self) -> Float[Tensor, " 20"]:
-        """How often the vision network is right, for each activity.
+        """Return the share of seconds in which the vision network is right, for each activity.
 
         Raises:
             BadInput: an activity has no row.
@@ -61,7 +61,7 @@ class Recorded:
 
 @dataclass(frozen=True)
 class PolicyRun:
-    """What a published policy did on N seconds.
+    """Record of a published policy on N seconds.
 
     Attributes:
         label, said: the activity and the answer, in [0, 20).

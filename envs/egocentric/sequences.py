@@ -44,7 +44,7 @@ class Sequences:
 
     @property
     def there(self) -> Bool[Tensor, "S T"]:
-        """Which seconds were recorded."""
+        """True where a second was recorded."""
         return torch.arange(self.signals.shape[1]) < self.length[:, None]
 
     @property

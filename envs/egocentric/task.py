@@ -1,4 +1,4 @@
-"""Which sensor to ask in each second: the cheap one, or the camera.
+"""A task: choose in each second the sensor to ask, the cheap one or the camera.
 
     r(motion) = 1 if it is right, else -1
     r(vision) = 1 + l   vision right, motion wrong
@@ -57,7 +57,7 @@ class Stretches:
 
     @property
     def there(self) -> Bool[Tensor, "E T"]:
-        """Which seconds are not padding."""
+        """True where a second is not padding."""
         return torch.arange(self.features.shape[1], device=self.length.device) < self.length[:, None]
 
     def to(self, device: torch.device | str) -> Stretches:
@@ -135,7 +135,7 @@ class SensorChoice(Task):
         return over | (state.get("qpos").squeeze(-1) <= 0)
 
     def _now(self, state: TensorDictBase) -> tuple[TensorDictBase, Tensor, Tensor]:
-        """What is told, the stretch, and the second that begins; at the end of a stretch its last."""
+        """Return the drawn task, the stretch, and the second that begins; at the end of a stretch its last."""
         told = state.get("task")
         second = state.get("clock").squeeze(-1).round().long().clamp(max=self.horizon - 1)
         return told, told.get("stretch"), second

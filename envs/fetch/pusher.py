@@ -20,7 +20,7 @@ BEHIND = 0.065
 """From the object's centre to where the gripper comes down [m]."""
 
 ASIDE = 0.012
-"""How far the gripper may be off the line while it pushes [m]."""
+"""Largest distance of the gripper from the line while it pushes [m]."""
 
 HIGH, LOW = 0.5, 0.425
 """Heights of the gripper above the object and beside it [m]."""
@@ -29,7 +29,7 @@ GAIN = 12.0
 """Of the command, in units of 5 cm a metre."""
 
 SLOW, FAST = 0.35, 0.05
-"""How far ahead of the gripper it is pushed: that share of the way that is left, and at most so far [m]. A block that
+"""Distance ahead of the gripper that it is pushed: that share of the way left, and at most so far [m]. A block that
 slides easily would else run ahead of the gripper and past the goal."""
 
 CLOSE = 0.01

@@ -38,7 +38,7 @@ from onlinebayes.simulators.mujoco.system import MujocoSystem
 from onlinebayes.simulators.mujoco.worlds import Worlds
 
 REACH = 0.05
-"""How far the hand is pulled by a command of 1 [m]."""
+"""Distance by which a command of 1 pulls the hand [m]."""
 
 
 @final
@@ -133,7 +133,7 @@ class FetchSimulator(Simulator):
         return self.state
 
     def _begun(self, state: TensorDictBase | None) -> TensorDict:
-        """What a state says, and for what it lacks the scene's posture."""
+        """Complete a state: the scene's posture for all that it lacks."""
         start = {"qpos": self.scene.qpos, "qvel": self.scene.qvel}
         rest = {key: torch.from_numpy(row).expand(self.worlds, -1) for key, row in start.items()}
         given = {} if state is None else dict(state.select(*self._system.record.columns, strict=False).items())
@@ -173,7 +173,7 @@ class FetchSimulator(Simulator):
         return other
 
     def snapshot(self) -> dict[str, Any]:
-        """Where all worlds stand, the engine's warm start included."""
+        """Return the state of all worlds, the engine's warm start included."""
         return {"theta": self._theta.clone(), **self._worlds.snapshot()}
 
     def restore(self, snapshot: Mapping[str, Any]) -> None:
@@ -193,7 +193,7 @@ class FetchSimulator(Simulator):
         return drawing.shapes(self._system.model)
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
-        """Where they are."""
+        """Return the poses of the shapes."""
         return drawing.poses(self._system.model, to_host(states.get("qpos")))
 
     def picture(

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 EPS = 4 * np.finfo(float).eps
-"""Where y is a quarter turn, x and z are one angle: below this cosine x is said to be 0."""
+"""Below this cosine x is said to be 0: where y is a quarter turn, x and z are one angle."""
 
 
 class Site:

@@ -106,7 +106,7 @@ class FetchTask(Task):
         return {key: value.to(torch.float32) for key, value in self.exactly(state).items()}
 
     def exactly(self, state: TensorDictBase) -> dict[str, Float[Tensor, "N _"]]:
-        """What is observed, in the precision of the state."""
+        """Observe a state, in the precision of the state."""
         place, velocity = state.get("grip").split(3, dim=-1)
         fingers = list(self.scene.fingers)
         opening, closing = state.get("qpos")[..., fingers], state.get("qvel")[..., fingers] * STEP
@@ -143,7 +143,7 @@ class FetchTask(Task):
     def success(
         self, achieved: Float[Tensor, "*batch 3"], desired: Float[Tensor, "*batch 3"]
     ) -> Bool[Tensor, "*batch"]:
-        """Whether the goal is reached."""
+        """Check whether the goal is reached."""
         return (achieved - desired).norm(dim=-1) < THRESHOLD
 
     def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
@@ -151,7 +151,7 @@ class FetchTask(Task):
         return (Shape("goal", "sphere", (0.02,), RED, moving=False),)
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 1 7"]:
-        """Where it is; see :class:`~onlinebayes.simulators.Drawable`."""
+        """Return the poses of the goal; see :class:`~onlinebayes.simulators.Drawable`."""
         goal = states.get(("task", "goal"))
         upright = goal.new_tensor((1.0, 0.0, 0.0, 0.0)).expand(len(goal), -1)
         return torch.cat((goal, upright), dim=-1)[:, None]
@@ -163,8 +163,8 @@ def _square(n: int, width: int, like: Tensor, generator: torch.Generator) -> Flo
 
 
 def motion(observation: Float[Tensor, "*batch 25"]) -> Float[Tensor, "*batch 12"]:
-    """What tells of friction: object - gripper [m], the object's velocity [m/s], its angular velocity [rad/s], the
-    gripper's velocity [m/s]. In an observation the object's velocity is seen from the gripper, which moves."""
+    """Return the features that show friction: object - gripper [m], velocity of the object [m/s], its angular velocity
+    [rad/s], the gripper's velocity [m/s]. In an observation the object's velocity is seen from the moving gripper."""
     gripper = observation[..., 20:23]
     moving, turning = observation[..., 14:17] + gripper, observation[..., 17:20]
     return torch.cat([observation[..., 6:9], moving / STEP, turning / STEP, gripper / STEP], dim=-1)

@@ -56,7 +56,7 @@ class DrakeHopper(Simulator):
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
-        """What MuJoCo reads in the same file; of the friction, the floor's."""
+        """The values that MuJoCo reads in the same file; of the friction, the floor's."""
         return self._nominal.clone()
 
     @property

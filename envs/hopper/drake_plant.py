@@ -85,7 +85,7 @@ class DrakePlant:
         self.scene.AssignRole(plant.get_source_id(), floor, self._material(RIGID), drake.RoleAssign.kReplace)
 
     def _material(self, soft: SoftContact) -> Any:
-        """What a geometry is made of; Drake puts those of two that touch in series."""
+        """Build the material of a geometry; Drake puts those of two that touch in series."""
         properties = self._drake.ProximityProperties()
         properties.AddProperty("material", "point_contact_stiffness", soft.stiffness)
         properties.AddProperty("material", "relaxation_time", soft.relaxation)
@@ -100,7 +100,7 @@ class DrakePlant:
         return self.rest.Clone()
 
     def writers(self, names: Sequence[str]) -> list[Write]:
-        """What sets each parameter.
+        """Return the functions that set the parameters, one for each.
 
         Raises:
             BadInput: an address that has no meaning here.

@@ -59,6 +59,6 @@ class HopperTask(Task):
         return speed + (~self.terminated(after)).to(speed) - 1e-3 * action.to(speed).square().sum(-1)
 
     def terminated(self, state: TensorDictBase) -> Bool[Tensor, " N"]:
-        """Whether it has fallen: too low, or tilted too far."""
+        """Check whether it has fallen: too low, or tilted too far."""
         qpos = state.get("qpos")
         return (qpos[..., 1] < self.upright + self.fallen) | (qpos[..., 2].abs() > self.tilted)

@@ -47,7 +47,7 @@ def arm(parameters: ParameterSpace = PHYSICAL, worlds: int = 1, threads: int = 0
 
 
 def fingertip(qpos: Float[Tensor, "*batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """Where the fingertip is (x, y, z) [m], at joint angles yaw, shoulder, elbow [rad]."""
+    """Return the position of the fingertip (x, y, z) [m], at joint angles yaw, shoulder, elbow [rad]."""
     yaw, shoulder, elbow = qpos.unbind(-1)
     reach = UPPER * torch.cos(shoulder) + FORE * torch.cos(shoulder + elbow)
     rise = UPPER * torch.sin(shoulder) + FORE * torch.sin(shoulder + elbow)

@@ -94,7 +94,7 @@ class ReachTask(Task):
     def success(
         self, achieved: Float[Tensor, "*batch 3"], desired: Float[Tensor, "*batch 3"]
     ) -> Bool[Tensor, "*batch"]:
-        """Whether the fingertip is within the tolerance of the goal."""
+        """Check whether the fingertip is within the tolerance of the goal."""
         return (achieved - desired).norm(dim=-1) < self.tolerance
 
     def shapes(self, theta: Float[Tensor, " P"]) -> tuple[Shape, ...]:
@@ -102,7 +102,7 @@ class ReachTask(Task):
         return (Shape("goal", "sphere", (self.tolerance,), GREEN, moving=False),)
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T 1 7"]:
-        """Where it is; see :class:`~onlinebayes.simulators.Drawable`."""
+        """Return the poses of the goal; see :class:`~onlinebayes.simulators.Drawable`."""
         goal = states.get(("task", "goal"))
         upright = goal.new_tensor((1.0, 0.0, 0.0, 0.0)).expand(len(goal), -1)
         return torch.cat((goal, upright), dim=-1)[:, None]

@@ -81,7 +81,7 @@ class BlindCase:
 @final
 @dataclass(frozen=True)
 class _Plan:
-    """What a case is made from, before anything moves."""
+    """Plan of a case, made before anything moves."""
 
     hidden: tuple[HiddenEffect, ...] = ()
     level: str = ""

@@ -34,7 +34,7 @@ INERTIAS = (
 @final
 @dataclass(frozen=True)
 class _Pose:
-    """Where the links are: rotations (6, R, 3, 3), hinge axes and points, centres of mass (6, R, 3)."""
+    """Pose of the links: rotations (6, R, 3, 3), hinge axes and points, centres of mass (6, R, 3)."""
 
     rotation: ndarray
     axis: ndarray

@@ -78,7 +78,7 @@ class Drive:
         """Off, the actuators give no force, whatever the command; a servo does not hold its goal either."""
 
     def shaped(self, command: Float[ndarray, "R m"]) -> Float[ndarray, "R m"]:
-        """What reaches the actuators in the next step, on average over it; the first command held before the log."""
+        """Return the mean command at the actuators over the next step; the first command held before the log."""
         if not self._filled:
             self._past[:], self._lagged[:], self._filled = command, command, True
         self._past = np.concatenate([command[None], self._past[:-1]])

@@ -1,4 +1,4 @@
-"""What a rig is asked to do: sums of sines, chirps there and back, steps; a shape in turn for each run and actuator.
+"""Inputs of a rig: sums of sines, chirps there and back, steps; a shape in turn for each run and actuator.
 
     sines   u = sum_i cos(2 pi f_i t + phi_i) / sqrt(n / 2)
     chirp   u = cos(2 pi int f dt)                                  f up and back down

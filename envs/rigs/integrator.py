@@ -130,7 +130,7 @@ class Plant:
         self.time += self.drive.step
 
     def _stepped(self, u: ndarray, h: ndarray) -> tuple[ndarray, ndarray, ndarray]:
-        """Where a step of h [s] (R, 1) leads from here, and the way in which friction acted.
+        """Integrate a step of h [s] (R, 1) from here; return position, velocity, and the way in which friction acted.
 
         What depends on time alone is taken over the whole step, also where h is a part of it.
         """
@@ -208,7 +208,7 @@ class Plant:
         return _solve(M, tau, stuck)
 
     def _stick(self, q: ndarray, v: ndarray, u: ndarray) -> tuple[ndarray, ndarray]:
-        """Which way each joint slips or breaks away, and which ones hold."""
+        """Return the way in which each joint slips or breaks away, and the joints that hold."""
         sign, stuck = np.sign(v), v == 0
         if not self.laws.rubs:
             return sign, np.zeros_like(stuck)

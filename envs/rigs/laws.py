@@ -1,4 +1,4 @@
-"""What acts at the joints beside the equations of motion: resistances, springs, disturbances and dry friction.
+"""Laws at the joints beside the equations of motion: resistances, springs, disturbances and dry friction.
 
     tau = -d v - k v |v| - k1 (q - q0) - k3 (q - q0)^3 + load + A sin(n q + phase) + what no vocabulary knows
     F   = Fc + (Fs - Fc) exp(-(v/vs)^2) + F(sign) + mu |f|            bound of the dry friction, f the actuator's force

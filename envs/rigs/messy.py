@@ -190,7 +190,7 @@ def _plain(key: str) -> str:
 
 
 def _laws(rig: Rig, keys: Iterable[str]) -> set[str]:
-    """What they are, numbers under the name of the effect that is the same law."""
+    """Return the laws of some keys, numbers under the name of the effect that is the same law."""
     return {_plain(rig.laws.get(key, key)) for key in keys}
 
 

@@ -47,7 +47,7 @@ class Recording:
 @final
 @dataclass(frozen=True)
 class Interference:
-    """What the operator does not write down.
+    """Disturbances that the operator does not write down.
 
     Args:
         off: share of a run in which the actuators are off, from 0.4 of its length on.
@@ -61,7 +61,7 @@ class Interference:
 @final
 @dataclass(frozen=True)
 class Habits:
-    """How runs differ from one another.
+    """Differences between the runs.
 
     Args:
         zeros: what the encoders say at zero, by run [m, rad].
@@ -193,7 +193,7 @@ class _Controller:
 
 @final
 class _Amplifier:
-    """What is really sent to the actuators."""
+    """The amplifier, which decides what is really sent to the actuators."""
 
     def __init__(self, rig: Rig, values: Values, interference: Interference, end: float) -> None:
         self.interference = interference
@@ -202,7 +202,7 @@ class _Amplifier:
         self.between = 0.4 * end, (0.4 + interference.off) * end
 
     def on(self, time: float) -> bool:
-        """Whether the actuators give force."""
+        """Check whether the actuators give force."""
         return not (self.interference.off and self.between[0] <= time < self.between[1])
 
     def sent(self, command: Float[ndarray, "R m"], q: Float[ndarray, "R n"]) -> Float[ndarray, "R m"]:

@@ -1,4 +1,4 @@
-"""What a rig is: its equations, the engineer's model of it, how it is driven and read, which effects may hide in it."""
+"""A rig: its equations, the engineer's model of it, its inputs and sensors, the effects that may hide in it."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ SIGNED = ("constant_load", "actuator_gain", "sensor_bias", "sensor_scale", "com_
 @final
 @dataclass(frozen=True)
 class Protocol:
-    """How a rig is driven and read.
+    """Protocol by which a rig is driven and read.
 
     Args:
         step: h of the integrator [s].

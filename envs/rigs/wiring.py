@@ -1,4 +1,4 @@
-"""What goes wrong between a rig and its log: a fault, and the table that it leaves behind.
+"""Faults between a rig and its log, and the table that each of them leaves behind.
 
 | fault                | what the log shows                                               |
 |----------------------|------------------------------------------------------------------|
@@ -60,7 +60,7 @@ class Fault:
 
     @property
     def interference(self) -> Interference:
-        """What is done to the commands while the rig runs."""
+        """Interference with the commands while the rig runs."""
         return Interference(
             off=OFF if self.kind == "actuator_off" else 0.0, compensation=self.kind == "gravity_compensation"
         )

@@ -184,7 +184,7 @@ class SkidSteerKinematics(Simulator):
         return other
 
     def snapshot(self) -> dict[str, Any]:
-        """Where all worlds stand; see :class:`~onlinebayes.simulators.snapshots.Resumable`."""
+        """Return the state of all worlds; see :class:`~onlinebayes.simulators.snapshots.Resumable`."""
         parts = {"theta": self._theta, "pose": self._pose, "speed": self._speed, "failed": self._failed}
         return {key: value.clone() for key, value in parts.items()}
 
@@ -199,7 +199,7 @@ class SkidSteerKinematics(Simulator):
         return picture.shapes(float(radius), float(axial))
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
-        """Where its parts are; see :class:`~onlinebayes.simulators.Drawable`."""
+        """Return the poses of its parts; see :class:`~onlinebayes.simulators.Drawable`."""
         radius, axial, x_icr = self._values(theta)
         return picture.poses(float(radius), float(axial), float(x_icr), states.get("qpos"))
 

@@ -1,4 +1,4 @@
-"""How the robot and its circle look: a body, four wheels of their true radius, a ball at the centre of rotation."""
+"""Drawing of the robot and its circle: a body, four wheels of their true radius, a ball at the centre of rotation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a tyre adds to a linear one: its side force saturates.
+"""Correction of a linear tyre: its side force saturates.
 
     F = W c alpha / (1 + s |alpha|)         at s = 0 the linear tyre, for large slip angles W c / s
 

@@ -1,4 +1,4 @@
-"""What the driver of a skid-steered vehicle allows: it turns a travel and a turn into wheel speeds, within limits.
+"""Limits of the driver of a skid-steered vehicle, which turns a travel and a turn into wheel speeds.
 
     turn_limit           the turn asked for, as half the difference of the wheels' speeds, is cut off [rad/s]
     wheel_saturation     where a wheel would turn faster than a limit, both are slowed by one factor [rad/s]

@@ -1,4 +1,4 @@
-"""What a real skid-steered vehicle adds to two tracks that roll as they are told.
+"""Effects of a real skid-steered vehicle beside two tracks that roll as they are told.
 
     turning_slip       w = w_k / (1 + s |w_k|)                     w_k the kinematic yaw rate [rad/s]
     side_asymmetry     the left wheels roll r (1 - a), the right ones r (1 + a)
