@@ -39,7 +39,7 @@ SEED, MOST = 521, 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to judge."""
+    """Options of the study."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
     """which recipes"""
@@ -116,7 +116,7 @@ def add_cell(table: ResultTable, name: str, n: int, result: dict[str, Any]) -> N
 
 
 def add_alarm(table: ResultTable, name: str, result: dict[str, Any]) -> None:
-    """How often the alarm rang."""
+    """Add the rows on how often the alarm rang."""
     clean, moved = (
         result["clean"],
         [ring for ring, away in zip(result["rings"], result["away"], strict=True) if away > 2],

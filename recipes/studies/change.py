@@ -64,7 +64,7 @@ FRICTION = 0.6
 
 @dataclass(frozen=True)
 class Study:
-    """What to judge."""
+    """Options of the study."""
 
     tasks: tuple[str, ...] = TASKS
     """which recipes"""
@@ -134,7 +134,7 @@ def same(task: str, runs: int) -> dict[str, Any]:
 
 
 def words(runs: int) -> dict[str, Any]:
-    """What is said of pendulums that stay, change, change within a trajectory, or have a hidden friction."""
+    """Judge the verdicts on pendulums that stay, change, change within a trajectory, or have a hidden friction."""
     one, estimator, simulated = fitted("pendulum")
     draw = generator(SEED, "words")
     alarm, prior = Alarm(estimator.loss.embedding, simulated), one.problem.prior
@@ -160,7 +160,7 @@ KEYS = ("observation", "action", ("next", "observation"))
 
 
 def verdict(history: History) -> str:
-    """What is said, by its kind."""
+    """Return the kind of a history's verdict."""
     if history.unexplained:
         return "either" if history.changes else "lacks an effect"
     within = any(change.within for change in history.changes)
@@ -207,7 +207,7 @@ def each(beliefs: Any, theta: Float[Tensor, "G P"]) -> list[tuple[Density, Tenso
 def followed(
     estimator: NeuralEstimator, data: TensorDict, alarm: Alarm | None = None
 ) -> tuple[list[History], list[TruncatedMixture]]:
-    """What :class:`ChangingBelief` makes of G machines (G, n, T), all at once: a network reads sets in batches."""
+    """Apply :class:`ChangingBelief` to G machines (G, n, T), all at once: a network reads sets in batches."""
     G, n = data.shape[:2]
     histories, told = (
         [History(RunLengths(Hazard())) for _ in range(G)],

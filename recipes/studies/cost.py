@@ -42,7 +42,7 @@ SEED = 0
 
 @dataclass(frozen=True)
 class Study:
-    """What to time.
+    """Options of the study.
 
     Args:
         parts: which.
@@ -55,7 +55,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Cost:
-    """What a command took.
+    """Cost of a command.
 
     Args:
         seconds: wall time, start-up included [s].
@@ -141,7 +141,7 @@ def add(results: ResultTable, name: str, cost: Cost, limit: float) -> None:
 
 
 def growth(results: ResultTable, folder: Path) -> None:
-    """How the time grows with data and with candidates."""
+    """Add the rows on how the time grows with data and with candidates."""
     rig = RIGS["two_link_arm"]
     start = spent("diagnose", problem(lengthened(rig, 1, 1.0), "dry_friction@elbow", folder / "start")).seconds
     sizes, times = (4, 8, 16), []

@@ -66,7 +66,7 @@ def tabulate(outcomes: Sequence[Outcome]) -> ResultTable:
 
 @dataclass(frozen=True)
 class Study:
-    """What to run."""
+    """Options of the study."""
 
     seeds: tuple[int, ...] = SEEDS
     """of rigs, noise and networks"""

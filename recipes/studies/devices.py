@@ -36,7 +36,7 @@ TRAJECTORIES, STEPS, OBSERVATION, ACTION = 4000, 50, 4, 2
 
 @dataclass
 class Settings:
-    """What is measured and for how long."""
+    """Options of the measurements."""
 
     worlds: tuple[int, ...] = (4096, 65536)
     """numbers of worlds"""

@@ -35,7 +35,7 @@ BEGIN, END = "<!-- printed by make effect-pages -->", "<!-- end of what is print
 
 @dataclass(frozen=True)
 class Study:
-    """What to make.
+    """Options of the pages.
 
     Args:
         only: names of effects; all when empty.
@@ -52,7 +52,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Card:
-    """What is printed of an effect.
+    """Contents of an effect's page.
 
     Args:
         effect: with the bounds that it has on the standard machine.

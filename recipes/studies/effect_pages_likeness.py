@@ -1,4 +1,4 @@
-"""Which effects look alike: the angle between what two of them do to the replay, once the rest is projected out.
+"""Likeness of effects: the angle between what two of them do to the replay, once the rest is projected out.
 
     c~ = (1 - P) (replay with the effect - replay without) / noise,   P onto the starts and the free parameters' columns
     cos(A, B) = max over the points at which diagnose tries B of  c~_A' c~_B / (|c~_A| |c~_B|)
@@ -29,7 +29,7 @@ CONFOUNDED = 1e-3
 
 @dataclass(frozen=True)
 class Trace:
-    """What an effect does to the replay, in C ways: its specimen, a small step from neutral, its starting values.
+    """Traces of an effect in the replay, in C ways: its specimen, a small step from neutral, its starting values.
 
     Args:
         raw: off the windows' starts.
@@ -43,7 +43,7 @@ class Trace:
 
     @property
     def confounded(self) -> bool:
-        """Whether the free parameters can do what the effect does, when there is little of it."""
+        """True if the free parameters can do what the effect does, when there is little of it."""
         return bool(_share(self)[1] < CONFOUNDED)
 
 

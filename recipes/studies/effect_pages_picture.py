@@ -33,7 +33,7 @@ WIDTH, TALL, LOW = 880, 178, 236
 
 @dataclass(frozen=True)
 class Fingerprint:
-    """What is left of an effect.
+    """Residual that is left of an effect, with the motion beside it.
 
     Args:
         left: RMS of the residual over its noise, of bins, starts free.

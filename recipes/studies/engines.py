@@ -42,7 +42,7 @@ OFF, SECONDS = 1.0, 180.0
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to run."""
+    """Options of the study."""
 
     cases: tuple[str, ...] = tuple(case.name for case in CASES)
     """which cases"""
@@ -81,7 +81,7 @@ def refined(problem: Path, folder: Path) -> tuple[dict[str, Any], float]:
 
 
 def judgement(case: Case, report: Mapping[str, Any]) -> dict[str, Any]:
-    """What a report is worth.
+    """Judge a report.
 
     Args:
         case: what there was to find.

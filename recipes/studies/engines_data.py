@@ -42,7 +42,7 @@ NOISE = 1e-3
 """Of every position [m, rad]."""
 
 FLYING = (0.0, 12.0, 0.0, -1.3, -1.3, 0.0)
-"""Where runs begin: 12 m above the floor they fall for 1.3 s, the joints in the middle of their ranges [m, rad]."""
+"""Start of the runs: 12 m above the floor they fall for 1.3 s, the joints in the middle of their ranges [m, rad]."""
 
 ROOM = 0.05
 """Between a joint and its ends [rad]."""
@@ -57,7 +57,7 @@ SPACE = ParameterSpace({**STANDARD, **{f"joint.{j}.armature": Parameter(0.0, 4.0
 
 @dataclass(frozen=True)
 class Case:
-    """What parts the machine from its model."""
+    """The law that parts the machine from its model, and which of the two has it."""
 
     law: Law
     side: Side

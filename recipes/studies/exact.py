@@ -45,7 +45,7 @@ END = {"cartpole": 5.3, "pendulum": 7.5}
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to compare."""
+    """Options of the study."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
     """which recipes"""

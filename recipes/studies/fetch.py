@@ -88,7 +88,7 @@ CASES: dict[str, Case] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to run."""
+    """Options of the study."""
 
     cases: tuple[str, ...] = tuple(CASES)
     """which ones"""

@@ -77,7 +77,7 @@ QUESTIONS: dict[str, Question] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to run."""
+    """Options of the study."""
 
     questions: tuple[str, ...] = tuple(QUESTIONS)
     """which cells"""
@@ -169,7 +169,7 @@ def rollout(env: SimulatorEnv, policy: Policy, theta: Float[Tensor, "N P"], star
 
 
 def features_of(starts: int) -> TransitionFeatures:
-    """How objects and grippers of all starts move; products of them for one start only, of ten there are too many."""
+    """Build features of the motion in all starts; with products for one start only, of ten there are too many."""
     return TransitionFeatures(12 * starts, 4 * starts, view=side_by_side(motion, starts), products=starts == 1)
 
 

@@ -44,7 +44,7 @@ BUILD: dict[Task, Callable[..., Run]] = {"push": fetch_push.build, "slide": fetc
 
 @dataclass(frozen=True)
 class Study:
-    """What to run."""
+    """Options of the study."""
 
     tasks: tuple[Task, ...] = get_args(Task)
     """which recipes"""
@@ -58,7 +58,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Seen:
-    """What is known of one policy.
+    """Figures of one policy.
 
     Attributes:
         frames, course: steps so far and success at the hidden friction, at each outer step.

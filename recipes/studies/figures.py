@@ -44,7 +44,7 @@ GRID = 200
 
 @dataclass(frozen=True)
 class Study:
-    """What to draw."""
+    """Options of the study."""
 
     figures: tuple[Name, ...] = get_args(Name)
     """which figures"""

@@ -33,7 +33,7 @@ These tables were printed before tables named a commit. The code of today may ho
 
 @dataclass(frozen=True)
 class Study:
-    """What to read."""
+    """Options of the study."""
 
     results: Path = Path("docs/results")
     """folder of the tables, and of the page"""

@@ -181,7 +181,7 @@ def train(name: str, seed: int) -> dict[str, Any]:
 
 
 def batches(case: Case, problem: Problem, objective: Objective, seed: int) -> Iterator[TensorDictBase]:
-    """What a policy learns from: first in worlds that differ, then in default ones."""
+    """Draw the batches that a policy learns from: first in worlds that differ, then in default ones."""
     phases = ((case.differ, problem.prior), (case.batches - case.differ, Point(problem.simulator.nominal)))
     for number, thetas in phases:
         env = problem.worlds(case.worlds, ParameterRandomization(thetas), seed)

@@ -47,7 +47,7 @@ SEEDS = tuple(range(10))
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """Which runs."""
+    """Options of the study."""
 
     systems: tuple[str, ...] = tuple(SYSTEMS)
     """which machines"""
@@ -92,13 +92,13 @@ def jobs_of(study: Study) -> list[Job]:
 
 
 def asked(system: str, effect: str) -> tuple[str, ...]:
-    """How the critic is asked about a machine: as its policy moves it, and where that is hardly, excited too."""
+    """List how the critic is asked about a machine: as its policy moves it, and where that is hardly, excited too."""
     hardly = SYSTEMS[system].excitation is not None and effect in ("friction", "nothing")
     return (NAMING, EXCITED) if hardly else (NAMING,)
 
 
 def named(job: Job) -> dict[str, Any]:
-    """What the critic says of five and of ten real trajectories."""
+    """Ask the critic for its findings on five and on ten real trajectories."""
     seed_everything(job.seed)
     excite = job.kind == EXCITED
     parts = build(Settings(job.seed, system=job.system, effect=job.effect, excite=excite))  # type: ignore[arg-type]
@@ -127,7 +127,7 @@ def named(job: Job) -> dict[str, Any]:
 
 
 def learnt(job: Job) -> dict[str, Any]:
-    """What came of a run."""
+    """Run the training and return its results."""
     began = time.monotonic()
     seed_everything(job.seed)
     parts = build(Settings(job.seed, system=job.system, effect=job.effect, kind=job.kind))  # type: ignore[arg-type]
@@ -169,7 +169,7 @@ def tabled(found: Mapping[Job, dict[str, Any]], study: Study) -> ResultTable:
 
 
 def add_naming(table: ResultTable, name: str, runs: dict[int, dict[str, Any]]) -> None:
-    """Whether the last that the critic found is what is hidden."""
+    """Add the rows on whether the last finding of the critic is what is hidden."""
     if not runs:
         return
     last: list[list[str]] = [next((keys for keys in reversed(run["said"]) if keys), []) for run in runs.values()]
@@ -188,12 +188,12 @@ def add_naming(table: ResultTable, name: str, runs: dict[int, dict[str, Any]]) -
 
 
 def held(good: bool, seeds: int) -> bool | None:
-    """Whether a goal over ten seeds holds; fewer can only miss it."""
+    """Check whether a goal over ten seeds holds; fewer can only miss it."""
     return good if seeds >= len(SEEDS) or not good else None
 
 
 def add_learning(table: ResultTable, name: str, runs: dict[str, dict[int, dict[str, Any]]]) -> None:
-    """What it is worth that the effect was found."""
+    """Add the rows on the gain from finding the effect."""
     seeds = sorted(set.intersection(*(set(runs[kind]) for kind in KINDS)))
     if not seeds:
         return

@@ -51,7 +51,7 @@ RETURN, NEAR = 2400.0, 0.3
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to run."""
+    """Options of the study."""
 
     parts: tuple[Part, ...] = get_args(Part)
     """which parts"""
@@ -76,7 +76,7 @@ def main(study: Study) -> int:
 
 
 def done(study: Study, jobs: Mapping[Key, Callable[[], dict[str, Any]]]) -> Found[Key]:
-    """What jobs give, of which none asks for what another does."""
+    """Return the results of jobs, of which none asks for what another does."""
     return each_kept_or_done("hopper", study.out, jobs, lambda key: "-".join(map(str, key)), study.ray_workers)
 
 
@@ -104,7 +104,7 @@ def ended(out: str, low: float, seed: int, kind: Kind) -> dict[str, Any]:
 
 
 def told(out: str, low: float, seed: int) -> dict[str, Any]:
-    """What one trajectory in either engine tells, by estimators trained in MuJoCo; the prior's density."""
+    """Judge inference from one trajectory in either engine, by estimators trained in MuJoCo; the prior's density."""
     made, _ = trained(out, low, seed, "online")
     seed_everything(seed)
     policy, prior = made.trainer.objective.policy, made.problem.prior

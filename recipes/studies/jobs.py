@@ -32,7 +32,7 @@ NOTHING_KEPT: Mapping[str, str] = {**os.environ, FOLDER: "off"}
 
 @dataclass(frozen=True, kw_only=True)
 class Places:
-    """Where a study keeps what it has done, and what does its jobs."""
+    """The place where a study keeps its jobs, and the workers that do them."""
 
     out: str
     """finished jobs go here"""
@@ -44,7 +44,7 @@ class Places:
 
 @final
 class Found(dict[K, dict[str, Any]]):
-    """What each job gave, by key.
+    """Results of the jobs, by key.
 
     Args:
         results: by key.
@@ -68,7 +68,7 @@ def each_kept_or_done(
     limit: float = math.inf,
     failed: Callable[[K, Failed], dict[str, Any]] | None = None,
 ) -> Found[K]:
-    """What each job gives, from its file where it was done before, be it by another process meanwhile.
+    """Return the result of each job, from its file where it was done before, be it by another process meanwhile.
 
     What other code has done is kept, and said: a study of hours outlives a comment that is changed.
 
@@ -144,7 +144,7 @@ def check_names(told: Iterable[str], known: Iterable[str]) -> None:
 
 
 def printed_by(target: str, study: Any) -> str:
-    """What a table says it was printed by: ``make TARGET``, and whether only a part of it was asked for.
+    """Return the command that a table names as its printer: ``make TARGET``, and whether only a part was asked for.
 
     Args:
         target: of make.

@@ -46,7 +46,7 @@ Sampler = Callable[[Float[Tensor, " D"], int], Float[Tensor, "N P"]]
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to compare."""
+    """Options of the study."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
     """which tasks"""

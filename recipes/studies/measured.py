@@ -50,7 +50,7 @@ def table(names: Sequence[str], data: Path, known: Sequence[Row] = ()) -> Result
 
 
 def belongs(row: Row, name: str) -> bool:
-    """Whether a row is one of this set's."""
+    """Check whether a row is one of this set's."""
     return row.name.startswith((f"{name}:", f"{name}/"))
 
 
@@ -63,7 +63,7 @@ def known_rows(file: Path) -> tuple[Row, ...]:
 
 @dataclass(frozen=True)
 class Study:
-    """What to run."""
+    """Options of the study."""
 
     sets: tuple[str, ...] = sets()
     """which machines"""

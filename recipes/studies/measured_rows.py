@@ -1,4 +1,4 @@
-"""What the studies of measured machines share: ``refine`` as a user runs it, and the rows that every set reports.
+"""Parts that the studies of measured machines share: ``refine`` as a user runs it, and the rows that every set reports.
 
 A set has three parts:
 
@@ -33,7 +33,7 @@ UNITS = {"rad": ("mrad", 1e3), "m": ("mm", 1e3)}
 
 @dataclass(frozen=True)
 class Refined:
-    """What one ``onlinebayes refine`` said.
+    """Report of one ``onlinebayes refine``.
 
     Args:
         name: of the set, before every row.

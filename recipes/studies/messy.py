@@ -58,7 +58,7 @@ MOST_NAMED = 3
 
 @dataclass(frozen=True)
 class Study:
-    """What to run."""
+    """Options of the study."""
 
     first: int = 8000
     """seed of the first case"""
@@ -81,7 +81,7 @@ class Study:
 
 @dataclass(frozen=True)
 class Found:
-    """What refine made of one case.
+    """Result of refine on one case.
 
     Args:
         name: ``rig-seed``.
@@ -115,12 +115,12 @@ class Found:
 
     @property
     def counts(self) -> bool:
-        """Whether what dominates does."""
+        """True if the dominating effect lowers the held-out error enough to dominate."""
         return self.reference is not None and 1 - self.shows >= LEAST_FALL
 
     @property
     def named_first(self) -> bool:
-        """Whether the first accepted addition is what dominates, one of two, or a part of one."""
+        """True if the first accepted addition is what dominates, one of two, or a part of one."""
         return any(self.kind_of(key) == "dominating" for key in self.accepted[:1])
 
     @property
@@ -132,23 +132,23 @@ class Found:
 
     @property
     def all_named(self) -> bool:
-        """Whether all that dominates was accepted."""
+        """True if all that dominates was accepted."""
         rig = self.name.rpartition("-")[0]
         return all(answer(rig, key).found(self.accepted) for key in self.hidden)
 
     @property
     def false(self) -> tuple[str, ...]:
-        """What was accepted and is not there."""
+        """The accepted effects that are not there."""
         return tuple(key for key in self.accepted if self.kind_of(key) == "false")
 
     @property
     def small_first(self) -> bool:
-        """Whether a small one was accepted first."""
+        """True if a small one was accepted first."""
         return any(self.kind_of(key) == "small" for key in self.accepted[:1])
 
     @property
     def worse(self) -> bool:
-        """Whether an accepted addition makes the held-out runs worse."""
+        """True if an accepted addition makes the held-out runs worse."""
         return any(after > WORSE * before for before, after in pairwise(self.errors))
 
     @property
@@ -287,7 +287,7 @@ class Judge:
         return [after[name] / before for name, before in self.before.items() if before > 0]
 
     def named(self, rig: str, hidden: Sequence[str]) -> list[str] | None:
-        """What dominates, as candidates; None where one of them is none."""
+        """Name the dominating effects as candidates; None where one of them is none."""
         found = []
         for key in hidden:
             if key in self.pool:
@@ -341,7 +341,7 @@ def tabulate(cases: Iterable[Found], first: int) -> ResultTable:
 
 
 def told(one: Found) -> str:
-    """What refine said of a case."""
+    """Describe the result of refine on a case."""
     if one.ended:
         return f"no answer: {one.ended}"
     parts = [f"{one.verdict}: {', '.join(one.accepted) or 'nothing'}"]

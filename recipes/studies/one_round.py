@@ -73,7 +73,7 @@ class OneRound:
 
     @classmethod
     def of(cls, task: str, seed: int, noise: float) -> OneRound:
-        """That of a recipe.
+        """Build the round of a recipe.
 
         Args:
             task: which of :data:`TASKS`.

@@ -57,7 +57,7 @@ CIRCLE = ParameterSpace(
 
 @dataclass(frozen=True)
 class Study:
-    """What to run."""
+    """Options of the study."""
 
     parts: tuple[Part, ...] = ("swing-ups", "samples", "risk", "speed")
     """which"""

@@ -49,7 +49,7 @@ LEARNT = Path(onlinebayes.criticism.__file__).parent / "findings" / "learnt.json
 
 @dataclass(frozen=True)
 class Study:
-    """What to run; the numbers of cases are for each rig.
+    """Options of the study; the numbers of cases are for each rig.
 
     Args:
         effects: cases that hide one or two effects.
@@ -74,14 +74,14 @@ class Study:
 
 @dataclass(frozen=True)
 class Statement:
-    """What was said, and which of its names are in the machine."""
+    """A statement of refine, and which of its names are in the machine."""
 
     said: Named
     right: tuple[bool, ...]
 
 
 def statements(judged: Judged) -> list[Statement]:
-    """All that was said of a case."""
+    """List the statements on a case."""
     found = []
     for fields in judged.named:
         said = record(Named, fields)
@@ -91,7 +91,7 @@ def statements(judged: Judged) -> list[Statement]:
 
 
 def in_machine(rig: str, hidden: Sequence[str], name: str) -> bool:
-    """Whether a name is the same law as one that is hidden, or a part of it."""
+    """Check whether a name is the same law as one that is hidden, or a part of it."""
     for key in hidden:
         whole = law(rig, key)
         effect, _, target = whole.partition("@")
@@ -132,7 +132,7 @@ def learn(cases: Sequence[Judged]) -> None:
 
 
 def tabulate(cases: Sequence[Judged], printed_by: str) -> ResultTable:
-    """How often what was said is so, by how probable it was called."""
+    """Tabulate how often a statement is true, by how probable it was called."""
     table = ResultTable("reliability", printed_by, [JUDGED])
     table.add("cases", len(cases), goal=">= 200", holds=len(cases) >= 200)
     said = [one for case in cases for one in statements(case)]

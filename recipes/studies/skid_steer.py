@@ -41,7 +41,7 @@ BELIEFS = ("prior", "first posterior", "second posterior", "truth")
 
 @dataclass(frozen=True)
 class Study:
-    """What to run."""
+    """Options of the study."""
 
     seeds: tuple[int, ...] = (2, 3)
     """of sensors, planner and inference"""
@@ -191,14 +191,14 @@ def loop_rows(table: ResultTable, side: float, loop: Mapping[str, Any]) -> None:
 
 
 def rate_row(table: ResultTable, name: str, rates: list[float], aside: str = "") -> None:
-    """How often a second a belief and a plan for it can be had, by processor time."""
+    """Add the row on how often a second a belief and a plan for it can be had, by processor time."""
     ordered, median = sorted(rates), statistics.median(rates)
     spread = f"{ordered[len(rates) // 10]:.3g} to {ordered[-1 - len(rates) // 10]:.3g} (80 %), processor time{aside}"
     table.add(name, median, spread=spread, unit="1/s", goal=">= 10", holds=median >= 10)
 
 
 def change_rows(table: ResultTable, name: str, drives: Mapping[str, Any]) -> None:
-    """What the load costs in the first 20 s after it is taken up, and in the 20 s after these."""
+    """Add the rows on the cost of the load in the first 20 s after it is taken up, and in the 20 s after these."""
     known = drives["knows"][2]
     others = (
         f"knows it {known:.3g}, same belief as before {drives['stays'][2]:.3g}, old truth {drives['before'][2]:.3g}"

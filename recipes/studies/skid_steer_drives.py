@@ -31,7 +31,7 @@ WINDOW = 5  # steps between two beliefs in a loop, half a second
 
 @dataclass(frozen=True)
 class Drive:
-    """What a drive gave.
+    """Costs, poses and times of a drive.
 
     Args:
         cost: of every step, by world (N, T).

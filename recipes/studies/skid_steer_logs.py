@@ -49,7 +49,7 @@ GOALS = {"husky": Miss(0.21, 0.27), "warthog": Miss(0.50, 0.40)}
 
 @dataclass(frozen=True)
 class Study:
-    """Which splits, and where the results go.
+    """Splits of the study, and places of its results.
 
     Args:
         seeds: one split each; steps and latest delay of the fit were chosen while looking at splits 0 and 2.
@@ -75,7 +75,7 @@ def held_out(measurement: Measurement, seed: int) -> tuple[str, ...]:
 
 
 def found_rows(robot: str, found: Criticism) -> Iterator[Row]:
-    """What ``refine`` says of one robot."""
+    """List the rows on what ``refine`` found on one robot."""
     named = set(found.accepted)
     accepted, uneven = ", ".join(found.accepted) or "none", "side_asymmetry@vehicle" in named
     yield Row(f"{robot}: verdict", found.verdict)
@@ -90,7 +90,7 @@ def found_rows(robot: str, found: Criticism) -> Iterator[Row]:
 
 
 def miss_rows(robot: str, before: Sequence[Miss], after: Sequence[Miss]) -> Iterator[Row]:
-    """How far both models are off, the mean over the splits and each of them."""
+    """List the rows on the errors of both models, the mean over the splits and each of them."""
     for axis, unit in (("position", "m"), ("yaw", "rad")):
         for which, misses in (("nominal", before), ("ours", after)):
             values, most = [float(getattr(one, axis)) for one in misses], float(getattr(GOALS[robot], axis))
@@ -116,7 +116,7 @@ def judge(robot: str, study: Study) -> dict[str, Any]:
 
 
 def over_split(robot: str, problem: ProblemFile, model: SkidSteer, theta: Tensor, seed: int) -> tuple[Miss, Miss]:
-    """How far the nominal model and ours are off, over what one split holds out."""
+    """Measure the errors of the nominal model and ours, over what one split holds out."""
     fit_runs, held = split(problem.measurement, held_out(problem.measurement, seed))
     for name in [name for name in model.parameters if name.startswith("sensor_delay@")]:
         model = model.with_bounds(name, Parameter(0.0, LATEST, "s"))

@@ -1,4 +1,4 @@
-"""How fast worlds are stepped: ``make bench`` -> docs/results/bench.json and bench.md.
+"""Speed at which worlds are stepped: ``make bench`` -> docs/results/bench.json and bench.md.
 
 CartPole: N worlds in one ``SimulatorEnv``, length and mass drawn anew per world at every reset, through a TorchRL
 ``Collector`` with a 2 x 64 policy that samples its actions, against one ``GymEnv("CartPole-v1")`` through the same
@@ -34,7 +34,7 @@ from recipes.studies.timing import PAIRS, alternate, median, rate, spread
 
 @dataclass
 class Settings:
-    """What is measured and for how long."""
+    """Options of the measurements."""
 
     worlds: tuple[int, ...] = (2048, 4096, 8192)
     """numbers of CartPole worlds"""

@@ -1,4 +1,4 @@
-"""How fast MuJoCo's worlds are stepped: the Hopper half of ``make bench``.
+"""Speed at which MuJoCo's worlds are stepped: the Hopper half of ``make bench``.
 
 1024 hoppers with twenty parameters each, random commands, four timesteps a command, worlds that fall start anew with
 fresh parameters, against the shortest loop over ``mujoco.batch`` that keeps as many hoppers going: the same model, the
@@ -31,7 +31,7 @@ GOAL_STEP, GOAL_COLLECTOR = 0.9, 0.65
 
 @dataclass(frozen=True)
 class Bench:
-    """What is measured.
+    """Options of the measurements.
 
     Args:
         worlds: number of hoppers.

@@ -27,7 +27,7 @@ from recipes.studies.jobs import finished
 
 @dataclass(frozen=True)
 class Study:
-    """How often, and which recipe."""
+    """Options of the study."""
 
     recipe: str = "pendulum"
     """whose short run is killed"""

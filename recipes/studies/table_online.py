@@ -49,7 +49,7 @@ ROWS: dict[str, Row] = {
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to run."""
+    """Options of the study."""
 
     rows: tuple[str, ...] = tuple(ROWS)
     """which rows"""

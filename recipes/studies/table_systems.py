@@ -149,7 +149,7 @@ def pendulum_steps(
 def swung(
     h: Float[Tensor, "*size"], phi: Float[Tensor, "*size"], w: Float[Tensor, "*size"], u: Float[Tensor, "*size T"]
 ) -> Float[Tensor, "*size T1 3"]:
-    """What the pendulum's sensors see without noise: (cos phi, sin phi, w) at 0, h, ... T h.
+    """Simulate the pendulum's sensors without noise: (cos phi, sin phi, w) at 0, h, ... T h.
 
     Args:
         h: timestep [s].

@@ -58,7 +58,7 @@ Maker = Callable[[ParameterSpace, TensorDictBase], PosteriorEstimator]
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to print."""
+    """Options of the study."""
 
     systems: tuple[str, ...] = tuple(SYSTEMS)
     """which rows"""

@@ -57,7 +57,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to compare."""
+    """Options of the study."""
 
     tasks: tuple[str, ...] = tuple(TASKS)
     """which systems"""
@@ -173,7 +173,7 @@ def paced(
 
 
 def timed(work: Callable[[], T]) -> tuple[T, float]:
-    """What it gives, and its processor time [s]: what other work beside the study takes is not counted."""
+    """Return the result of some work, and its processor time [s]: what other work takes beside it is not counted."""
     begin = time.process_time()
     result = work()
     return result, time.process_time() - begin

@@ -1,4 +1,4 @@
-"""What a user of sbi would write: NPE with one of its densities, on our features or on the raw trajectory.
+"""The inference that a user of sbi would write: NPE with one of its densities, on our features or the raw trajectory.
 
 | method        | x                                                                     | before the density          |
 |---------------|-----------------------------------------------------------------------|-----------------------------|
@@ -75,7 +75,7 @@ class Each:
         return self._log_prob(theta[None])[0] - self.inside.log()
 
     def credibility(self, theta: Tensor) -> Tensor:
-        """That of the smallest region with theta on its edge, one for each posterior; 1 where no draw lies inside."""
+        """Return each posterior's credibility of the smallest region with theta on its edge; 1 if no draw is inside."""
         denser = (self._densities >= self._log_prob(theta[None])) & torch.isfinite(self._densities)
         share = denser.float().mean(0) / self.inside
         return torch.where(torch.isfinite(self._densities).any(0), share, 1.0)

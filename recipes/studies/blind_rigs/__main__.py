@@ -28,7 +28,7 @@ from recipes.studies.jobs import check_names, each_kept_or_done, print_rows, rec
 
 @dataclass(frozen=True)
 class Study:
-    """What to run; the numbers of cases are for each rig.
+    """Options of the study; the numbers of cases are for each rig.
 
     Args:
         effects: cases that hide one or two effects.

@@ -58,7 +58,7 @@ def loaded(made: BlindCase) -> ProblemFile:
 
 
 def refined(problem: ProblemFile) -> Criticism:
-    """What refine says of a problem."""
+    """Refine a problem with its own settings."""
     return refine(
         problem.simulator,
         problem.measurement,
@@ -111,7 +111,7 @@ def judged(made: BlindCase, problem: ProblemFile, result: Criticism, seconds: fl
 
 
 def _beside(made: BlindCase, problem: ProblemFile, result: Criticism, reference: float | None) -> dict[str, float]:
-    """What each of several hidden effects does beside the others; nothing of one alone, or where there is no truth."""
+    """Measure the effect of each of several hidden ones beside the others; nothing of one alone, or without a truth."""
     hidden = _spelt(made)
     if reference is None or len(hidden) < 2:
         return {}
@@ -150,12 +150,12 @@ def _standing(candidate: Candidate) -> str:
 
 
 def _deviations(result: Criticism, truth: Mapping[str, float]) -> dict[str, float]:
-    """How far each estimate that is said to mean something is from the truth, in half widths of its interval."""
+    """Return the error of each estimate that is said to mean something, in half widths of its interval."""
     given = {name: estimate for name, estimate in result.parameters.items() if estimate.identifiable and name in truth}
     return {name: 2 * (e.mean - truth[name]) / (e.q95 - e.q05) for name, e in given.items() if e.q95 > e.q05}
 
 
 def _coverage(result: Criticism, truth: Mapping[str, float]) -> tuple[int, int]:
-    """How many of the 90 % intervals hold the truth, of those that are said to mean something."""
+    """Count the 90 % intervals that hold the truth, of those that are said to mean something, and all of those."""
     given = {name: estimate for name, estimate in result.parameters.items() if estimate.identifiable and name in truth}
     return sum(e.q05 <= truth[name] <= e.q95 for name, e in given.items()), len(given)

@@ -1,4 +1,4 @@
-"""Which names are right: a hidden effect as the library spells it, its equals, and what it is made of.
+"""Rules for the right names: a hidden effect as the library spells it, its equals, and what it is made of.
 
 | name                            | of ``asymmetric_friction@j``                              |
 |---------------------------------|-----------------------------------------------------------|
@@ -24,7 +24,7 @@ COMPOSED: Mapping[str, tuple[str, ...]] = {"asymmetric_friction": ("dry_friction
 
 @dataclass(frozen=True)
 class Answer:
-    """What counts as finding one hidden effect.
+    """Rule for finding one hidden effect.
 
     Args:
         names: laws of which any is right alone.
@@ -39,16 +39,16 @@ class Answer:
     rig: str = ""
 
     def named(self, key: str) -> bool:
-        """Whether a key is right alone."""
+        """Check whether a key is right alone."""
         return law(self.rig, key) in self.names
 
     def found(self, accepted: Iterable[str]) -> bool:
-        """Whether what was accepted holds the effect."""
+        """Check whether the accepted effects hold this one."""
         present = {law(self.rig, key) for key in accepted}
         return bool(self.names & present) or (bool(self.parts) and all(part & present for part in self.parts))
 
     def admits(self, key: str) -> bool:
-        """Whether a key is no false alarm."""
+        """Check whether a key is no false alarm."""
         named = law(self.rig, key)
         return named in self.names | self.simpler or any(named in part for part in self.parts)
 

@@ -1,4 +1,4 @@
-"""Which cases are judged and in which order: all kinds and rigs advance together, so that a part is a sample."""
+"""Cases that are judged, and their order: all kinds and rigs advance together, so that a part is a sample."""
 
 from __future__ import annotations
 

@@ -112,7 +112,7 @@ class Judged:
 
     @property
     def answers(self) -> tuple[Answer, ...]:
-        """What counts as finding each hidden effect."""
+        """The rule for finding each hidden effect."""
         return tuple(answer(self.rig, key) for key in self.hidden)
 
     @property
@@ -129,17 +129,17 @@ class Judged:
 
     @property
     def counts(self) -> bool:
-        """Whether the case can be right or wrong: all but faint effects."""
+        """True if the case can be right or wrong: all but faint effects."""
         return self.kind != "effect" or self.size != "faint"
 
     @property
     def shows(self) -> bool:
-        """Whether each of two hidden effects lowers the held-out error beside the other."""
+        """True if each of two hidden effects lowers the held-out error beside the other."""
         return len(self.beside) > 1 and min(self.beside.values()) >= FAINT
 
     @property
     def right(self) -> bool:
-        """Whether the verdict is right: the kind's own, and about the right thing where it names one."""
+        """True if the verdict is right: the kind's own, and about the right thing where it names one."""
         if self.kind == "effect":
             named = self.verdict == "missing_effect" or (
                 self.verdict == RIGHT["own"] and self._named(self.accepted[:1])
@@ -158,7 +158,7 @@ class Judged:
 
     @property
     def first_right(self) -> bool:
-        """Whether the first-ranked candidate is hidden, or a part of what is and the rest was found too."""
+        """True if the first-ranked candidate is hidden, or a part of what is and the rest was found too."""
         return any(
             answer.named(self.first) or (answer.admits(self.first) and answer.found(self.accepted))
             for answer in self.answers
@@ -166,17 +166,17 @@ class Judged:
 
     @property
     def first_or_tied(self) -> bool:
-        """Whether the first-ranked candidate is right, or is said to be indistinguishable from what is hidden."""
+        """True if the first-ranked candidate is right, or is said to be indistinguishable from what is hidden."""
         return self.first_right or self._tied_with_hidden()
 
     @property
     def all_found(self) -> bool:
-        """Whether every hidden effect was accepted."""
+        """True if every hidden effect was accepted."""
         return all(answer.found(self.accepted) for answer in self.answers)
 
     @property
     def innocent(self) -> tuple[str, ...]:
-        """What was accepted and is not there."""
+        """The accepted effects that are not there."""
         if self.kind in ("outside", "wiring", "bounds", "short"):
             return ()  # a wrong verdict is counted there; what it names is neither hidden nor innocent
         members = frozenset[str]().union(*self._members()) if self.kind == "tie" else frozenset[str]()
@@ -199,7 +199,7 @@ class Judged:
 
     @property
     def missed(self) -> bool:
-        """Whether anything about it is worth a look."""
+        """True if anything about it is worth a look."""
         if not self.counts:
             return bool(self.innocent)
         named = self.kind != "effect" or (self.all_found and (len(self.hidden) > 1 or self.first_right))
@@ -207,11 +207,11 @@ class Judged:
         return not (self.right and named) or bool(wrong)
 
     def _named(self, keys: Iterable[str]) -> bool:
-        """Whether one of these keys is right alone."""
+        """Check whether one of these keys is right alone."""
         return any(answer.named(key) for answer in self.answers for key in keys)
 
     def _tied_with_hidden(self) -> bool:
-        """Whether the first accepted effect is said to be indistinguishable from one that is hidden."""
+        """Check whether the first accepted effect is said to be indistinguishable from one that is hidden."""
         return self.verdict == "tie" and self._named(self.equal)
 
     def _members(self) -> tuple[frozenset[str], frozenset[str]]:
@@ -220,11 +220,11 @@ class Judged:
         return hidden, frozenset[str]().union(*(spellings(key) for key in self.partners))
 
     def _cured(self) -> bool:
-        """Whether the fault that was named is the one that was made: a wrong cure is no right answer."""
+        """Check whether the fault that was named is the one that was made: a wrong cure is no right answer."""
         kind, _, rest = self.fault.partition(" ")
         words = CURES[kind] if kind in CURES else ("large",) if rest.endswith(" 10") else ("small",)
         return any(word in self.wiring for word in words)
 
     def _equals_are_partners(self) -> bool:
-        """Whether a tie on an effect set is the rig's own: its members are names of what is hidden."""
+        """Check whether a tie on an effect set is the rig's own: its members are names of what is hidden."""
         return bool(self.equal) and all(self._named([key]) for key in self.equal)

@@ -31,7 +31,7 @@ class Goal:
         return f">= {self.least:g}" if self.least is not None else f"<= {self.most:g}"
 
     def holds(self, value: float) -> bool:
-        """Whether a value is within the bounds."""
+        """Check whether a value is within the bounds."""
         return (self.least is None or value >= self.least) and (self.most is None or value <= self.most)
 
 
@@ -159,7 +159,7 @@ def _misses(table: ResultTable, found: Iterable[Judged]) -> None:
 
 
 def told(judged: Judged) -> str:
-    """What refine said, what it ranked first, and why the right name was refused."""
+    """Describe the verdict of refine, its first-ranked candidate, and why the right name was refused."""
     if judged.ended:
         return f"no answer: {judged.ended}"
     parts = [f"{judged.verdict}: {', '.join(judged.accepted) or 'nothing'} accepted"]

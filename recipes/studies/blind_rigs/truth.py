@@ -1,4 +1,4 @@
-"""What the truth would give: the hidden effects added by hand, fitted from their true values, on the held-out runs.
+"""The reference of the truth: the hidden effects added by hand, fitted from their true values, on the held-out runs.
 
 A number of the model that is off is freed, and fitted from the machine's.
 

@@ -44,7 +44,7 @@ HOT = ((300.0, 600.0), (225.0, 450.0), (150.0, 600.0))
 
 @dataclass(frozen=True)
 class Study:
-    """What is run, and where it goes."""
+    """Options of the study."""
 
     seed: int = 2
     """of splits, networks and draws; settings were chosen while looking at folds of seed 0"""

@@ -34,7 +34,7 @@ TRADE_OFFS = (0.0, 0.1, 0.2, 0.3, 0.4)
 
 @dataclass
 class Seen:
-    """What came of a split, all test stretches together.
+    """Results of a split, all test stretches together.
 
     Attributes:
         test: the stretches.
@@ -136,7 +136,7 @@ def keep(file: Path, seen: Seen) -> None:
 
 
 def kept(file: Path) -> Seen:
-    """What :func:`keep` wrote."""
+    """Read the results that :func:`keep` wrote."""
     with np.load(file, allow_pickle=False) as stream:
         arrays = {name: torch.from_numpy(stream[name]) for name in stream.files}
     test = Stretches(*(arrays[f"test.{name}"] for name in STRETCHES))

@@ -31,7 +31,7 @@ def judge(data: Path) -> tuple[Row, ...]:
 
 
 def _credited(refined: Refined, ball: str, wanted: bool) -> Row:
-    """Whether the 90 % interval of a ball's drag excludes nothing."""
+    """Judge whether the 90 % interval of a ball's drag lies above zero."""
     lows = [value["q05"] for name, value in refined.report["parameters"].items() if f"[run {ball}-*]" in name]
     credited = bool(lows) and min(lows) > 0
     goal = "drag" if wanted else "none"

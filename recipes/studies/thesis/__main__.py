@@ -27,7 +27,7 @@ from recipes.studies.thesis.rows import Job, Part, tables
 
 @dataclass(frozen=True, kw_only=True)
 class Study(Places):
-    """What to print."""
+    """Options of the study."""
 
     parts: tuple[Part, ...] = ("4.1", "5.1", "loop")
     """Table 4.1, Table 5.1, and its runs of the thesis's own learner"""

@@ -45,7 +45,7 @@ def tables(found: Mapping[Job, dict[str, Any]], command: str, seeds: Sequence[in
 
 
 def done(found: Iterable[Job], parts: Sequence[str], each_noise: int) -> str:
-    """How much of a table stands."""
+    """Count the jobs of a table that are done."""
     return f"{sum(job[0] in parts for job in found)} of {len(NOISES) * each_noise}"
 
 

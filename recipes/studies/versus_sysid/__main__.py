@@ -29,7 +29,7 @@ NEEDED = ("colorama", "tabulate", "yaml", "imageio", "plotly")
 
 @dataclass(frozen=True)
 class Study:
-    """What to run.
+    """Options of the study.
 
     Args:
         cases: number of blind cases; EMPS comes on top where ``ONLINEBAYES_DATA`` is set.

@@ -1,4 +1,4 @@
-"""Which cases are compared, and what is right in each: 50 blind ones, 10 of them with nothing hidden, and EMPS.
+"""Cases of the comparison, and their right answers: 50 blind ones, 10 of them with nothing hidden, and EMPS.
 
 Interleaved over the rigs, so that a part of them is a sample. Of each five cases of a rig one hides nothing.
 """
@@ -27,7 +27,7 @@ EVERY = 5
 FIRST = 2000
 """Seed of a rig's first case of a kind."""
 PUBLISHED = measured_emps.WANTED
-"""What the benchmark's own reference model of EMPS holds beside mass and viscous friction."""
+"""Laws of the benchmark's own reference model of EMPS beside mass and viscous friction."""
 
 
 @final

@@ -34,7 +34,7 @@ Trial = tuple[Job, str]
 @final
 @dataclass(frozen=True)
 class Outcome:
-    """What one method made of one case.
+    """Result of one method on one case.
 
     Args:
         case, method: which.

@@ -1,4 +1,4 @@
-"""What is compared, each ``fit(task) -> Fitted``: the engineer's model alone, ``refine`` with all candidates, sysid."""
+"""Compared methods, each ``fit(task) -> Fitted``: the engineer's model alone, ``refine`` with all candidates, sysid."""
 
 from __future__ import annotations
 

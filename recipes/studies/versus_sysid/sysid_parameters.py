@@ -1,4 +1,4 @@
-"""What ``mujoco.sysid`` is given to free: all that an MJCF can say about the machine, with bounds and names.
+"""Parameters that ``mujoco.sysid`` may free: all that an MJCF can say about the machine, with bounds and names.
 
 | parameter                        | where                       | claims                                       |
 |----------------------------------|-----------------------------|----------------------------------------------|

@@ -1,4 +1,4 @@
-"""What every method is given, and what it gives back: the same runs, the same held-out windows.
+"""Input and output of every method: the same runs, the same held-out windows.
 
 The held-out windows are criticism's own: one second, tiled without overlap, from the smoothed measured starts. They
 are cut once, from the engineer's model, so that all methods predict the same rows from the same starts.
