@@ -64,7 +64,7 @@ class TakesUpALoad:
         return (self._light if self._made <= self._before else self._heavy).run(policy, steps)
 
     def state_dict(self) -> dict[str, Any]:
-        """Where it stands, for a checkpoint."""
+        """Return the state of the system, for a checkpoint."""
         return {"made": self._made, "light": self._light.state_dict(), "heavy": self._heavy.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

@@ -51,7 +51,7 @@ class Settings(experiments.Settings):
 
 
 def set_parameters(env: Any, values: Mapping[str, float]) -> None:
-    """What Gymnasium calls them."""
+    """Set the parameters by Gymnasium's names for them."""
     env.unwrapped.l, env.unwrapped.m = values["length"], values["mass"]
 
 

@@ -1,4 +1,4 @@
-"""Which sensor to use, on an energy budget: chapter 3 of the thesis, and the battery that its end asks for.
+"""Choice of a sensor on an energy budget: chapter 3 of the thesis, and the battery that its end asks for.
 
     python -m recipes.egocentric [--seed S] [--recorded] [--short]      a minute or two
 

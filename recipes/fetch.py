@@ -1,4 +1,4 @@
-"""What the recipes of the Fetch arm share: worlds to learn in and to be judged in, DDPG with hindsight, success.
+"""Parts that the recipes of the Fetch arm share: worlds to learn in and to be judged in, DDPG with hindsight, success.
 
 The policy learns in lean worlds, whose idle parts are left out; inference and judges have the exact ones. Settings of
 the policy: Plappert et al., Multi-Goal Reinforcement Learning (2018), with smaller networks and returns of three steps.
@@ -27,7 +27,7 @@ from onlinebayes.transforms import Distribution, ParameterRandomization
 
 WORLDS, STEPS = 64, 50
 WORDS = {"last": "success", "ever": "success at any step", "at_start": "met at the start", "moved": "object moved"}
-"""What the shares of :class:`Success` are called in a log."""
+"""Names of the shares of :class:`Success` in a log."""
 
 MOVED = 0.01
 """From where on an object counts as moved [m]."""
@@ -126,7 +126,7 @@ class Success:
 
 
 def success(problem: Problem, policy: Policy, worlds: Distribution, episodes: int = 128, seed: int = 77) -> Success:
-    """What a policy's deterministic action reaches in worlds of one kind."""
+    """Measure the success of a policy's deterministic action in worlds of one kind."""
     found = outcomes(problem, policy, worlds, episodes, seed)
     shares = (found.reached[:, -1], found.reached.any(1), found.at_start, found.moved)
     return Success(*(float(share.double().mean()) for share in shares))
@@ -134,7 +134,7 @@ def success(problem: Problem, policy: Policy, worlds: Distribution, episodes: in
 
 @dataclass(frozen=True)
 class Outcomes:
-    """What became of episodes.
+    """Outcomes of episodes.
 
     Attributes:
         reached: whether the goal is reached after each step (N, T).

@@ -57,7 +57,7 @@ class Settings(experiments.Settings):
 
 @dataclass(frozen=True)
 class Amounts:
-    """How much of everything.
+    """Budget of all parts.
 
     Attributes:
         first: batches in worlds of the prior, before anything is measured.

@@ -81,7 +81,7 @@ class Settings(Options):
 
 @dataclass(frozen=True)
 class Parts:
-    """What a run is made of.
+    """Parts of a run.
 
     Args:
         trainer: of this kind of run.

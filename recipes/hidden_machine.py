@@ -49,7 +49,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Hidden:
-    """What a machine has and its model does not know.
+    """Effects of a machine that its model does not know.
 
     Args:
         friction: bound F of a dry friction [N, N m].

@@ -127,7 +127,7 @@ SYSTEMS = {
 
 
 def hides(system: System, what: str) -> tuple[Hidden, Effect | None]:
-    """What a machine hides, and the library's word for it."""
+    """Return the effect that a machine hides, and the library's word for it."""
     if what == "friction":
         joint = system.model.targets("joint").index(system.joint)
         effect = DryFriction(system.joint, Parameter(0.0, 5 * system.friction, ""))

@@ -69,7 +69,7 @@ def hidden_log(problem: Problem, truth: Float[Tensor, " 2"], seed: int) -> Tenso
 
 @dataclass(frozen=True)
 class Choices:
-    """What a policy does in each sequence for each of the shares.
+    """Choices of a policy in each sequence for each of the shares.
 
     Attributes:
         use: share of the sequence's seconds with the camera.
@@ -99,7 +99,7 @@ def share_paid(charge: Tensor, seconds: float, theta: Float[Tensor, " 2"]) -> Te
 
 @dataclass(frozen=True)
 class Day:
-    """What came of days with a battery.
+    """Results of days with a battery.
 
     Attributes:
         accuracy: share of the seconds that are recognised; none after the battery is empty.

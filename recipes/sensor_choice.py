@@ -1,4 +1,4 @@
-"""What the recipe and the study of the sensor choice share: episodes, the actor-critic's training, accuracy over use.
+"""Parts that recipe and study of the sensor choice share: episodes, the actor-critic's training, accuracy over use.
 
     accuracy(u) = acc_motion + mean over seconds of a (q - m),     a = 1 in the u N seconds that rank highest
 
@@ -31,7 +31,7 @@ COSTS = torch.linspace(0.0, 2.0, 21)
 
 @dataclass(frozen=True)
 class Training:
-    """How long a policy learns.
+    """Amount of training of a policy.
 
     Args:
         worlds: episodes that are played at once.
@@ -136,7 +136,7 @@ def leaning(objective: ActorCritic, seen: Stretches, trade_off: float, cost: flo
 
 
 def attachment(objective: ActorCritic, seen: Stretches) -> Float[Tensor, "E T"]:
-    """How long the policy holds on to the camera while its cost rises: its probability, averaged over the costs.
+    """Measure how long the policy keeps the camera while its cost rises: its probability, averaged over the costs.
 
     At lambda = 1, where the reward is accuracy less cost. It ranks the seconds for every share of use.
     """

@@ -36,7 +36,7 @@ WINDOWS = 3
 
 @dataclass(frozen=True)
 class Settings(Options):
-    """What the recipe is told.
+    """Options of the recipe.
 
     Args:
         vehicle: ``"husky"`` or ``"warthog"``.
@@ -47,7 +47,7 @@ class Settings(Options):
 
 @dataclass(frozen=True)
 class Miss:
-    """How far a model is off at the windows' ends, RMS: ``position`` [m], ``yaw`` [rad]."""
+    """Error of a model at the windows' ends, RMS: ``position`` [m], ``yaw`` [rad]."""
 
     position: float
     yaw: float
@@ -66,7 +66,7 @@ def load(vehicle: str) -> ProblemFile:
 
 
 def calibration_step(run: str) -> int:
-    """Which command a window belongs to: they are numbered on, three of each."""
+    """Return the number of the command that a window belongs to: they are numbered on, three of each."""
     return int(run.removeprefix("w")) // WINDOWS
 
 
@@ -94,7 +94,7 @@ class Drives:
         return cls(windows, runs.data["signal"][windows.run, 0][:, left_right], pose)
 
     def miss(self, vehicle: SkidSteer, theta: Float[Tensor, " P"]) -> Miss:
-        """How far the vehicle is off at the windows' last measured poses, driven by the commands alone."""
+        """Measure the vehicle's error at the windows' last measured poses, driven by the commands alone."""
         windows, pose = self.windows, list(self.pose)
         speeds = vehicle.rolling(theta.expand(windows.count, -1), self.wheels)
         start = torch.cat([torch.zeros_like(speeds), speeds], dim=1)

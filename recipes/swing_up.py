@@ -129,7 +129,7 @@ def cost_of(problem: Problem, planner: MPPI, truth: Float[Tensor, " P"], starts:
 def belief_of(
     problem: Problem, system: System, planner: MPPI, truth: Float[Tensor, " P"], steps: int, seed: int
 ) -> Belief:
-    """What the first steps under the prior tell, or a belief that could be it."""
+    """Infer the belief from the first steps under the prior, or make up one that it could be."""
     if not system.learns:
         return plausible(problem, truth, seed)
     planner.set_belief(problem.prior)

@@ -59,7 +59,7 @@ def table(outcome: Outcome) -> str:
 
 
 def directions(out: Path) -> str:
-    """What was written and how to open it."""
+    """List the files that were written and the commands that open them."""
     refine = out / "refine"
     return "\n".join(
         [

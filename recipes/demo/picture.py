@@ -98,7 +98,7 @@ def _mended(axis: Axes, points: Float[np.ndarray, "S 2"], at: Float[np.ndarray, 
 def _limits(
     axis: Axes, points: Float[np.ndarray, "S 2"], margin: float
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    """What the axes are made to show: all points and a margin, no negative damping."""
+    """Set the limits of the axes: all points and a margin, no negative damping."""
     low, high = points.min(0), points.max(0)
     low, high = low - margin * (high - low), high + margin * (high - low)
     low[1] = max(low[1], 0.0)

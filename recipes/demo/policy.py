@@ -26,7 +26,7 @@ Told = Callable[[int, dict[str, float]], None]
 
 @dataclass(frozen=True)
 class Training:
-    """How much training: ``batches`` x ``steps`` x ``worlds`` frames.
+    """Amount of training: ``batches`` x ``steps`` x ``worlds`` frames.
 
     Args:
         worlds: simulated at once.

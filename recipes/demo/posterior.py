@@ -1,4 +1,4 @@
-"""What the measured runs say about a model's parameters: the mixture estimator, conditioned on them, in rounds.
+"""The posterior of a model's parameters given the measured runs: the mixture estimator, conditioned on them, in rounds.
 
     theta ~ proposal,   x = angles of all R runs at once, replayed by simulator(theta), read with sensor noise
     q(theta | x) by NeuralPosteriorLoss;   posterior = q(theta | measured);   proposal <- prior cut to its region
@@ -37,7 +37,7 @@ CHUNK = 50  # parameters replayed at once: a rollout keeps every row of every ru
 
 @dataclass(frozen=True)
 class Rounds:
-    """How much inference.
+    """Amount of inference.
 
     Args:
         rounds: of simulating, fitting and narrowing.
@@ -58,7 +58,7 @@ class Rounds:
 
 @dataclass(frozen=True)
 class Experiment:
-    """What was commanded and read: R runs on one clock, which a model can replay.
+    """Commands and readings: R runs on one clock, which a model can replay.
 
     Args:
         simulator: the model; one of its steps is one row.

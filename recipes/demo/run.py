@@ -35,7 +35,7 @@ FOLDERS = {WRONG: "as_it_was", MENDED: "."}
 
 @dataclass(frozen=True)
 class Budget:
-    """How much of everything; the two models get the same.
+    """Budget of all parts; the two models get the same.
 
     Args:
         protocol: what is recorded on the rig.
@@ -64,7 +64,7 @@ QUICK = Budget(
 
 @dataclass(frozen=True)
 class Branch:
-    """What became of one model.
+    """Results of one model.
 
     Args:
         names: its parameters.
@@ -81,7 +81,7 @@ class Branch:
 
 @dataclass(frozen=True)
 class Outcome:
-    """All that the table and the picture show."""
+    """Results for the table and the picture."""
 
     seed: int
     truth: Mapping[str, float]
@@ -98,7 +98,7 @@ class Outcome:
 
     @property
     def farthest(self) -> float:
-        """How far the rig's parameters lie from the mended model's posterior, at most [its standard deviations]."""
+        """The largest distance of the rig's parameters from the mended model's posterior [its standard deviations]."""
         samples = self.mended.samples
         truth = samples.new_tensor([self.truth[name] for name in self.mended.names])
         return float(((samples.mean(0) - truth) / samples.std(0)).abs().max())
@@ -126,7 +126,7 @@ def run(seed: int, out: Path, budget: Budget) -> Outcome:
 
 
 def command(name: Question, problem_file: Path, out: Path) -> Criticism:
-    """What ``onlinebayes NAME problem.toml --out DIR`` does, with its result at hand."""
+    """Run ``onlinebayes NAME problem.toml --out DIR`` in this process, and return its result."""
     print(f"$ onlinebayes {name} {problem_file} --out {out}", flush=True)
     problem = load_problem(problem_file)
     result = criticise(name, problem)
