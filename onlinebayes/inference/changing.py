@@ -229,7 +229,7 @@ class ChangingBelief:
         return result
 
     def _tails(self, seen: TensorDictBase, first: int, begins: Sequence[int]) -> dict[int, TruncatedMixture]:
-        """Return the posterior from each of these trajectories on; the first of those seen has the number ``first``."""
+        """Return the posterior given the trajectories from each number on; the first seen has the number ``first``."""
         rows, estimator = [begin - first for begin in begins], self._estimator
         if isinstance(estimator, Tailed):
             found = estimator.tails(seen, rows)

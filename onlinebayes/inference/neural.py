@@ -90,7 +90,7 @@ class NeuralEstimator:
         return Alarm(self.loss.embedding, simulations, self.loss.keys)
 
     def tails(self, trajectories: TensorDictBase, begins: Sequence[int]) -> list[Belief]:
-        """Return the posterior from each of these trajectories (n, T) on; sets in one batch, shorter ones masked."""
+        """Return the posterior of trajectories (n, T) from each number on; sets in one batch, shorter ones masked."""
         if not isinstance(self.loss.embedding, SetEmbedding):
             return [self.condition(trajectories[begin:]) for begin in begins]
         keys, n = self.loss.keys, trajectories.shape[0]

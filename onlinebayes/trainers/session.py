@@ -23,7 +23,7 @@ from onlinebayes.trainers.online import OnlineTrainer
 from onlinebayes.trainers.state import OnlineState, Record
 
 Judge = Callable[[OnlineState], Mapping[str, float]]
-"""Figures by name after a step, of somebody who knows the truth or has the real system at hand."""
+"""Judgement after a step by somebody who knows the truth, or has the real system at hand: figures by name."""
 
 Say = Callable[[str], None]
 """Is told in words."""

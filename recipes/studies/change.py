@@ -134,7 +134,7 @@ def same(task: str, runs: int) -> dict[str, Any]:
 
 
 def words(runs: int) -> dict[str, Any]:
-    """Judge the verdicts on pendulums that stay, change, change within a trajectory, or have a hidden friction."""
+    """Return the verdicts on pendulums that stay, change, change within a trajectory, or have a hidden friction."""
     one, estimator, simulated = fitted("pendulum")
     draw = generator(SEED, "words")
     alarm, prior = Alarm(estimator.loss.embedding, simulated), one.problem.prior
