@@ -214,7 +214,7 @@ def _held_out(
 
 
 def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) -> Integration:
-    """How models are run that are reported: no more coarsely than the user's, unless the log follows just that."""
+    """Choose the integration of the reported models: no coarser than the user's, unless the log follows just that."""
     if evaluator.original_integrator:
         return evaluator.discretisation.values
     return reported(given, *(evaluation.fitted.simulator for evaluation in evaluations))
@@ -223,7 +223,7 @@ def _shown(evaluator: Evaluator, given: Identifiable, *evaluations: Evaluation) 
 def _remainder(
     fit: Fit, explanation: Explanation, after: Mapping[str, float], units: dict[str, str], tolerance: float
 ) -> Remainder:
-    """What the final model leaves, and where."""
+    """Return the error that the final model leaves, and where."""
     if max(after.values(), default=0.0) <= max(tolerance, AT_FLOOR):
         return Remainder("noise", after, "")
     worst = failures(fit, explanation.windows, units, most=1)

@@ -201,7 +201,7 @@ def _begun(task: PreparedLog, watch: Watch, memo: Memo | None) -> tuple[Prepared
 
 
 def _followed(simulator: Identifiable, fit_runs: Measurement) -> bool:
-    """Whether the base model follows the runs better than a line through each window does."""
+    """Check whether the base model follows the runs better than a line through each window does."""
     search = start_search(simulator, fit_runs)
     return has_skill(search.base, search.evaluator)
 

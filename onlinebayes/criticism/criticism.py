@@ -99,12 +99,12 @@ class Criticism:
 
     @property
     def only_compared(self) -> bool:
-        """Whether the model errs and nobody has asked why."""
+        """True if the model errs and nobody has asked why."""
         return self.command == "compare" and self.verdict == "unexplained"
 
     @property
     def changed(self) -> bool:
-        """Whether the final model is another than the base model."""
+        """True if the final model is another than the base model."""
         return self.final is not self.base
 
     @property

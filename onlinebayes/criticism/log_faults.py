@@ -77,11 +77,11 @@ class CorrectedLog:
 
     @property
     def certain(self) -> bool:
-        """Whether nothing but noise is left: no law can explain as much with less."""
+        """True if nothing but noise is left: no law can explain as much with less."""
         return float(self.evaluation.left_out[0].rms.max()) <= AT_FLOOR
 
     def as_good_as(self, found: Evaluation, base: Evaluation) -> bool:
-        """Whether it explains at least as much as what the search found, or cannot be told from it."""
+        """Check whether it explains at least as much as what the search found, or cannot be told from it."""
         theirs = found.gains(base)
         over = [
             Gain(tuple(b - a for a, b in zip(mine.by_signal, other.by_signal, strict=True)), other.se, other.folds, 0)
@@ -239,7 +239,7 @@ def _thetas(simulator: Simulator, base: Evaluation) -> Float[Tensor, "M P"]:
 
 @dataclass(frozen=True, eq=False)
 class _Replays:
-    """What is left of the signals of some windows by several thetas, in units of noise; those that did not diverge."""
+    """Residuals of the signals of some windows by several thetas, in units of noise; those that did not diverge."""
 
     windows: Windows
     residuals: tuple[Float[Tensor, "W n S"], ...]

@@ -44,11 +44,11 @@ class PreparedLog:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed to make it ready, and how the log is read where it does not say."""
+        """Notes on the changes that made the log ready, and on how it is read where it does not say."""
         return (*self.prepared, *in_words(self.fit_runs, self.constraints))
 
     def other_readings(self, found: Identifiable) -> Iterator[Fault]:
-        """How the runs could be read otherwise, as a model that was found asks."""
+        """Yield the other readings of the runs that a model which was found asks for."""
         return other_readings(found, self.fit_runs, self.soft if self.constraints == "rigid" else None)
 
     def read(self, reading: Fault) -> PreparedLog:

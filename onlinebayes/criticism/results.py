@@ -1,4 +1,4 @@
-"""What criticism finds, as frozen values: the verdict, the ranked effects, the errors, and the replays behind them.
+"""Results of criticism, as frozen values: the verdict, the ranked effects, the errors, and the replays behind them.
 
 Everything that report.json, the HTML report and the recording show stands here; nothing in these classes computes. The
 exact rules are in ``hypotheses``: the verdict in ``verdict``, ``score_gain`` in ``scoring``, what is added in ``rule``.
@@ -24,7 +24,7 @@ Verdict = Literal[
 
 
 Question = Literal["compare", "diagnose", "refine"]
-"""Which command asks."""
+"""The command that asks."""
 
 MOVES_NOTHING = "nothing moves"
 """In place of the parameters that do the same: no measured signal moves with the effect."""
@@ -84,7 +84,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Failure:
-    """Where the error concentrates: a region that holds ``share_of_error`` of the squared error of one signal."""
+    """A region where the error concentrates, with ``share_of_error`` of the squared error of one signal."""
 
     signal: str
     where: str
@@ -94,7 +94,7 @@ class Failure:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What is left after the final model, by signal: start-projected RMS over the floor, and where it concentrates."""
+    """The error left by the final model, by signal: start-projected RMS over the floor, and where it concentrates."""
 
     status: Literal["noise", "structured"]
     rms_over_floor: Mapping[str, float]

@@ -53,7 +53,7 @@ class HorizonError:
 
 @dataclass(frozen=True)
 class Profile:
-    """How the squared error of one signal spreads over one quantity, over all runs.
+    """The distribution of the squared error of one signal over one quantity, over all runs.
 
     Args:
         signal: whose error.

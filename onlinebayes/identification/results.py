@@ -1,4 +1,4 @@
-"""What a fit and its replays give, as frozen values; nothing in these classes computes."""
+"""Results of a fit and its replays, as frozen values; nothing in these classes computes."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 
 @dataclass(frozen=True)
 class Selection:
-    """How effects are judged.
+    """Settings for the judgement of effects.
 
     Args:
         folds: number of blocks, or None for as many as the data allow (at most 12; one a run from 7 runs on).
@@ -52,7 +52,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Numerics:
-    """Whether the integration step is fine enough to judge by.
+    """The check that the integration step is fine enough to judge by.
 
     Args:
         timestep: the step that criticism used [s].

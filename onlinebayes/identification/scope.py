@@ -1,4 +1,4 @@
-"""Which parameters differ between runs: one value a run, or known constants of some runs.
+"""Parameters that differ between runs: one value a run, or known constants of some runs.
 
     theta_r = A_r phi + c_r
 
@@ -27,7 +27,7 @@ from onlinebayes.runs import BadInput, nearest
 
 @dataclass(frozen=True)
 class Scope:
-    """How a simulator's parameters depend on the run.
+    """The dependence of a simulator's parameters on the run.
 
     Args:
         per_run: addresses of the simulator's parameters, and keys ``name@target`` of effects (present or candidates,
@@ -46,7 +46,7 @@ class Scope:
         return bool(self.per_run or self.known or self.unfitted)
 
     def owned(self, address: str) -> bool:
-        """Whether a parameter has one value a run."""
+        """Check whether a parameter has one value a run."""
         return address in self.per_run or ("@" in address and address.rpartition(".")[0] in self.per_run)
 
     def owner(self, run: str) -> str:
@@ -59,7 +59,7 @@ class Scope:
         return tuple(dict.fromkeys(self.owner(run) for run in runs if address not in self.constants(run)))
 
     def constants(self, run: str) -> dict[str, float]:
-        """What is known in a run, address -> value [SI]; a part of a run knows what the run does."""
+        """Return the known constants of a run, address -> value [SI]; a part of a run knows what the run does."""
         names = {run, origin(run)}
         return {
             address: value

@@ -1,4 +1,4 @@
-"""Which runs are fitted and which are opened at the end."""
+"""The split into runs that are fitted and runs that are opened at the end."""
 
 from __future__ import annotations
 

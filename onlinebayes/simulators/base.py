@@ -1,4 +1,4 @@
-"""What a simulator is: many worlds at once, each with its own physical parameters. Physics only, no reward.
+"""The simulator interface: many worlds at once, each with its own physical parameters. Physics only, no reward.
 
     state_{k+1} = f(theta, state_k, inputs_k),   one step of ``dt`` seconds
 

@@ -21,7 +21,7 @@ def by_steps(
     inputs: TensorDictBase,
     times: Float[Tensor, " T"],
 ) -> TensorDict:
-    """What :meth:`Simulator.rollout` returns, from the steps of other worlds; those of ``simulator`` stay as they are.
+    """Compute the result of :meth:`Simulator.rollout` by steps of other worlds; those of ``simulator`` do not change.
 
     Args:
         simulator: whose ``with_worlds``, ``reset``, ``step`` and ``failed`` are used.

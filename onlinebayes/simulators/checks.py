@@ -1,4 +1,4 @@
-"""What every simulator refuses, whatever steps it: a ``dt`` between timesteps, an effect that is there already."""
+"""Inputs that every simulator refuses, whatever steps it: a ``dt`` between timesteps, an effect that it already has."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from onlinebayes.simulators.effects import Effect
 
 
 def timesteps_of(dt: float, timestep: float) -> int:
-    """How many timesteps a step is.
+    """Return the number of timesteps in a step.
 
     Args:
         dt: length of a step [s].

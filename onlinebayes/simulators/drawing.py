@@ -1,4 +1,4 @@
-"""What a system looks like: a few shapes, and where each of them is in a state. Recordings and pictures use it.
+"""The appearance of a system: a few shapes, and the pose of each in a state. Recordings and pictures use it.
 
     shapes(theta)          fixed within an episode; a longer pole is drawn longer
     poses(theta, states)   position and unit quaternion (w, x, y, z) of each shape, z up; planar systems move in x and z
@@ -86,7 +86,7 @@ class Drawable(Protocol):
 
 @dataclass(frozen=True)
 class View:
-    """What a picture shows.
+    """The rectangle that a picture shows, and the direction of view.
 
     Args:
         low, high: corners of the rectangle, right and up in the picture [m].

@@ -248,7 +248,7 @@ class SimulatorEnv(EnvBase):
     # --- states -----------------------------------------------------------------------------------------------------
 
     def get_state(self) -> TensorDict:
-        """Where all worlds stand, under ``state_key``: what ``reset(tensordict, set_state=True)`` begins from."""
+        """Return the complete state of all worlds under ``state_key``, for ``reset(tensordict, set_state=True)``."""
         return TensorDict(batch_size=self.batch_size, device=self.device).set(self.state_key, self._complete())
 
     def _complete(self) -> TensorDict:

@@ -1,4 +1,4 @@
-"""What identification and criticism ask of a simulator besides stepping it: every ability of :mod:`.abilities`.
+"""The interface that identification and criticism need besides stepping: every ability of :mod:`.abilities`.
 
 | ability                               | class                                              |
 |---------------------------------------|----------------------------------------------------|

@@ -85,7 +85,7 @@ class Pictures:
 
 
 def _wide_view(simulator: Simulator, task: Task) -> View:
-    """What holds the worlds at many starts, with every hinge at any angle, for small and large parameters.
+    """Return a view that holds the worlds at many starts, every hinge at any angle, for small and large parameters.
 
     Parameters up to twice the nominal ones: bounds may be so wide that nothing else could be seen.
     """

@@ -1,4 +1,4 @@
-"""What sensors show of a motion: a trajectory's signals, changed by the simulator's sensor effects in their order.
+"""The sensors' view of a motion: a trajectory's signals, changed by the simulator's sensor effects in their order.
 
     shown = sense_n(... sense_1(read(trajectory))),      state behind a shown one = unsense_1(... unsense_n(state))
 

@@ -1,4 +1,4 @@
-"""Where a simulator stands, as plain tensors in dictionaries: for copies, and for checkpoints that go on exactly.
+"""Snapshots of a simulator as plain tensors in dictionaries: for copies, and for checkpoints that go on exactly.
 
 By default theta and state. A simulator that remembers more (a solver's warm start, who failed) is :class:`Resumable`:
 without that a run that goes on from a checkpoint is not the same to the last bit.
@@ -28,7 +28,7 @@ class Resumable(Protocol):
 
 
 def snapshot(simulator: Simulator) -> dict[str, Any]:
-    """Where the simulator stands."""
+    """Return a snapshot of the simulator."""
     if isinstance(simulator, Resumable):
         return simulator.snapshot()
     return {"theta": simulator.theta, "state": dict(simulator.state.flatten_keys(".").items())}

@@ -74,7 +74,7 @@ class Actuator:
 
 @dataclass(frozen=True)
 class Drive:
-    """What the actuators do over some timesteps of a held command.
+    """Forces and commands of the actuators over some timesteps of a held command.
 
     Args:
         joints: generalised forces (J, N, steps) [N, N m].
@@ -199,7 +199,7 @@ class Stepper:
     def _drive(
         self, values: Values, hidden: Hidden, command: Tensor, enable: Tensor | None, timestep: float
     ) -> tuple[Drive, Hidden]:
-        """What the actuators do on each of the steps of ``command`` (N, steps, U), and the hidden states after them.
+        """Return the actuators' drive on each step of ``command`` (N, steps, U), and the hidden states after them.
 
         ``enable`` has a row for each step, or one for all.
         """

@@ -21,7 +21,7 @@ from onlinebayes.runs import BadInput
 
 
 class Task(ABC):
-    """What is observed, rewarded and ended; knows nothing of how the worlds are simulated.
+    """Observations, rewards and ends of episodes; a task knows nothing of how the worlds are simulated.
 
     Attributes:
         observation_size: width O of an observation.
@@ -45,7 +45,7 @@ class Task(ABC):
 
     @abstractmethod
     def observe(self, state: TensorDictBase) -> Float[Tensor, "N O"] | dict[str, Tensor]:
-        """What the policy sees of a state, in float32: one observation, or one for each of the keys."""
+        """Return the policy's observation of a state, in float32: one tensor, or one for each of the keys."""
 
     @abstractmethod
     def command(self, action: Tensor) -> Float[Tensor, "N U"]:
@@ -57,12 +57,12 @@ class Task(ABC):
 
     @abstractmethod
     def terminated(self, state: TensorDictBase) -> Bool[Tensor, " N"]:
-        """Whether a state ends the episode."""
+        """Return a mask of the states that end the episode."""
 
 
 @runtime_checkable
 class GoalTask(Protocol):
-    """What a task with goals offers besides :class:`Task`.
+    """The interface of a task with goals, besides :class:`Task`.
 
     Attributes:
         goal_size: width G of a goal.
@@ -75,7 +75,7 @@ class GoalTask(Protocol):
         ...
 
     def success(self, achieved: Float[Tensor, "*batch G"], desired: Float[Tensor, "*batch G"]) -> Tensor:
-        """Whether ``achieved`` is as good as ``desired`` (*batch)."""
+        """Check whether ``achieved`` is as good as ``desired`` (*batch)."""
         ...
 
 

@@ -128,7 +128,7 @@ class TorchSimulator(Identifiable):
         return {joint.name: joint.kind for joint in self.joints}
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """What effects of one kind can act on, by name; its bodies are there for its own laws."""
+        """List the targets of one kind, by name; its bodies are there for its own laws."""
         return tuple(self.bodies) if kind == "body" else super().targets(kind)
 
     @property
@@ -177,7 +177,7 @@ class TorchSimulator(Identifiable):
         return self._state(self._q, self._v, self._hidden)
 
     def snapshot(self) -> dict[str, Any]:
-        """Where all worlds stand; see :meth:`Simulator.snapshot`."""
+        """Return the state of all worlds; see :meth:`Simulator.snapshot`."""
         hidden = {key: dict(value.flatten_keys(".").clone().items()) for key, value in self._hidden.items()}
         return {
             "theta": self._theta.clone(),
@@ -340,7 +340,7 @@ class TorchSimulator(Identifiable):
         return {name: value[0] for name, value in self._name(self._rows(theta[None])).items()}
 
     def _enable(self, inputs: TensorDictBase) -> Tensor | None:
-        """Which actuators are on; None for all."""
+        """Return the mask of the actuators that are on; None for all."""
         enable = inputs.get("enable", None)
         return None if enable is None else enable.to(self.device)
 
@@ -385,7 +385,7 @@ class TorchSimulator(Identifiable):
 
 
 def _settled(q: Float[Tensor, "J N"], v: Float[Tensor, "J N"]) -> bool:
-    """Whether no world can have diverged: one reduction, which costs less than the masks."""
+    """Check whether no world can have diverged: one reduction, which costs less than the masks."""
     return bool(q.abs().sum() + v.abs().sum() < DIVERGED)
 
 

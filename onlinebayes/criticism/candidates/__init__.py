@@ -1,1 +1,1 @@
-"""Which effects are tried where, how far each may go, and all of them screened against the current model."""
+"""The effects to try at each target, the range of each, and the screening of all against the current model."""

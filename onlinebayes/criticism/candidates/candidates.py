@@ -1,4 +1,4 @@
-"""Which effects to try at which targets, and from where; how far each may go follows from :mod:`.scales`.
+"""The effects to try at each target, and their starting values; how far each may go follows from :mod:`.scales`.
 
 All are tried but those that are the same law as another candidate, play behind a motor, and those of so much freedom
 that the search tries them when nothing else explains the data (see ``hypotheses.explanation.flexible``).
@@ -99,31 +99,31 @@ def propose(
 
 
 def _unservoed(simulator: Extensible, effect: Effect) -> bool:
-    """Whether it is tried at joints with a servo only, and this is none."""
+    """Check whether the effect is tried at joints with a servo only, and its target is none."""
     return effect.tried_at_servos and effect.target not in simulator.servos
 
 
 def _said(simulator: Extensible, effect: Effect) -> bool:
-    """Whether other candidates say the same with less."""
+    """Check whether other candidates say the same with less."""
     kinds = {joint: simulator.joint_kinds.get(joint, "") for joint in joint_names(simulator)}
     return effect.said_by_joints(kinds, simulator.moving_joints.get(effect.element, ()))
 
 
 def _targets(simulator: Extensible, windows: Windows, kind: TargetKind) -> tuple[str, ...]:
-    """What effects of one kind can be tried at; of the signals those that were measured."""
+    """Return the targets at which effects of one kind can be tried; of the signals those that were measured."""
     measured = {simulator.signals[i] for i in windows.columns}
     return tuple(name for name in simulator.targets(kind) if kind != "signal" or name in measured)
 
 
 def _still(simulator: Measured, windows: Windows, kind: TargetKind, element: str) -> bool:
-    """Whether it is a joint, or a joint's signal, that stands still in every window: it shows no effect of its own."""
+    """Check whether a joint, or a signal's joint, stands still in every window: it shows no effect of its own."""
     joint = {"joint": element, "signal": element.partition(".")[2]}.get(kind, "")
     joints = joint_names(simulator)
     return joint in joints and bool(windows.free.any()) and not bool(windows.free[:, joints.index(joint)].any())
 
 
 def _placed(simulator: Measured, windows: Windows, effect: Effect, named: bool) -> bool:
-    """Whether the position that the effect depends on, if it does, was measured.
+    """Check whether the position that the effect depends on, if it does, was measured.
 
     Raises:
         BadInput: it was not, and the effect was named at this very target.
@@ -139,7 +139,7 @@ def _placed(simulator: Measured, windows: Windows, effect: Effect, named: bool) 
 
 
 def can_have(simulator: Measured, effect: Effect) -> bool:
-    """Whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
+    """Check whether the simulator can have the effect: what nobody named at a target is passed over where it cannot."""
     try:
         simulator.with_effect(effect)
     except BadInput:
@@ -148,7 +148,7 @@ def can_have(simulator: Measured, effect: Effect) -> bool:
 
 
 def trials(effects: Sequence[Effect]) -> tuple[Trial, ...]:
-    """Where screening tries each candidate: a small step from neutral, and its own finite starting values."""
+    """List the points where screening tries each candidate: a small step from neutral, its own finite starts."""
     found = []
     for k, effect in enumerate(effects):
         first = effect.magnitude

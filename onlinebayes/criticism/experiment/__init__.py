@@ -1,4 +1,4 @@
-"""What to record next, so that what a criticism leaves open is decided: see :mod:`.design`."""
+"""The design of the next recording, which decides what a criticism leaves open: see :mod:`.design`."""
 
 from onlinebayes.criticism.experiment.design import next_experiment
 from onlinebayes.criticism.experiment.limits import Allowed, Limits, Payload

@@ -1,4 +1,4 @@
-"""What else would be true if an effect had a given size: the other parameters, as the present data then put them.
+"""The other parameters that would be true if an effect had a given size, as the present data then put them.
 
     theta* = argmin over theta of |r~(theta, k)|^2,     k held
 

@@ -22,7 +22,7 @@ PARTED = 2 * STANDARD_ERRORS
 
 
 def strength(sigma: Float[Tensor, "*batch"], gain: Float[Tensor, "*batch"]) -> Float[Tensor, "*batch"]:
-    """How far an input decides, 1 being enough."""
+    """Compute the strength with which an input decides, 1 being enough."""
     asked = torch.tensor(LEAST_GAIN, dtype=gain.dtype, device=gain.device)
     return torch.minimum(sigma / PARTED, (_odds(gain) / _odds(asked)).sqrt())
 

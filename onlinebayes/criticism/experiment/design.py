@@ -1,4 +1,4 @@
-"""What to record next: of all admissible inputs the one under which the rivals differ most.
+"""The design of the next recording: of all admissible inputs the one under which the rivals differ most.
 
     chosen = argmax over inputs u of  min over pairs of rivals (a, b) of  strength(a, b; u)
 
@@ -125,7 +125,7 @@ def _proposed(
 
 
 def _affordable(rivals: Rivals, limits: Limits) -> int:
-    """How many inputs are compared: each costs a replay for itself, every start and every parameter of every pair."""
+    """Count the inputs to compare: each costs a replay for itself, every start and every parameter of every pair."""
     joints = len(limits.speed)
     worlds = sum(1 + 2 * joints + len(pair.other.hypothesis.theta) for pair in rivals.pairs)
     steps = worlds * limits.seconds / rivals.hypotheses[0].simulator.timestep
@@ -133,7 +133,7 @@ def _affordable(rivals: Rivals, limits: Limits) -> int:
 
 
 def _least_seconds(rivals: Rivals) -> float:
-    """What enough independent blocks need [s], as correlated as the residual is now."""
+    """Return the duration that enough independent blocks need [s], as correlated as the residual is now."""
     longest = max(pair.other.tau for pair in rivals.pairs)
     return (FEWEST_BLOCKS + 1) * max(
         rivals.windows.horizon, min(BLOCK_CORRELATION_TIMES * longest, 10 * rivals.windows.horizon)

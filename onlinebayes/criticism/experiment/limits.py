@@ -1,4 +1,4 @@
-"""What may be played on the machine: bounds of command, rate, travel and speed, from the measurements and the model.
+"""Limits of a recording on the machine: of command, rate, travel and speed, from the measurements and the model.
 
 | quantity                | bound, where the user gives none                                                     |
 |-------------------------|--------------------------------------------------------------------------------------|
@@ -50,7 +50,7 @@ class Payload:
 
 @dataclass(frozen=True)
 class Allowed:
-    """What the user allows; an empty table or None leaves it to the measurements and the model.
+    """The limits that the user allows; an empty table or None leaves them to the measurements and the model.
 
     Args:
         max_command: actuator -> largest ``abs(u)`` [command units].
@@ -71,7 +71,7 @@ class Allowed:
 
 @dataclass(frozen=True)
 class Limits:
-    """What an input and the motion that it causes must keep to; U commands, J joints, in the simulator's order.
+    """Limits of an input and of the motion that it causes; U commands, J joints, in the simulator's order.
 
     Args:
         command_low, command_high: [command units].

@@ -1,4 +1,4 @@
-"""What an experiment's design finds, as frozen values; nothing in these classes computes."""
+"""Results of an experiment's design, as frozen values; nothing in these classes computes."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Rivalry:
 
 @dataclass(frozen=True)
 class Plan:
-    """What to record.
+    """The plan of the next recording.
 
     Args:
         verdict: of the criticism that it follows.
@@ -106,5 +106,5 @@ class Plan:
 
     @property
     def decides(self) -> bool:
-        """Whether some pair of rivals is one that a recording decides."""
+        """True if a recording decides some pair of rivals."""
         return any(not rivalry.structural and not rivalry.too_small for rivalry in self.rivalries)

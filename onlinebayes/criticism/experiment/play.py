@@ -85,7 +85,7 @@ def at_rest(
 
 
 def keeps(trajectory: TensorDict, limits: Limits) -> Bool[Tensor, " N"]:
-    """Whether each trajectory stays finite and within travel and speed."""
+    """Check whether each trajectory stays finite and within travel and speed."""
     q, v = trajectory["qpos"], trajectory["qvel"]
     inside = ((q >= limits.travel_low) & (q <= limits.travel_high) & (v.abs() <= limits.speed)).all(-1)
     return (inside & trajectory["valid"]).all(-1)
@@ -118,7 +118,7 @@ def admissible(hypotheses: Sequence[FixedModel], inputs: Inputs, limits: Limits)
 def predicted(
     hypothesis: FixedModel, inputs: Inputs, signals: Sequence[Signal], commands: Sequence[str]
 ) -> Measurement:
-    """What a noise-free sensor would measure: one run an input, named by its number.
+    """Predict the measurement of a noise-free sensor: one run an input, named by its number.
 
     Args:
         hypothesis: what is true.

@@ -1,4 +1,4 @@
-"""Where a recording may begin: postures in which runs began, each with the command under which the model rests there.
+"""Starts of a recording: postures in which runs began, each with the command under which the model rests there.
 
     u0:  v(h; q0, v = 0, u0) = 0,     h one integration step;     abs(q(t) - q0) <= 0.1 travel for 0 <= t <= H under u0
 
@@ -146,7 +146,7 @@ def _speed(
 def _stay(
     model: FixedModel, q: Float[Tensor, "R J"], u: Float[Tensor, "R U"], limits: Limits, windows: Windows
 ) -> Bool[Tensor, " R"]:
-    """Whether each world is finite and near its posture for a horizon."""
+    """Check whether each world is finite and near its posture for a horizon."""
     times = [windows.step * k for k in range(1, windows.rows + 1)]
     path = _played(model, q, u, windows, times)
     apart = (path["qpos"] - q[:, None]).abs()

@@ -1,4 +1,4 @@
-"""What would part two rivals that no admissible motion parts: a signal not measured yet, or a mass on a body.
+"""Remedies for two rivals that no admissible motion parts: a signal not measured yet, or a mass on a body.
 
 Tried under the inputs that come closest: each signal that the simulator has and the tables lack, read to a thousandth
 of its largest value, and half of each body's mass fixed to it.
@@ -29,7 +29,7 @@ MOST_BODIES = 8
 
 
 def remedies(pairs: Sequence[Pair], inputs: Inputs, limits: Limits, signals: Sequence[Signal]) -> tuple[Remedy, ...]:
-    """What would part the two by 4 sigma, best first.
+    """List the remedies that would part the two by 4 sigma, best first.
 
     Args:
         pairs: the two rivals, one or both ways round.

@@ -114,7 +114,7 @@ class Rivals:
 
     @property
     def hypotheses(self) -> tuple[FixedModel, ...]:
-        """All that may be true, each once, the present model first."""
+        """The hypotheses that may be true, each once, the present model first."""
         every = [h for pair in self.pairs for h in (pair.truth, pair.other.hypothesis)]
         once = {hypothesis.name: hypothesis for hypothesis in every}
         return tuple(sorted(once.values(), key=lambda hypothesis: hypothesis.name != AS_IT_IS))
@@ -172,7 +172,7 @@ def adaptable(evaluation: Evaluation, windows: Windows) -> AdaptableModel:
 
 
 def _swaps(result: Criticism, explanation: Explanation, searched: Explanation) -> tuple[Pair, ...]:
-    """What was found and its rivals, each against each.
+    """Pair the found hypothesis and its rivals, each against each.
 
     Args:
         result, explanation: which rivals are open.

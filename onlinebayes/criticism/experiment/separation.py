@@ -1,4 +1,4 @@
-"""What a recording would say against one model if another is true.
+"""The evidence that a recording would give against one model if another is true.
 
     d = argmin of |C~ d|^2 over the present data + |r~ - C~ d|^2 over the new ones,       theta + d within the bounds
     x^2 = (Delta / tau) sum over both of missed^2 / m            separation x [standard deviations], by one recording
@@ -37,7 +37,7 @@ from onlinebayes.runs import BadInput
 
 @dataclass(frozen=True)
 class Separation:
-    """What each of N inputs does about one pair.
+    """The separation of one pair by each of N inputs.
 
     Args:
         sigma: expected separation by one recording.
@@ -87,7 +87,7 @@ def _with_more(other: AdaptableModel, weight: Float[Tensor, "n S"], signals: int
 def _missed(
     other: AdaptableModel, new: Rows, mine: Int[Tensor, " V"], plays: int
 ) -> tuple[Float[Tensor, "V n S2"], Float[Tensor, "W n S"]]:
-    """What the other model leaves of a recording when it adapts to so many of them, and spoils of the present data."""
+    """Return what the other model leaves of a recording when it adapts to so many, and spoils of the present data."""
     old, model = other.fitted.rows, other.hypothesis
     C, r, kept = new.columns[mine].flatten(0, 1), new.residual[mine].flatten(), old.columns.flatten(0, 1)
     normal, gradient = plays * (C.T @ C) + kept.T @ kept, plays * (C.T @ r)
@@ -102,7 +102,7 @@ def _sigma(other: AdaptableModel, missed: Float[Tensor, "V n S2"], spoilt: Float
 
 
 def _share(other: AdaptableModel) -> float:
-    """How many independent values a bin is worth: Delta / tau, at most 1."""
+    """Return the number of independent values that a bin is worth: Delta / tau, at most 1."""
     return other.windows.bin_step / max(other.tau, other.windows.bin_step)
 
 
@@ -138,7 +138,7 @@ def refitted(pair: Pair, inputs: Inputs, signals: Sequence[Signal]) -> float:
 def predicted_windows(
     pair: Pair, inputs: Inputs, present: Windows, signals: Sequence[Signal], noise: Float[Tensor, " S"]
 ) -> Windows:
-    """What the truth would measure under the inputs, cut like the present data; run n is input n.
+    """Predict the windows of a recording of the truth under the inputs, cut like the present data; run n is input n.
 
     Sensors measure as often as in the present data, whose replay may have rows between; added ones as the quickest.
     """
@@ -189,5 +189,5 @@ def joined(present: Windows, new: Windows) -> Windows:
 
 
 def _lateness(windows: Windows) -> Tensor:
-    """How many rows after its row each value was measured (W, K, S)."""
+    """Return the delay of each value's measurement after its row [rows] (W, K, S)."""
     return torch.zeros_like(windows.value) if windows.late is None else windows.late

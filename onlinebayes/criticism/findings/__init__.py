@@ -1,1 +1,1 @@
-"""What is said in the end: the ranking, the answers that are no effect, the notes, what the held-out runs say."""
+"""The findings: the ranking, the answers that are no effect, the notes, the statements of the held-out runs."""

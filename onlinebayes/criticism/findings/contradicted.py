@@ -1,4 +1,4 @@
-"""What was added and makes the held-out runs worse is taken out again, from the model as from the report.
+"""The removal of additions that make the held-out runs worse, from the model as from the report.
 
     while some a in h:   S_held(h - a) <= S_held(h)      h <- the h - a of the least S_held
 
@@ -24,7 +24,7 @@ from onlinebayes.runs import side_by_side
 
 
 def uncontradicted(explanation: Explanation, held: Measurement) -> tuple[Explanation, tuple[str, ...]]:
-    """What was found without the additions that the held-out runs contradict, and the keys of these.
+    """Remove the additions that the held-out runs contradict from what was found; return their keys, too.
 
     Args:
         explanation: what the fit runs say.

@@ -39,7 +39,7 @@ def doubts(explanation: Explanation, error: HeldOutError) -> Iterator[str]:
 
 
 def held_out_gain(error: HeldOutError) -> float:
-    """What the final model gains over the base model on the held-out runs [nats]; nan without any row."""
+    """Compute the gain of the final model over the base model on the held-out runs [nats]; nan without any row."""
     parts = []
     for signal, floor in error.noise_floor.items():
         before, after = (one[signal] / floor for one in (error.before, error.after))

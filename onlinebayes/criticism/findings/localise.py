@@ -1,4 +1,4 @@
-"""Where the error concentrates: regions that hold most of it for their size.
+"""Regions where the error concentrates: those that hold most of it for their size.
 
 Regions are of speed, position, command, time since a run's start, and runs (of a single one the thirds of its time).
 Error is the start-projected residual over short windows, so that a row's error comes from its own neighbourhood;
@@ -103,7 +103,7 @@ def _places(windows: Windows) -> list[Region]:
 
 
 def _since_the_start(windows: Windows) -> list[Region]:
-    """What is early and what is late in a run: a motor that sticks at first, or one that warms up."""
+    """Return the regions early and late in a run: a motor that sticks at first, or one that warms up."""
     middle = windows.bin_rows * (torch.arange(windows.bins, device=windows.first.device) + 0.5)
     since, seen = (windows.first[:, None] + middle) * windows.step, windows.seen.any(-1)
     found = []

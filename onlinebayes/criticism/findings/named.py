@@ -1,4 +1,4 @@
-"""What speaks for each name that is said: how much it gains, how surely, beside what else, and what is still left.
+"""The evidence for each name that is said: how much it gains, how surely, beside what else, and what is still left.
 
 A name and its equals are one statement: one of them is in the machine. The weights say how it is shared among them,
 those of the final model and its fitted rivals; an equal that was not fitted weighs as much as what it equals.
@@ -64,7 +64,7 @@ def _coefficients() -> tuple[float, ...]:
 
 
 def probability(said: Named) -> float:
-    """That a name or one of its equals is in the machine."""
+    """Compute the probability that a name or one of its equals is in the machine."""
     return 1 / (1 + math.exp(-sum(b * x for b, x in zip(_coefficients(), evidence(said), strict=True))))
 
 

@@ -1,4 +1,4 @@
-"""What has to be said of an answer beside its numbers: how it was integrated, values on bounds, laws that add up."""
+"""Notes on an answer beside its numbers: how it was integrated, values on bounds, laws that add up."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def notes_on(explanation: Explanation, numerics: Numerics, fitted: Mapping[str, 
 
 
 def weights(hypotheses: Sequence[WeightedModel]) -> Iterator[str]:
-    """How far each of several hypotheses is to be believed, the likeliest first."""
+    """Say how far each of several hypotheses is to be believed, the likeliest first."""
     if len(hypotheses) > 1:
         ordered = sorted(hypotheses, key=lambda one: -one.weight)
         told = [f"{' + '.join(one.accepted)} {quantities.percent(one.weight)}" for one in ordered[:TOLD]]

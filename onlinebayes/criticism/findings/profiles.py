@@ -1,4 +1,4 @@
-"""How the squared error spreads over time, position, velocity, direction, time since a reversal, command and run.
+"""The spread of the squared error over time, position, velocity, direction, time since a reversal, command and run.
 
     share of error in bin b = sum over its rows of (measured - simulated)^2 / sum over all rows,
     share of time in bin b  = its rows / all rows

@@ -1,4 +1,4 @@
-"""What a fitted model leaves, over the floor: about 1 where nothing but noise is left."""
+"""The error that a fitted model leaves, over the floor: about 1 where nothing but noise is left."""
 
 from __future__ import annotations
 

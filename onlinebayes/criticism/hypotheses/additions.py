@@ -1,4 +1,4 @@
-"""What a hypothesis may add to a model: an effect, one of one size a run, a number freed, or a bound that is wider.
+"""Additions of a hypothesis to a model: an effect, one of one size a run, a number freed, or a bound that is wider.
 
 Each says how it joins a simulator, and from which values a fit of it may begin.
 """

@@ -1,4 +1,4 @@
-"""What is wrong with a model, from its logs: the whole path from a problem to the hypothesis that explains them."""
+"""The explanation of a model's error from logs: the whole path from a problem to the hypothesis that explains them."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SCALES_HORIZON = 2.0
 
 @dataclass(frozen=True)
 class Explanation:
-    """What explains the logs.
+    """The hypothesis that explains the logs, and the search that found it.
 
     Args:
         base, found: the model as it is, and the hypothesis of which no neighbour is preferred.
@@ -57,7 +57,7 @@ class Explanation:
 
     @property
     def explains(self) -> bool:
-        """Whether something was found, or nothing but noise is left to be explained."""
+        """True if something was found, or nothing but noise is left to be explained."""
         return self.found is not self.base or at_noise_floor(self.found)
 
     def on_all_windows(self, fit_runs: Measurement, *, doubled: bool = True) -> Explanation:
@@ -103,7 +103,7 @@ class Explanation:
         return None if base is None else replace(self, base=base, found=found, evaluator=evaluator)
 
     def _found_over(self, windows: Windows, wanted: float) -> tuple[Evaluator, Evaluation] | None:
-        """What was found, fitted to other windows and integrated as these ask for; None above the wanted score."""
+        """Fit the found hypothesis to other windows, integrated as these ask for; None above the wanted score."""
         evaluator, found = self.evaluator, self.found
         if windows.spans != evaluator.windows.spans:
             evaluator = replace(evaluator, windows=windows)
@@ -127,7 +127,7 @@ class Explanation:
 
     @property
     def model(self) -> Identifiable:
-        """What was found, at the model's own step."""
+        """The simulator of the found hypothesis, at the model's own step."""
         return build(self.evaluator.given, self.found.hypothesis, self.evaluator.runs)
 
     @property
@@ -137,7 +137,7 @@ class Explanation:
 
 
 def _most_left(before: Evaluation) -> Float[Tensor, " S"]:
-    """What longer windows may leave of each signal: no more than before, or too little for any addition [nats].
+    """Return the most that longer windows may leave of each signal: as before, or too little for any addition [nats].
 
     A fit that long windows led astray leaves more, and its parameters are worth less than those of shorter ones.
     """
@@ -184,7 +184,7 @@ def run_search(search: Search, fit_runs: Measurement, candidates: str | Sequence
 
 
 def explanation_of(search: Search) -> Explanation:
-    """What a search has found so far."""
+    """Return the explanation that a search has found so far."""
     return Explanation(search.base, search.current, tuple(search.rounds), search.evaluator)
 
 

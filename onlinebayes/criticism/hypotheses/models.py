@@ -28,7 +28,7 @@ from onlinebayes.identification.results import FittedModel, FlatDirection, Numer
 
 
 def numerics_of(evaluation: Evaluation, evaluator: Evaluator) -> Numerics:
-    """Whether it is integrated finely enough to be judged by."""
+    """Check whether a fitted hypothesis is integrated finely enough to be judged by."""
     fitted = evaluation.fitted
     given = build(evaluator.given, evaluation.hypothesis, evaluator.runs)
     error, left = error_in_floors(fitted, given, evaluator.windows)

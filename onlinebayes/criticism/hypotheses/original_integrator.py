@@ -49,7 +49,7 @@ def _followed(other: Evaluator, here: Evaluation) -> Evaluation | None:
 
 
 def _above_noise(here: Evaluation) -> float:
-    """What any way could gain: the score above that of noise alone [nats]."""
+    """Return the most that any way could gain: the score above that of noise alone [nats]."""
     return float(((1 + here.left_out[0].rms.square()) / 2).log().clamp_min(0.0).sum()) / 2
 
 

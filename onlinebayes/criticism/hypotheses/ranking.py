@@ -50,7 +50,7 @@ def laws(found: Hypothesis) -> tuple[str, ...]:
 
 
 def steps(explanation: Explanation) -> tuple[Step, ...]:
-    """What was added, in order, with left-out errors inside the fit runs [the signals' units]."""
+    """List the additions in order, with left-out errors inside the fit runs [the signals' units]."""
     windows = explanation.windows
     scale = windows.noise / windows.bin_rows**0.5
     names = [explanation.evaluator.given.signals[column] for column in windows.columns]
@@ -73,7 +73,7 @@ def equals(found: Round) -> tuple[str, ...]:
 
 
 def rivals(found: Round) -> tuple[Addition, ...]:
-    """What cannot be told from what a round added, and is another law.
+    """List the other laws that cannot be told from what a round added.
 
     An own number is the effect that moves it, and a law that contains what was added is no rival of it.
     """
@@ -84,7 +84,7 @@ def rivals(found: Round) -> tuple[Addition, ...]:
 
 
 def contains(richer: Addition, simpler: Addition) -> bool:
-    """Whether one effect becomes the other for some of its values."""
+    """Check whether the richer effect becomes the simpler one for some of its values."""
     if not (isinstance(richer, AddedEffect) and isinstance(simpler, AddedEffect)):
         return False
     effect = richer.effect
@@ -124,7 +124,7 @@ def _added(found: Round, fitted: Mapping[str, Estimate]) -> Candidate:
 
 
 def _tried(explanation: Explanation, known: set[str]) -> Iterator[Candidate]:
-    """What was refitted and is not in the model, as it stood in the last round in which it was."""
+    """Yield each addition that was refitted and is not in the model, as it stood in the last round in which it was."""
     last = {trial.addition.key: (found, trial) for found in explanation.rounds for trial in found.tried}
     left = [(found, trial) for key, (found, trial) in last.items() if key not in known]
     for found, trial in sorted(left, key=lambda pair: -pair[1].gains[0].gain):
@@ -146,7 +146,7 @@ def _refused(found: Round, trial: Trial) -> Candidate:
 
 
 def _screened(first: Round, known: set[str]) -> Iterator[Candidate]:
-    """What was never refitted, by what it promised beside the base model."""
+    """Yield the additions that were never refitted, by what they promised beside the base model."""
     folds = len(first.begun.left_out[0].folds)
     for prediction in first.screened:
         key = prediction.addition.key
@@ -168,7 +168,7 @@ def _screened(first: Round, known: set[str]) -> Iterator[Candidate]:
 
 
 def _limit(prediction: Prediction) -> float | None:
-    """How large an effect could be that the data do not show, from neutral [SI]; None where its bounds allow no such.
+    """Return the largest effect that the data do not show, from neutral [SI]; None where its bounds allow no such.
 
     It means nothing of an effect that begins at its upper bound: a force's limit, which shrinks.
     """

@@ -1,4 +1,4 @@
-"""What a round of the search did: what was screened, what was refitted, what entered; a step that follows from it."""
+"""A round of the search: what was screened, what was refitted, what entered; a step that follows from it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class Round:
 
     @property
     def equals(self) -> tuple[Addition, ...]:
-        """All that cannot be told from what was added."""
+        """The additions that cannot be told from what was added."""
         return (*(trial.addition for trial in self.equal), *self.alike)
 
 

@@ -20,7 +20,7 @@ from onlinebayes.identification.judging.rule import explains_half
 
 
 def law_of(addition: Addition) -> str | None:
-    """What it is, wherever it is: ``viscous_friction``, ``joint.damping``; None of what has one size a run."""
+    """Return the law without its place: ``viscous_friction``, ``joint.damping``; None of what has one size a run."""
     if isinstance(addition, AddedEffect):
         return None if addition.per_run else addition.effect.name
     if isinstance(addition, FreedNumber):
@@ -51,7 +51,7 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
 
 
 def _leaves_noise(evaluator: Evaluator, found: Evaluation, alone: Round) -> bool:
-    """Whether no more than noise is left in the steps that it asks for; no such step is tried in vain."""
+    """Check whether no more than noise is left in the steps that it asks for; no such step is tried in vain."""
     best = min((trial.evaluation for trial in alone.tried), key=lambda one: one.fitted.score)
     if at_noise_floor(found) or not explains_half(best.left_out[0], found.left_out[0]):
         return at_noise_floor(found)

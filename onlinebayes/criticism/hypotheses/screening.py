@@ -1,4 +1,4 @@
-"""What each candidate would gain, predicted without a refit: one replay a starting value, the rest least squares.
+"""The predicted gain of each candidate, without a refit: one replay a starting value, the rest least squares.
 
     c~ = the replay with the candidate, minus the one without, starts taken out
     (d, a) = argmin |r~ - C~ d - c~ a|^2      within the bounds of theta and of the candidate's size a
@@ -78,13 +78,13 @@ class Prediction:
     visible: float = math.inf
 
     def alike(self, other: Prediction) -> bool:
-        """Whether it is the same law as another, to first order; both were looked at in all windows."""
+        """Check whether it is the same law as another, to first order; both were looked at in all windows."""
         return self.direction.shape == other.direction.shape and abs(float(self.direction @ other.direction)) > SAME_LAW
 
 
 @dataclass(frozen=True)
 class _Screen:
-    """What candidates are tried on.
+    """The fitted model, and the windows in which candidates are tried.
 
     Args:
         fitted, windows: the model without them.
@@ -155,7 +155,7 @@ def _packed(found: Sequence[Prediction]) -> Kept:
 
 
 def _unpacked(additions: Mapping[str, Addition], kept: Kept) -> list[Prediction]:
-    """What a memo kept."""
+    """Restore the predictions that a memo kept."""
     found = []
     for k, told in enumerate(json.loads(kept.text)):
         told |= {"addition": additions[told["addition"]], "direction": kept.tensors[str(k)]}

@@ -235,7 +235,7 @@ class Search:
         return [self._trial(here, prediction, one) for prediction, one in each if one is not None]
 
     def _trial(self, here: Evaluation, prediction: Prediction, evaluation: Evaluation) -> Trial:
-        """What the rule says of an addition that was fitted."""
+        """Judge a fitted addition by the rule."""
         gains = evaluation.gains(here)
         refused = refusal(gains, here.gains(self.base)[0])
         if prediction.addition in self.flexible and not at_noise_floor(evaluation):
@@ -273,7 +273,7 @@ class Search:
 
 
 def promising(screened: Sequence[Prediction]) -> list[Prediction]:
-    """What is refitted: the best predictions, and the simplest, which go before their equals."""
+    """Select the predictions to refit: the best, and the simplest, which go before their equals."""
     enough = [prediction for prediction in screened if prediction.gain >= LEAST_PREDICTED_GAIN]
     wider = [prediction for prediction in enough if isinstance(prediction.addition, WiderBounds)]
     simple = [prediction for prediction in enough if len(prediction.begun[0]) == 1][:1]
@@ -287,7 +287,7 @@ def _wanted(here: Evaluation, tried: Sequence[Trial]) -> float:
 
 
 def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial) -> tuple[Addition, ...]:
-    """What is the same law as what was chosen, and was not refitted."""
+    """List the additions that are the same law as what was chosen, and were not refitted."""
     of = next(prediction for prediction in screened if prediction.addition == chosen.addition)
     known = {trial.addition.key for trial in tried}
     return tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))

@@ -67,7 +67,7 @@ def decide(
 
 
 def _more_than_the_step(error: float, before: Mapping[str, float], after: Mapping[str, float]) -> bool:
-    """Whether what was added explains far more than the integrator errs by: its name holds then, whatever the step.
+    """Check whether what was added explains far more than the integrator errs by: its name then holds at any step.
 
     Args:
         error: of the integrator [floors]; not a number where it is not known.
@@ -78,7 +78,7 @@ def _more_than_the_step(error: float, before: Mapping[str, float], after: Mappin
 
 
 def what_to_record(windows: Windows, runs: Measurement, horizon: float) -> str:
-    """What would make the data enough, in one sentence; empty where they are.
+    """Say in one sentence what would make the data enough; empty where they are.
 
     Args:
         windows: on which the search judged.

@@ -1,4 +1,4 @@
-"""Which other hypotheses the data leave open beside what was found, and how far each is to be believed.
+"""The other hypotheses that the data leave open beside what was found, and how far each is to be believed.
 
 An addition had equals when it entered. Whether it still has is asked once more at the end, beside all that came later
 and over all windows: the same hypothesis with the equal in its place is fitted, and judged by the one rule.
@@ -70,7 +70,7 @@ def settled(explanation: Explanation) -> Explanation:
 
 
 def weighted(explanation: Explanation) -> tuple[Weighted, ...]:
-    """What was found, first, and its rivals."""
+    """Weigh what was found, which comes first, and its rivals."""
     evaluations = [explanation.found, *explanation.rivals]
     ways = zip(*(one.left_out for one in evaluations), strict=True)
     weights = torch.stack(
@@ -100,7 +100,7 @@ def _scores(left: LeftOut, u: Float[Tensor, "D F"]) -> Float[Tensor, " D"]:
 
 
 def in_its_place(explanation: Explanation, found: Round, rival: Addition) -> Evaluation | None:
-    """What was found with a rival in the place of what a round added; None where it cannot be followed.
+    """Fit what was found with a rival in the place of what a round added; None where it cannot be followed.
 
     Args:
         explanation: whose evaluator fits it.

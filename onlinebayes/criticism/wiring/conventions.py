@@ -111,7 +111,7 @@ class OtherAxes(Fault):
 
     @property
     def lines(self) -> str:
-        """What to do with the columns: no key turns axes."""
+        """The change that the columns need: no key turns axes."""
         return f"# in the table: {', '.join(self.names)} turned into the {'body' if self.backward else 'world'}'s axes"
 
     def correct(self, measurement: Measurement) -> Measurement:

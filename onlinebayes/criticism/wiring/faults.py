@@ -55,16 +55,16 @@ class Fault(ABC):
     @property
     @abstractmethod
     def says(self) -> str:
-        """What is wrong, as the end of a sentence."""
+        """The fault, as the end of a sentence."""
 
     @property
     @abstractmethod
     def lines(self) -> str:
-        """What to put in the problem file, as TOML; a comment where only the table can say it."""
+        """The lines to put in the problem file, as TOML; a comment where only the table can say it."""
 
     @property
     def smoothed_anew(self) -> bool:
-        """Whether the windows' starts follow from the mended table alone, not from those of the table as it stands."""
+        """True if the windows' starts follow from the mended table alone, not from those of the table as it stands."""
         return False
 
     def correct(self, measurement: Measurement) -> Measurement:
@@ -260,7 +260,7 @@ def _bare(name: str) -> str:
 
 
 def _places(measurement: Measurement, kind: Kind, names: Sequence[str]) -> tuple[str, list[int]]:
-    """Which leaf the columns stand in, and where."""
+    """Return the leaf in which the columns stand, and their places there."""
     if kind == "command":
         return "command", [measurement.commands.index(name) for name in names]
     known = [signal.name for signal in measurement.signals]

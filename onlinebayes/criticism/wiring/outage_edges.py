@@ -1,4 +1,4 @@
-"""Where outages begin and end, to the row.
+"""The first and the last row of each outage.
 
     c_r = sum over windows w of run r of log(1 + e_w^2)      e_w: RMS of w's replay with the actuators off [floors],
                                                              from its smoothed or its fitted start, the lesser
@@ -35,7 +35,7 @@ Stretch = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class _Trial:
-    """What stretches are tried on: actuators (their places among the commands), theta and fitted starts.
+    """The data on which stretches are tried: actuators (their places among the commands), theta and fitted starts.
 
     ``windows`` are all of them, those of the ``struck`` runs are replayed.
     """

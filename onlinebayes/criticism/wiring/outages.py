@@ -32,7 +32,7 @@ STRUCK_MEDIANS = 3.0
 """A window that errs by more than so many times the median error may be struck."""
 
 MOST_PARTS = 3
-"""What happens more often than once a run, and more often than this, is a law and no outage: the longest count."""
+"""Most stretches of an outage, or the number of runs if larger: more would be a law; the longest ones count."""
 
 STRUCK_SHARE = 0.5
 """A window is struck where being off leaves less than this share of its error."""
@@ -164,7 +164,7 @@ def _starts(fitted: Float[Tensor, " P"], coarse: Simulator) -> tuple[Float[Tenso
 
 
 def _some_stand_out(errors: Float[Tensor, " W"]) -> bool:
-    """Whether a few windows err by far more than the others; more than half of them cannot (see the median)."""
+    """Check whether a few windows err by far more than the others; more than half of them cannot (see the median)."""
     return bool((errors > STRUCK_MEDIANS * errors.median()).any())
 
 

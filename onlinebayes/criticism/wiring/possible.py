@@ -1,4 +1,4 @@
-"""Which wiring faults are worth a look for these signals and commands.
+"""The wiring faults that are worth a look for these signals and commands.
 
 Per joint: the sign and the unit of its position, its velocity, or both; a zero a quarter or half a turn away. Of all
 hinges, and of all slides, together: their unit. Per pair of joints: their columns swapped. Per orientation: the sign

@@ -1,4 +1,4 @@
-"""How a log is read where it does not say: what is taken, and what is tried beside it.
+"""Readings of a log where it does not say how: what is taken, and what is tried beside it.
 
 | question                                    | taken                         | tried                           |
 |---------------------------------------------|-------------------------------|---------------------------------|
@@ -24,7 +24,7 @@ from onlinebayes.simulators.abilities import Measured
 from onlinebayes.simulators.identifiable import Identifiable
 
 Constraints = Literal["none", "rigid", "soft"]
-"""How the constraints of a model are taken; "none" where it has none, or where its file says how soft they are."""
+"""The way a model's constraints are taken; "none" where it has none, or where its file says how soft they are."""
 
 
 class Reading(Fault):
@@ -42,7 +42,7 @@ class HeldOverGaps(Reading):
 
     @property
     def says(self) -> str:
-        """What is tried."""
+        """The reading that is tried."""
         return "commands are held through missing rows"
 
     def correct(self, measurement: Measurement) -> Measurement:
@@ -56,7 +56,7 @@ class IdleBefore(Reading):
 
     @property
     def says(self) -> str:
-        """What is tried."""
+        """The reading that is tried."""
         return "there was no command before the runs"
 
     def correct(self, measurement: Measurement) -> Measurement:
@@ -76,7 +76,7 @@ class SoftConstraints(Reading):
 
     @property
     def says(self) -> str:
-        """What is tried."""
+        """The reading that is tried."""
         return "constraints are soft"
 
     def model(self, simulator: Identifiable) -> Identifiable:
@@ -86,7 +86,7 @@ class SoftConstraints(Reading):
 
 
 def other_readings(found: Identifiable, fit_runs: Measurement, soft: Identifiable | None) -> Iterator[Fault]:
-    """What is tried beside how the runs are read.
+    """Yield the readings to try beside the one under which the runs are read.
 
     Args:
         found: the model that they are held against.
@@ -102,7 +102,7 @@ def other_readings(found: Identifiable, fit_runs: Measurement, soft: Identifiabl
 
 
 def in_words(fit_runs: Measurement, constraints: Constraints) -> Iterator[str]:
-    """How a log is read where it does not say, a sentence each; nothing where every reading is the same."""
+    """Describe the reading of a log where it does not say, a sentence each; nothing where every reading is the same."""
     if constraints == "rigid":
         yield "the model's constraints are taken as rigid: no log says how soft they are"
     if constraints == "soft":
@@ -119,10 +119,10 @@ def in_words(fit_runs: Measurement, constraints: Constraints) -> Iterator[str]:
 
 
 def commanded_at_once(measurement: Measurement) -> bool:
-    """Whether the first row of a run commands something: only then do the readings differ."""
+    """Check whether the first row of a run commands something: only then do the readings differ."""
     return bool(measurement.data["command"][:, :1].any())
 
 
 def remembers_commands(simulator: Measured) -> bool:
-    """Whether an effect of the simulator remembers commands."""
+    """Check whether an effect of the simulator remembers commands."""
     return any(effect.has_command and effect.memory > 0 for effect in simulator.effects)

@@ -1,4 +1,4 @@
-"""How much each window errs where nothing is fitted: RMS of its replay from its smoothed start [floors]."""
+"""The error of each window where nothing is fitted: RMS of its replay from its smoothed start [floors]."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def shifts(measurement: Measurement) -> Iterator[Shifted]:
 
 
 def is_sensor(signal: str) -> bool:
-    """Whether a signal is what a sensor of the model gives, which may jump with the command."""
+    """Check whether a signal is given by a sensor of the model, which may jump with the command."""
     return signal.startswith(("sensor.", "qfrc."))
 
 

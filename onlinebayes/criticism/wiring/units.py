@@ -1,4 +1,4 @@
-"""Which unit of the signals lets a model follow a log that it cannot follow as it stands.
+"""The unit of the signals that lets a model follow a log that it cannot follow as it stands.
 
 A log in degrees that is read in radians asks for motions 57 times as large, and the replay diverges: no error is left
 that a fault could explain, so that units are tried one after the other until the base model follows the log.

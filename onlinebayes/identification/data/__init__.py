@@ -1,1 +1,1 @@
-"""What was measured, as criticism sees it: runs on an even clock, cut into windows, each with a smoothed start."""
+"""Measured data as criticism sees them: runs on an even clock, cut into windows, each with a smoothed start."""

@@ -140,7 +140,7 @@ def _measured_and_changed(measurement: Measurement) -> Iterator[tuple[Tensor, Te
 
 
 def _even(time: Float[Tensor, " N"], step: float) -> bool:
-    """Whether nearly all instants are whole multiples of a step."""
+    """Check whether nearly all instants are whole multiples of a step."""
     place = time / step
     return not len(place) or float(((place - place.round()).abs() < EXACT).double().mean()) > MOST
 
@@ -164,7 +164,7 @@ def _places(time: Float[Tensor, " T"], measured: Bool[Tensor, "T S"], step: floa
 
 
 def _lies_on(place: Float[Tensor, " N"], step: int) -> bool:
-    """Whether nearly all of a signal's instants are whole multiples of ``step``."""
+    """Check whether nearly all of a signal's instants are whole multiples of ``step``."""
     off = (place / step - (place / step).round()).abs() * step
     return float((off < CLOSE).double().mean()) > MOST
 

@@ -1,4 +1,4 @@
-"""What was commanded in rows that a log lost: a straight line where the command goes smoothly, unknown where it jumps.
+"""Commands in rows that a log lost: a straight line where the command goes smoothly, unknown where it jumps.
 
     u_{i+k} = u_i + k / (m + 1) (u_{i+1} - u_i),   k = 1 .. m      m rows lost between rows i and i + 1 of the table
     jump:   abs(u_{i+1} - u_i) > 5 (m + 1) median_j abs(u_{j+1} - u_j),  and more than a fifth of the command's range
@@ -75,7 +75,7 @@ def filled(
 
 
 def rows_missing(measurement: Measurement) -> int:
-    """How many rows seem to be missing across which a command changes."""
+    """Count the rows that seem to be missing across which a command changes."""
     count = 0
     for r, length in enumerate(measurement.lengths.tolist()):
         data = measurement.data[r, :length]

@@ -1,4 +1,4 @@
-"""How noisy the sensors are, and over how long the residual is correlated.
+"""The noise of the sensors, and the time over which the residual is correlated.
 
 | quantity                 | equation                                               | code                     |
 |--------------------------|--------------------------------------------------------|--------------------------|

@@ -37,7 +37,7 @@ def inverse(q: Float[Tensor, "*batch 4"]) -> Float[Tensor, "*batch 4"]:
 
 
 def rotated(q: Float[Tensor, "*#batch 4"], x: Float[Tensor, "*#batch 3"]) -> Float[Tensor, "*batch 3"]:
-    """What has the components x in the turned axes, in the axes from which q turns."""
+    """Transform components x in the turned axes into components in the axes from which q turns."""
     u, x = torch.broadcast_tensors(q[..., 1:], x)
     t = 2 * torch.linalg.cross(u, x)
     return x + q[..., :1] * t + torch.linalg.cross(u, t)

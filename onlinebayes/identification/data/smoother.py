@@ -1,4 +1,4 @@
-"""Where a window starts: position and velocity from a local cubic, with their standard deviations.
+"""Smoothed starts of windows: position and velocity from a local cubic, with their standard deviations.
 
     y(t) = a0 + a1 t + a2 t^2 + a3 t^3 + noise,   |t| <= m h,      q0 = a0, v0 = a1, cov = sd^2 (X' X)^-1
 
@@ -122,7 +122,7 @@ def local_cubic(
 
 
 def _value_and_slope(at: Float[Tensor, " W"]) -> Float[Tensor, "W 2 powers"]:
-    """What multiplies a cubic's coefficients to give its value and its slope at each place."""
+    """Return the factors of a cubic's coefficients that give its value and its slope at each place."""
     power = torch.arange(DEGREE + 1, device=at.device)
     value = at[:, None] ** power
     slope = power * torch.cat([torch.zeros_like(value[:, :1]), value[:, :-1]], -1)

@@ -1,4 +1,4 @@
-"""What is known of the windows' starts before the replay: the smoothed state, or what the user knows of how runs begin.
+"""Priors of the windows' starts: the smoothed state, or what the user knows of how runs begin.
 
     as measured   s ~ N(smoothed, (20 sd)^2)     sd propagated from the smoother
     known         s ~ N(value, sd^2) where a run begins, N(smoothed, sd^2) in every window: see ``KnownStart``

@@ -90,7 +90,7 @@ def _by_position(
 
 
 def _creeps(row: Float[Tensor, " n"], y: Float[Tensor, " n"], noise: Float[Tensor, ""]) -> bool:
-    """Whether a cubic in time follows positions significantly better than their mean does."""
+    """Check whether a cubic in time follows positions significantly better than their mean does."""
     if len(y) < 5:
         return False
     powers = torch.linalg.vander(row / row[-1].clamp_min(1), N=4)  # that of 0 first

@@ -1,4 +1,4 @@
-"""Where the windows lie in the runs, how many rows and bins they have, and where they start.
+"""The places of the windows in the runs, their numbers of rows and bins, and their starts.
 
 window w: rows g_w .. g_w + K of run r_w, K rows in bins of at most H / 100, one after the other without overlap
 
@@ -105,7 +105,7 @@ def tile(
 
 
 def _followed(observed: Bool[Tensor, "K1 J"], most: Sequence[float]) -> bool:
-    """Whether no joint of a window goes unmeasured for more than so many rows in which another one is measured."""
+    """Check whether no joint of a window is unmeasured for more than so many rows in which another one is measured."""
     observed = observed[observed.any(-1)]
     ends = observed.new_ones(1)
     for column, rows in zip(observed.unbind(-1), most, strict=True):

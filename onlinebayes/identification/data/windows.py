@@ -30,7 +30,7 @@ MEMORY = 20.0  # horizons before a window whose commands are kept for hidden sta
 
 
 Span = tuple[str, float, float]
-"""Where a window lies: its run, and the instants between which it is [s]."""
+"""The place of a window: its run, and the instants between which it lies [s]."""
 
 
 @dataclass(frozen=True)
@@ -108,24 +108,24 @@ class Windows:
 
     @property
     def spans(self) -> tuple[Span, ...]:
-        """Where each window lies: windows of other tables, steps or signals that lie there say the same."""
+        """The place of each window; windows of other tables, steps or signals that lie there have the same one."""
         places = zip(self.run.tolist(), self.first.tolist(), strict=True)
         begins = [(self.runs[r], self.begin[r] + self.step * g) for r, g in places]
         return tuple((run, round(begin, 6), round(begin + self.horizon, 6)) for run, begin in begins)
 
     @property
     def seen(self) -> Bool[Tensor, "W n S"]:
-        """Which bins hold an observation."""
+        """Mask of the bins that hold an observation."""
         return self.observed.unflatten(1, (self.bins, self.bin_rows)).any(2)
 
     @property
     def moving(self) -> Bool[Tensor, " W"]:
-        """Which windows hold an observation that is scored: in the others all joints rest."""
+        """Mask of the windows that hold an observation that is scored: in the others all joints rest."""
         return self.observed.any(2).any(1)
 
     @property
     def free_starts(self) -> Bool[Tensor, "W J2"]:
-        """Which entries of the starts move: both of a joint that does, but for what is known exactly."""
+        """Mask of the entries of the starts that move: both of a joint that does, but for what is known exactly."""
         return torch.cat([self.free, self.free], -1) & (self.start_prior > 0)
 
     @property

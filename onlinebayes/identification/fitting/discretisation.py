@@ -1,4 +1,4 @@
-"""How finely the model is integrated: the cheapest way whose error no judgement can notice.
+"""The choice of a model's integration: the cheapest way whose error no judgement can notice.
 
     values:        RMS of the start-projected difference from the finest way < max(rms, noise) / 10   in every signal
     derivatives:   |c - c_fine| < |c_fine| / 20                                                   of every column
@@ -44,7 +44,7 @@ FEW = 15
 
 @dataclass(frozen=True)
 class Discretisation:
-    """How a model is integrated, and how where only its derivatives are asked for."""
+    """The integration of a model, and the one that is used where only its derivatives are asked for."""
 
     values: Integration
     derivatives: Integration
@@ -71,7 +71,7 @@ def cost(simulator: Integrated, discretisation: Integration, row: float) -> floa
 
 
 def finest(simulator: Integrated) -> Integration:
-    """What the others are compared with."""
+    """Return the integration with which the others are compared."""
     if not adjustable(simulator):
         return Integration(simulator.timestep)
     if first_order(simulator) or by_runge_kutta(simulator):
@@ -80,7 +80,7 @@ def finest(simulator: Integrated) -> Integration:
 
 
 def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
-    """Whether a fit may be judged as it was integrated.
+    """Check whether a fit may be judged as it was integrated.
 
     Args:
         fitted: what is asked.
@@ -93,7 +93,7 @@ def fine_enough(fitted: Fitted, given: Identifiable, windows: Windows) -> bool:
 
 
 def error_in_floors(fitted: Fitted, given: Identifiable, windows: Windows) -> tuple[float, float]:
-    """What integration errs by in the worst signal, and the largest residual of any; arguments as :func:`fine_enough`.
+    """Return the worst signal's integration error, and the largest residual of any; arguments as :func:`fine_enough`.
 
     The error is infinite where the finest way diverges.
     """
@@ -162,7 +162,7 @@ def _linearised(way: Integration, given: Identifiable, fitted: Fitted, windows: 
 
 
 def _alike(windows: Windows, fitted: Fitted, rough: Linearisation, exact: Linearisation) -> bool:
-    """Whether all derivatives differ by little: by the starts, and by theta with the starts taken out."""
+    """Check whether all derivatives differ by little: by the starts, and by theta with the starts taken out."""
     by_theta = [taken_out(windows, fitted.rows, one.by_theta).flatten(0, 1) for one in (rough, exact)]
     by_start = [one.by_start.flatten(0, 2) for one in (rough, exact)]
     pairs = ((by_theta[0], by_theta[1]), (by_start[0], by_start[1]))

@@ -142,7 +142,7 @@ def best_theta(
     thetas: Float[Tensor, "G B P"],
     starts: Float[Tensor, "W J2"] | None = None,
 ) -> Float[Tensor, " P"]:
-    """Where a fit begins: the theta of each of G groups whose replay comes nearest, and of these the one that leads on.
+    """Choose a fit's start: of each of G groups the theta whose replay comes nearest, of these the one that leads on.
 
     Which of them leads on is what one step from there promises, in the windows that err most: a law that replaces
     another one makes the replay worse until theta and the starts have followed.

@@ -1,4 +1,4 @@
-"""How long a window may be: at most the time in which an error of its start grows e-fold in open loop.
+"""The limit of a window's length: the time in which an error of its start grows e-fold in open loop.
 
     H = the first t at which  median over windows of  max over joints j, t' <= t of  |d q_j(t') / d q_j(0)|  >  e
 
@@ -43,7 +43,7 @@ def within_runs(selection: Selection, measurement: Measurement) -> Selection:
 
 
 def cut_to_runs(asked: Selection, used: Selection) -> tuple[str, ...]:
-    """What to tell a user whose windows :func:`within_runs` cut; nothing where it did not."""
+    """Return a note for a user whose windows :func:`within_runs` cut; nothing where it did not."""
     if used.horizon_s == asked.horizon_s:
         return ()
     return (f"windows last {used.horizon_s:g} s in place of {asked.horizon_s:g} s: no run is longer",)
@@ -71,7 +71,7 @@ def steady(simulator: Identifiable, measurement: Measurement, selection: Selecti
 
 
 def shortened(asked: Selection, used: Selection) -> tuple[str, ...]:
-    """What to tell a user whose windows are shorter than asked for; nothing where they are not."""
+    """Return a note for a user whose windows are shorter than asked for; nothing where they are not."""
     if used.horizon_s == asked.horizon_s:
         return ()
     return (

@@ -1,4 +1,4 @@
-"""What the data determine: parameters with intervals, and the directions of theta that they leave flat.
+"""Identifiability from the data: parameters with intervals, and the directions of theta that the data leave flat.
 
     J = C~ diag(range) / s_eff,   J = U S V',   a direction v_k is flat where S_k < 3: its sd fills a third of the prior
 
@@ -103,7 +103,7 @@ def flat_directions(fitted: Fit, tau: float, bin_step: float) -> tuple[FlatDirec
 
 
 def _without_moments(C: Float[Tensor, "N P"], fitted: Fit, s: Float[Tensor, ""]) -> Float[Tensor, "M P"]:
-    """What is left of the columns where the unmeasured moments do what they can, within what is known of them."""
+    """Project the unmeasured moments out of the columns, within what is known of these moments."""
     if fitted.moments is None:
         return C
     K = len(fitted.moments.sd)

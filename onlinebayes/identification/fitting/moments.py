@@ -36,7 +36,7 @@ DIFFERENCE_SD = 3.0
 
 @dataclass(frozen=True)
 class Moments:
-    """What the moments of K bodies do.
+    """The sensitivities of the replay to the moments of inertia of K bodies.
 
     Args:
         by_moment: d simulated / d e.

@@ -39,7 +39,7 @@ def run_halves(windows: Windows) -> Int[Tensor, " W"]:
 
 
 def own_covariance(fitted: Fit, blocks: Blocks) -> Float[Tensor, "F F"]:
-    """What the jackknife over blocks cannot see [SI]: the spread of own values whose run lies in one block.
+    """Return the covariance that the jackknife over blocks misses [SI]: the spread of own values of runs in one block.
 
     A run of a single window has no spread to go by: its sd is the bounds' width / sqrt(12).
     """
@@ -68,7 +68,7 @@ def own_covariance(fitted: Fit, blocks: Blocks) -> Float[Tensor, "F F"]:
 def held_out_model(
     simulator: Identifiable, windows: Windows, theta: Float[Tensor, " F"]
 ) -> tuple[Identifiable, Windows, Float[Tensor, " G"]]:
-    """What replays held-out windows: the model itself, or one in which a half of a run has the other half's own value.
+    """Build the model that replays held-out windows: itself, or one in which half a run has the other half's own value.
 
     Args:
         simulator, theta: the fitted model.
@@ -115,5 +115,5 @@ def _parts_model(
 
 
 def _informs(fitted: Fit) -> Bool[Tensor, "W F"]:
-    """Which windows say something about each parameter."""
+    """Return a mask of the windows that say something about each parameter."""
     return fitted.projected.columns.square().sum(1) > 0

@@ -57,7 +57,7 @@ class Projected:
         return rows[..., : self.bins * self.signals].unflatten(-1, (self.bins, self.signals))
 
     def seen(self) -> Bool[Tensor, "V n S"]:
-        """Which bins were observed."""
+        """Return a mask of the observed bins."""
         return self.measured_rows(self.row_weight) > 0
 
     def project(self, columns: Float[Tensor, "V m C"]) -> Float[Tensor, "V m C"]:
@@ -109,12 +109,12 @@ def _cut(by_bin: Float[Tensor, "W bins S ..."], pieces: int) -> Float[Tensor, "V
 
 
 def per_noise(windows: Windows) -> Float[Tensor, "W n S"]:
-    """What turns a bin's SI unit into noise units: 1 / sd of its average, 0 where nothing was observed."""
+    """Return the factor from a bin's SI unit to noise units: 1 / sd of its average, 0 where nothing was observed."""
     return torch.where(windows.seen, 1 / windows.bin_noise, torch.zeros_like(windows.bin_noise))
 
 
 def row_weights(windows: Windows, weight: Float[Tensor, " S"], pieces: int = 1) -> Float[Tensor, "V m"]:
-    """What each row in noise units counts: its signal's weight where it was observed, the mean one for the priors.
+    """Return each row's weight in noise units: its signal's weight where it was observed, the mean one for the priors.
 
     A prior that was given counts for what it says.
     """
@@ -149,7 +149,7 @@ def replace_columns(
 def start_shift(
     windows: Windows, lin: Linearisation, projected: Projected, step: Float[Tensor, " P"]
 ) -> Float[Tensor, "W J2"]:
-    """How the starts move when theta moves by ``step``: the least-squares starts of the linearised replay."""
+    """Compute the shift of the starts when theta moves by ``step``: the linearised replay's least-squares starts."""
     rows = noise_rows(windows, lin.residual[..., None] - (lin.by_theta @ step)[..., None])[..., 0]
     rows[:, -windows.start.shape[1] :] = start_misfit(windows, lin.starts)
     right = projected.basis.mT @ rows[..., None]

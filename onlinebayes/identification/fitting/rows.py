@@ -77,7 +77,7 @@ def band_squares(windows: Windows, rows: Float[Tensor, "W n S"]) -> Float[Tensor
 
 
 def band_counts(windows: Windows) -> Float[Tensor, "W B S"]:
-    """How many bins of each were observed."""
+    """Count the observed bins in every window, band and signal."""
     return band_squares(windows, torch.ones_like(windows.bin_noise))
 
 
@@ -119,7 +119,7 @@ def _prior_weight(windows: Windows, weight: Float[Tensor, "n S"]) -> Float[Tenso
 
 
 def taken_out(windows: Windows, rows: Rows, moved: Float[Tensor, "W n S C"]) -> Float[Tensor, "W m C"]:
-    """How the rows move where the replay does, starts taken out again."""
+    """Return the change of the rows where the replay changes, starts taken out again."""
     scaled = (moved * (per_noise(windows) * rows.weight)[..., None]).flatten(1, 2)
     still = scaled.new_zeros(len(scaled), windows.start.shape[1], scaled.shape[2])
     column = torch.cat([scaled, still], dim=1)
@@ -136,7 +136,7 @@ def left_of(windows: Windows, rows: Rows, residual: Float[Tensor, "D W n S"], st
 def start_shift(
     windows: Windows, lin: Linearisation, rows: Rows, steps: Float[Tensor, "D P"]
 ) -> Float[Tensor, "D W J2"]:
-    """How all starts move, each window to its best one, when theta moves by each of the steps."""
+    """Compute the shift of all starts, each window to its best one, when theta moves by each of the steps."""
     scale = per_noise(windows) * rows.weight
     left = lin.residual - torch.einsum("wnsp,dp->dwns", lin.by_theta, steps)
     prior = rows.prior_weight * start_misfit(windows, lin.starts)

@@ -1,4 +1,4 @@
-"""How the replay moves with its parameters and its starts: finite differences, all of them worlds of one rollout.
+"""Sensitivities of the replay to its parameters and its starts: finite differences, all of them worlds of one rollout.
 
     simulated(theta + d theta, s + d s) ~ simulated + by_theta d theta + by_start d s
 
@@ -54,7 +54,7 @@ class Linearisation:
 
     @classmethod
     def of(cls, kept: Kept) -> Linearisation:
-        """What a memo kept."""
+        """Restore the linearisation that a memo kept."""
         return cls(**{**kept.tensors, "valid": bool(kept.tensors["valid"])})  # type: ignore[arg-type]
 
 
@@ -139,7 +139,7 @@ def between(
     up: Float[Tensor, "M P"],
     starts: Float[Tensor, "W J2"],
 ) -> Float[Tensor, "M W n S"] | None:
-    """How the binned replay differs between two thetas, pair by pair; None where a world diverges."""
+    """Return the difference of the binned replay between two thetas, pair by pair; None where a world diverges."""
     both = torch.cat([up, down])
     binned, valid = replay_binned(simulator, windows, both, starts.expand(len(both), *starts.shape))
     return binned[: len(up)] - binned[len(up) :] if bool(valid.all()) else None
@@ -196,7 +196,7 @@ def columns(
     moved: Float[Tensor, "M P"],
     starts: Float[Tensor, "W J2"],
 ) -> tuple[Float[Tensor, "M W n S"], Float[Tensor, " M"]]:
-    """How the binned replay differs between ``base`` and each row of ``moved``; 1 where all worlds stayed finite."""
+    """Return the binned replay of each row of ``moved`` less that of ``base``; 1 where all worlds stayed finite."""
     theta = torch.cat([base[None], moved])
     binned, valid = replay_binned(simulator, windows, theta, starts.expand(len(theta), *starts.shape))
     return binned[1:] - binned[0], valid[1:].all(-1).to(base)

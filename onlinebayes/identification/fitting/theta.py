@@ -35,5 +35,5 @@ def values_of(simulator: Simulator, theta: Float[Tensor, " P"]) -> dict[str, flo
 
 
 def room(simulator: Simulator, theta: Float[Tensor, " P"]) -> tuple[Float[Tensor, " P"], Float[Tensor, " P"]]:
-    """How far theta may go down and up within the simulator's bounds [SI]."""
+    """Return the largest steps of theta down and up within the simulator's bounds [SI]."""
     return simulator.parameters.low.to(theta) - theta, simulator.parameters.high.to(theta) - theta

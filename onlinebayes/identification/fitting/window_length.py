@@ -1,4 +1,4 @@
-"""How long the windows are, found by doubling: the longest over which the model still says something.
+"""The length of the windows, found by doubling: the longest over which the model still says something.
 
     longer while   windows >= 15,   base error < spread / 2 in every signal,   growth of a start's error < 5
 
@@ -96,7 +96,7 @@ def fit_base(
 
 
 def _kept_base(given: Identifiable, measurement: Measurement, noise: Float[Tensor, " S"], kept: Kept) -> BaseFit:
-    """What a memo kept."""
+    """Restore the base fit that a memo kept."""
     told = json.loads(kept.text)
     horizon, values, derivatives = (told[name] for name in ("horizon", "values", "derivatives"))
     way = Discretisation(Integration(**values), Integration(**derivatives))
@@ -171,7 +171,7 @@ def thinned(windows: Windows, most: int) -> Windows:
 
 
 def follows(found: BaseFit) -> bool:
-    """Whether the replay stays with the measurement over these windows."""
+    """Check whether the replay stays with the measurement over these windows."""
     windows, rows = found.windows, found.fitted.rows
     left = rows.in_noise(rows.residual)
     seen, count = windows.seen, windows.seen.sum(1, keepdim=True).clamp_min(1)

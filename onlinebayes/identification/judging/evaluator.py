@@ -53,7 +53,7 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class FitRequest:
-    """What is to be fitted, and from where.
+    """A request for a fit: the hypothesis, and the values from which the fit begins.
 
     Args:
         hypothesis: what is fitted.
@@ -80,7 +80,7 @@ def better(new: Evaluation | None, known: Evaluation | None) -> Evaluation | Non
 
 
 def at_noise_floor(here: Evaluation) -> bool:
-    """Whether no more than noise is left."""
+    """Check whether no more than noise is left."""
     return float(here.left_out[0].rms.max()) <= AT_FLOOR
 
 
@@ -146,7 +146,7 @@ class Evaluator:
 
     @property
     def context(self) -> tuple[object, ...]:
-        """All that its fits depend on beside what is asked."""
+        """Everything that its fits depend on besides the request."""
         return self.given, self.windows, self.runs, self.discretisation
 
     def evaluate_all(self, fits: Sequence[FitRequest]) -> list[Evaluation | None]:

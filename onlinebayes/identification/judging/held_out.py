@@ -53,7 +53,7 @@ def held_out_errors(evaluator: Evaluator, evaluation: Evaluation, held: Measurem
 def run_scores(
     simulator: Identifiable, values: Mapping[str, float], runs: Measurement, noise: Mapping[str, float], horizon: float
 ) -> Float[Tensor, " R"]:
-    """How well a model predicts each of some runs that were not fitted: S of the run alone, see :mod:`.scoring` [nats].
+    """Score a model's prediction of runs that were not fitted: S of each run alone, see :mod:`.scoring` [nats].
 
     Args:
         simulator: the model, which is integrated as it is.
@@ -89,7 +89,7 @@ def _left(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"])
 
 
 def _settled(simulator: Identifiable, windows: Windows, theta: Float[Tensor, " P"]) -> Rows | None:
-    """What is left after starts and own values have settled; None where the replay diverges."""
+    """Return the residual rows after starts and own values have settled; None where the replay diverges."""
     starts = windows.start
     own = torch.tensor([name != address_of(name) for name in simulator.parameters], device=starts.device)
     for step in range(STEPS + 1):

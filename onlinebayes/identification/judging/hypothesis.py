@@ -1,4 +1,4 @@
-"""What may be wrong with a model: a hypothesis is the base model with some additions, as a value that can be compared.
+"""Hypotheses of what is wrong with a model: each is the base model with some additions, as a comparable value.
 
 A hypothesis holds no fitted value. :func:`build` makes the simulator that it stands for.
 """
@@ -15,7 +15,7 @@ from onlinebayes.simulators.identifiable import Identifiable
 
 @dataclass(frozen=True)
 class Start:
-    """Where a fit of an addition may begin.
+    """A point from which a fit of an addition may begin.
 
     Args:
         values: entries of the simulator's parameters -> value [SI].

@@ -36,7 +36,7 @@ EXPLAINED = 0.5
 
 
 def explains_half(before: LeftOut, after: LeftOut) -> bool:
-    """Whether half of the squared error above the noise is gone, over what both predict."""
+    """Check whether half of the squared error above the noise is gone, over what both predict."""
     return half_gone(*(one.rms.tolist() for one in in_common(before, after)))
 
 
@@ -47,13 +47,13 @@ def half_gone(before: Iterable[float], after: Iterable[float]) -> bool:
 
 
 def explains_enough(found: Gain, gained: Sequence[float]) -> bool:
-    """Whether a gain is a share of the error that matters, where so much was gained in each signal before it."""
+    """Check whether a gain is a share of the error that matters, where so much was gained in each signal before it."""
     pairs = zip(found.by_signal, gained, strict=True)
     return found.gain >= LEAST_GAIN and any(won >= max(LEAST_GAIN, SHARE_OF_GAINED * before) for won, before in pairs)
 
 
 def preferred(found: Sequence[Gain], gained: Gain) -> bool:
-    """Whether an addition with these gains is preferred to going without it; arguments as :func:`refusal`."""
+    """Check whether an addition with these gains is preferred to going without it; arguments as :func:`refusal`."""
     return refusal(found, gained) is None
 
 
@@ -76,7 +76,7 @@ def refusal(found: Sequence[Gain], gained: Gain) -> str | None:
 
 
 def equally_good(differences: Sequence[Gain], gains: Sequence[float]) -> bool:
-    """Whether two hypotheses cannot be told apart.
+    """Check whether two hypotheses cannot be told apart.
 
     Args:
         differences: of the better over the other, for each way of leaving data out [nats].

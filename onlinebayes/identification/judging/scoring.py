@@ -1,4 +1,4 @@
-"""How well a fitted hypothesis predicts what it did not see, and by how much it is better than another.
+"""The score of a fitted hypothesis on data that it did not see, and its gain over another hypothesis.
 
     S = sum over signals of the mean over bands of 1/2 log(mean left-out square + 1)       squares in units of noise^2
 
@@ -150,7 +150,7 @@ def in_common(one: LeftOut, other: LeftOut) -> tuple[LeftOut, LeftOut]:
 
 
 def gain(better: LeftOut, other: LeftOut) -> Gain:
-    """What ``better`` gains over ``other``, over what both predict."""
+    """Compute the gain of ``better`` over ``other``, over what both predict."""
     better, other = in_common(better, other)
     differences = other.without_fold - better.without_fold
     F = len(differences)
@@ -198,7 +198,7 @@ class LinearModel:
 
     @classmethod
     def of(cls, fitted: Fitted) -> LinearModel:
-        """That of a fit."""
+        """Return the linear model of a fit."""
         return cls(fitted.rows, fitted.rows.columns, *room(fitted.simulator, fitted.theta))
 
     def grown(

@@ -1,4 +1,4 @@
-"""Whether a replay says more of a signal than that it goes on as it went: nothing is named from one that does not.
+"""Skill of a replay over the naive continuation of a signal: nothing is named from a signal in which it has none.
 
 naive:  q_0 + v_0 t  for a position,  v_0  for a velocity,   q_0 and v_0 the best ones of each window
 skill:  left-out RMS of the hypothesis < RMS that the naive continuation leaves,   or no more than noise is left
@@ -26,7 +26,7 @@ def unskilled(found: Evaluation, evaluator: Evaluator) -> tuple[str, ...]:
 
 
 def has_skill(found: Evaluation, evaluator: Evaluator) -> bool:
-    """Whether something moves that the naive continuation misses, and the hypothesis has skill in all of it."""
+    """Check whether something moves that the naive continuation misses, and the hypothesis has skill in all of it."""
     windows = evaluator.windows
     naive = naive_rms(windows, [evaluator.given.signals[column] for column in windows.columns])
     moving = naive > AT_FLOOR
@@ -34,7 +34,7 @@ def has_skill(found: Evaluation, evaluator: Evaluator) -> bool:
 
 
 def gains_with_skill(found: Evaluation, base: Evaluation, evaluator: Evaluator) -> bool:
-    """Whether a hypothesis gains enough in the signals in which it has skill."""
+    """Check whether a hypothesis gains enough in the signals in which it has skill."""
     lost = unskilled(found, evaluator)
     names = [evaluator.given.signals[column] for column in evaluator.windows.columns]
     each = zip(names, found.gains(base)[0].by_signal, strict=True)
@@ -56,7 +56,7 @@ def naive_rms(windows: Windows, names: list[str]) -> Float[Tensor, " S"]:
 def _around(
     terms: Float[Tensor, "n k"], value: Float[Tensor, "W n"], seen: Bool[Tensor, "W n"]
 ) -> Float[Tensor, "W n"]:
-    """What the best combination of the terms leaves in every window, where something was seen."""
+    """Return the residual of the best combination of the terms in every window, where something was seen."""
     weight = seen.to(value)
     A, y = terms * weight[..., None], (value * weight)[..., None]
     # A trifle on the diagonal: a window may hold fewer bins than terms.

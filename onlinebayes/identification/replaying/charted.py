@@ -76,7 +76,7 @@ class ChartedSimulator(SimulatorWrapper):
 
     @property
     def nominal(self) -> Float[Tensor, " P"]:
-        """That of the physics."""
+        """The nominal parameters of the physics."""
         return self.physics.nominal
 
     @property

@@ -36,7 +36,7 @@ def in_step(simulator: S, measurement: Measurement) -> S:
 
 
 def restepped(given: Integrated, used: Integrated, measurement: Measurement) -> tuple[str, ...]:
-    """What to tell a user whose model is integrated with another step than its own; nothing where it is not.
+    """Return a note for a user whose model is integrated with another step than its own; nothing where it is not.
 
     Args:
         given, used: the base model before and after :func:`in_step`.

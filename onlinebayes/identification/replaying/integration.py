@@ -44,7 +44,7 @@ class Integration:
 
 
 def reported(simulator: Integrated, *fitted: Integrated) -> Integration:
-    """How fitted models are run that are reported: in no longer steps than the given one, and by no cheaper method.
+    """Choose the integration of fitted models in reports: no longer steps than the given one's, and no cheaper method.
 
     Args:
         simulator: as the user gave it.
@@ -57,17 +57,17 @@ def reported(simulator: Integrated, *fitted: Integrated) -> Integration:
 
 
 def adjustable(simulator: Integrated) -> bool:
-    """Whether the simulator can integrate with another step."""
+    """Check whether the simulator can integrate with another step."""
     return type(unwrap(simulator)).with_timestep is not Integrated.with_timestep
 
 
 def first_order(simulator: Integrated) -> bool:
-    """Whether the model's own method is another than Runge's and Kutta's, which it could have."""
+    """Check whether the model's own method is another than Runge's and Kutta's, which it could have."""
     return _has_methods(simulator) and simulator.with_runge_kutta() is not simulator
 
 
 def by_runge_kutta(simulator: Integrated) -> bool:
-    """Whether the model's own method is Runge's and Kutta's, and could be another."""
+    """Check whether the model's own method is Runge's and Kutta's, and could be another."""
     return _has_methods(simulator) and simulator.with_runge_kutta() is simulator
 
 

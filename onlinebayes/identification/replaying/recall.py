@@ -66,7 +66,7 @@ def _lately(
 
 
 def _motion(simulator: Identifiable, windows: Windows, runs: list[int]) -> TensorDict | None:
-    """What ``Identifiable.hidden_states_along`` asks for, of runs up to their last windows (R, K); None if unknown."""
+    """Return the motion for ``Identifiable.hidden_states_along``, to the runs' last windows (R, K); None if unknown."""
     longest = max(1, int(windows.first.max()))
     lines = []
     for r in runs:

@@ -161,7 +161,7 @@ def sensor_readings(
     starts: Float[Tensor, "M W J2"],
     trajectory: TensorDict,
 ) -> Float[Tensor, "M W K S"]:
-    """What the sensors show of :func:`rollout`'s trajectories when they are read, in the windows' order of signals."""
+    """Read the sensors of :func:`rollout`'s trajectories at their reading times, in the windows' order of signals."""
     simulator, theta = unfold(simulator, windows, theta)
     qpos, qvel = starts.chunk(2, dim=-1)
     state = TensorDict({"qpos": qpos, "qvel": qvel}, batch_size=starts.shape[:2])

@@ -91,7 +91,7 @@ class ScopedSimulator(SimulatorWrapper):
         return theta[:, windows.run]
 
     def touches(self, windows: Windows) -> Bool[Tensor, "F W"]:
-        """Which windows each entry of phi can move."""
+        """Return a mask of the windows that each entry of phi can move."""
         A = torch.stack([self.affine(run)[0] for run in windows.runs])
         return (A != 0).any(1).to(windows.run.device)[windows.run].T
 
@@ -212,12 +212,12 @@ def unscoped(simulator: Identifiable) -> Identifiable:
 
 
 def physical(simulator: Simulator, theta: Float[Tensor, " F"]) -> Float[Tensor, " P"]:
-    """What :func:`.wrapper.unwrap` of this simulator gets in the typical world."""
+    """Return the theta that :func:`.wrapper.unwrap` of this simulator gets in the typical world."""
     return simulator.typical(theta) if isinstance(simulator, ScopedSimulator) else theta
 
 
 def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[Tensor, " P"]:
-    """What :func:`.wrapper.unwrap` of this simulator gets in a run; the typical theta where it has none."""
+    """Return the theta that :func:`.wrapper.unwrap` of this simulator gets in a run; the typical one if it has none."""
     if not isinstance(simulator, ScopedSimulator):
         return theta
     A, c = (x.to(theta) for x in simulator.affine(run))
@@ -227,7 +227,7 @@ def in_run(simulator: Simulator, theta: Float[Tensor, " F"], run: str) -> Float[
 def unfold(
     simulator: Identifiable, windows: Windows, theta: Float[Tensor, "M F"], rows: Rows | None = None
 ) -> tuple[Identifiable, Float[Tensor, "M W P"]]:
-    """What is replayed, and every window's theta: over all of it, or over a piece's rows (see :mod:`.timed`)."""
+    """Return the simulator to replay and each window's theta: over all of it, or a piece's rows (see :mod:`.timed`)."""
     if isinstance(simulator, ScopedSimulator):
         return simulator.physics, in_time(simulator.physics, windows, simulator.of_windows(theta, windows), rows)
     everywhere = theta[:, None].expand(len(theta), windows.count, theta.shape[1])

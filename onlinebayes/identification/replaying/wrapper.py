@@ -1,4 +1,4 @@
-"""What a simulator around another one hands on: criticism sees its parameters or positions in another form."""
+"""A simulator around another one, to which it forwards: criticism sees its parameters or positions in another form."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class SimulatorWrapper(Identifiable):
 
     @property
     def memory_span(self) -> float:
-        """That of the physics."""
+        """The memory span of the physics."""
         return self.physics.memory_span
 
     @property

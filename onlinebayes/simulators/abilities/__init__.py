@@ -1,4 +1,4 @@
-"""What identification and criticism ask of a simulator besides stepping it, one ability a file.
+"""The abilities of a simulator that identification and criticism need besides stepping it, one in each file.
 
 A function asks for the one that it uses: ``def joint_names(simulator: Measured)``.
 """

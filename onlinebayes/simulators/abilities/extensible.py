@@ -1,4 +1,4 @@
-"""What effects can act on in a simulator, and how large it is."""
+"""The targets on which effects can act in a simulator, and their sizes."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Extensible(Measured):
         return {}
 
     def targets(self, kind: TargetKind) -> tuple[str, ...]:
-        """What effects of one kind can act on, by name; bodies, geoms, the world only where a backend has them."""
+        """List the targets of one kind, by name; bodies, geoms, the world only where a backend has them."""
         if kind == "actuator":
             return self.commands
         if kind == "signal":
@@ -52,5 +52,5 @@ class Extensible(Measured):
 
     @property
     def contacts(self) -> Mapping[str, Contact]:
-        """What the contacts of each of the geoms and bodies among :meth:`targets` of geoms are like, as built."""
+        """Contact properties of each of the geoms and bodies among :meth:`targets` of geoms, as built."""
         return {}

@@ -1,4 +1,4 @@
-"""How a simulator integrates, and the same system integrated in another way."""
+"""The numerical integration of a simulator, and the same system integrated in another way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a simulator measures, what it is commanded by, and which effects it carries."""
+"""The signals that a simulator measures, its commands, and the effects that it carries."""
 
 from __future__ import annotations
 

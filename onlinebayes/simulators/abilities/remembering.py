@@ -1,4 +1,4 @@
-"""What a simulator remembers of motion and commands, worked out without its physics."""
+"""The memory of motion and commands in a simulator's state, computed without its physics."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Seen, Servo
 
 REMEMBERED = 1.0
-"""How long the side on which the gap was closed last may matter [s]."""
+"""The time for which the side on which the gap was closed last may matter [s]."""
 UNKNOWN, APART, TOUCHING, STRUCK = -1.0, 0.0, 1.0, 2.0
 """The hidden state ``"contact"``: not begun, in the gap, at a stop, at a stop that was just reached."""
 STATE = ("offset", "speed", "before", "contact", "owed")
@@ -106,7 +106,7 @@ class Backlash(Effect):
         return TensorDict(state, batch_size=[worlds], device=like.device)
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"]:
-        """What the joint feels besides the actuator's force in the model [N, N m]; 0 for g = 0.
+        """Return the force on the joint besides the actuator's force in the model [N, N m]; 0 for g = 0.
 
         In the gap nothing but the loss of it; at a stop the force as it is on the motor's side, and the blow.
         """
@@ -134,7 +134,7 @@ class Backlash(Effect):
         return TensorDict(state, batch_size=speed.shape, device=speed.device)
 
     def _now(self, parameters: Mapping[str, Tensor], seen: Seen) -> _Now:
-        """Where the motor's side is at the start of the step, and what it will do; worked out once a step."""
+        """Return the motor side's state at the start of the step and its motion in the step; computed once a step."""
         if "now" not in seen.memo:
             seen.memo["now"] = self._look(parameters, seen)
         return cast(_Now, seen.memo["now"])
@@ -170,7 +170,7 @@ class Backlash(Effect):
 
 @dataclass(frozen=True)
 class _Now:
-    """What the motor's side does during a step.
+    """The state of the motor's side during a step, and the force and the blow at its stop.
 
     Args:
         offset, speed: m - q and w at its start.

@@ -1,4 +1,4 @@
-"""What an effect is: one named physical term with bounded parameters of its own, at its neutral value nothing at all.
+"""The effect interface: one named physical term with bounded parameters, which vanishes at its neutral value.
 
     tau_total = tau_model(q, v, u) + effect(q, v, u; parameters),      effect(...; neutral) = 0, bit for bit
 
@@ -33,7 +33,7 @@ from onlinebayes.simulators.effects.scales import Scales
 from onlinebayes.simulators.effects.seen import Reading, Seen
 
 TargetKind = Literal["joint", "actuator", "body", "geom", "site", "world", "signal", "parameter"]
-"""What an effect acts on; a world has one target, ``"world"``, a parameter's is its address."""
+"""The kind of element that an effect acts on; a world has one target, ``"world"``, a parameter's is its address."""
 
 
 class Effect(ABC):
@@ -114,7 +114,7 @@ class Effect(ABC):
         return ()
 
     def said_by_joints(self, kinds: Mapping[str, str], moving: Sequence[str]) -> bool:
-        """Whether effects on single joints say the same with less; criticism then leaves it out. Never by default.
+        """Check whether effects on single joints say the same with less; criticism then omits it. Never by default.
 
         Args:
             kinds: joint -> ``"slide"``, ``"hinge"``, or ``""`` where it is not known, of all joints.
@@ -124,17 +124,17 @@ class Effect(ABC):
 
     @property
     def staged(self) -> bool:
-        """Whether MuJoCo carries it between the engine's timesteps, which are then walked one by one."""
+        """True if MuJoCo carries the effect between the engine's timesteps, which are then walked one by one."""
         return self.has_force and not self.fields
 
     @property
     def remembers(self) -> bool:
-        """Whether it has a hidden state."""
+        """True if the effect has a hidden state."""
         return type(self).rest is not Effect.rest
 
     @property
     def memory(self) -> float:
-        """How long what has happened acts on through the hidden state [s]; 0 without one."""
+        """The time for which past events act on through the hidden state [s]; 0 without one."""
         return 0.0
 
     # --- MuJoCo -------------------------------------------------------------------------------------------------
@@ -157,21 +157,21 @@ class Effect(ABC):
 
     @property
     def has_force(self) -> bool:
-        """Whether the effect has a force stage."""
+        """True if the effect has a force stage."""
         return type(self).force is not Effect.force or self.bounds_friction or self.changes_inertia
 
     @property
     def bounds_friction(self) -> bool:
-        """Whether its force stage bounds a dry friction."""
+        """True if its force stage bounds a dry friction."""
         return type(self).friction_bound is not Effect.friction_bound
 
     @property
     def changes_inertia(self) -> bool:
-        """Whether its force stage changes the joint's inertia."""
+        """True if its force stage changes the joint's inertia."""
         return type(self).inertia is not Effect.inertia
 
     def force(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
-        """What is added to the generalised force of the target joint, or to the target actuator's own force [N, N m].
+        """Return the force added to the target joint's generalised force, or to that of the target actuator [N, N m].
 
         It is held over a timestep, evaluated at its start, or in its middle where MuJoCo goes by Runge and Kutta's
         method and the effect has no hidden state; None where the effect has none.
@@ -183,7 +183,7 @@ class Effect(ABC):
         return None
 
     def inertia(self, parameters: Mapping[str, Tensor], seen: Seen) -> Float[Tensor, " N"] | None:
-        """What is added to the inertia of the target joint over the step [kg, kg m2], or None."""
+        """Return the inertia added to that of the target joint over the step [kg, kg m2], or None."""
         return None
 
     def advance(self, parameters: Mapping[str, Tensor], seen: Seen) -> TensorDict | None:
@@ -208,7 +208,7 @@ class Effect(ABC):
     # --- sensors ------------------------------------------------------------------------------------------------
 
     def sense(self, parameters: Mapping[str, Tensor], reading: Reading) -> Float[Tensor, "*batch T"]:
-        """What the sensor shows of the target signal; parameters have shape (*batch,) [SI]."""
+        """Return the values of the target signal that the sensor shows; parameters have shape (*batch,) [SI]."""
         return reading.value
 
     def unsense(
@@ -243,7 +243,7 @@ class Effect(ABC):
         command: Float[Tensor, "N K"],
         timestep: float,
     ) -> tuple[Float[Tensor, "N K"], TensorDict | None]:
-        """What the target actuator receives over K consecutive timesteps, and the hidden state after them.
+        """Return the target actuator's input over K consecutive timesteps, and the hidden state after them.
 
         Args:
             parameters: short name -> values (N,).

@@ -1,4 +1,4 @@
-"""What the bounds of an effect's parameters must obey, and what follows from them: starting values, units."""
+"""Rules for the bounds of an effect's parameters, and what follows from the bounds: starting values, units."""
 
 from __future__ import annotations
 

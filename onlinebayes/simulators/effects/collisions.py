@@ -1,4 +1,4 @@
-"""Which geoms of a model can touch, by MuJoCo's rules for masks, bodies and exclusions.
+"""The pairs of geoms that can touch in a model, by MuJoCo's rules for masks, bodies and exclusions.
 
     their masks fit:        (contype_1 & conaffinity_2) | (contype_2 & conaffinity_1) != 0
     their bodies move against each other, are not parent and child, and not excluded
@@ -14,7 +14,7 @@ from jaxtyping import Bool
 
 
 def may_touch(model: mujoco.MjModel) -> Bool[np.ndarray, "G G"]:
-    """Whether geom i can touch geom j; ``<pair>`` elements are left out of account."""
+    """Return a mask of the pairs of geoms i, j that can touch; ``<pair>`` elements are left out of account."""
     body = model.geom_bodyid.astype(np.int64)
     weld, parent = model.body_weldid[body], model.body_weldid[model.body_parentid[model.body_weldid[body]]]
     fits = model.geom_contype[:, None] & model.geom_conaffinity != 0
@@ -27,5 +27,5 @@ def may_touch(model: mujoco.MjModel) -> Bool[np.ndarray, "G G"]:
 
 
 def can_touch(model: mujoco.MjModel) -> bool:
-    """Whether anything in a model can; where nothing can, looking for contacts is wasted at each step."""
+    """Check whether any contact is possible in a model; without one, a search for contacts is wasted at each step."""
     return bool(model.npair or model.nflex or may_touch(model).any())

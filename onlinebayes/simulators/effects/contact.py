@@ -34,7 +34,7 @@ def take_over(model: mujoco.MjModel, fields: Mapping[str, np.ndarray], i: int, w
 
 
 def pair_properties(fields: Mapping[str, np.ndarray], i: int, j: int) -> dict[str, np.ndarray]:
-    """What contacts of geoms i and j are like: name of the field -> (N, ...)."""
+    """Return the contact properties of geoms i and j: name of the field -> (N, ...)."""
     first, second = ({name: fields[name][:, k] for name in FIELDS} for k in (i, j))
     ahead = np.sign(first["geom_priority"] - second["geom_priority"])[:, None]
 

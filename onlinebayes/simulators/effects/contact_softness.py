@@ -1,4 +1,4 @@
-"""How soft a geom's contacts are: MuJoCo's ``solref``, a damped spring between bodies; neutral at the model's own.
+"""Softness of a geom's contacts: MuJoCo's ``solref``, a damped spring between bodies; neutral at the model's own.
 
     b = 2 / (d T),   k = d(r) / (d T zeta)^2,   penetration r and its rate v:  a_ref = -b v - k r
 

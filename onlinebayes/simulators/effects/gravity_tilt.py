@@ -83,7 +83,7 @@ class GravityTilt(Effect):
         return tuple({"angle": a, "direction": low + part * (high - low)} for part in (0.0, 0.25, 0.5, 0.75))
 
     def said_by_joints(self, kinds: Mapping[str, str], moving: Sequence[str]) -> bool:
-        """Where all joints are slides: it is a constant load of each."""
+        """Check whether all joints are slides: the tilt is then a constant load of each."""
         return all(kind == "slide" for kind in kinds.values())
 
     @property

@@ -13,7 +13,7 @@ ANY = Parameter(0.0, 1.0)
 
 @dataclass(frozen=True)
 class Contact:
-    """What the model says of a geom's contacts; MuJoCo's defaults without more.
+    """A geom's contact properties in the model; MuJoCo's defaults where none are given.
 
     Args:
         friction: sliding coefficient [1].

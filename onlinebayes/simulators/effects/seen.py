@@ -1,4 +1,4 @@
-"""What an effect sees of every world where it acts: motion, drive and command, a servo's law, a sensor's signal."""
+"""The inputs of an effect in every world, at its target: motion, drive, command, a servo's law, a sensor's signal."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Servo:
 
 @dataclass(frozen=True)
 class Seen:
-    """What an effect sees of every world at the start of an integration step, where it acts; (N, K) of K rows at once.
+    """The inputs of an effect at its target in every world at the start of an integration step; (N, K) for K rows.
 
     Args:
         q: position of the joint; of an actuator, of the joint that it drives (N,) [m, rad].

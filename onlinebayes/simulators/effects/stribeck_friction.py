@@ -76,7 +76,7 @@ class StribeckFriction(Effect):
 
     @property
     def starts(self) -> tuple[Mapping[str, float], ...]:
-        """What dry friction lacks at rest, at two sizes and three Stribeck velocities; and both frictions at once.
+        """The excess of static friction, at two sizes and three Stribeck velocities; and both frictions at once.
 
         The largest force in play may be a hundred times what rubs: a trial of that size would only stick.
         """

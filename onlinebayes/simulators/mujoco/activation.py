@@ -120,7 +120,7 @@ def memory_span(system: MujocoSystem) -> float:
 
 
 def _followed(model: mujoco.MjModel) -> bool:
-    """Whether every activation follows one of the module's equations."""
+    """Check whether every activation follows one of the module's equations."""
     stateful = [i for i in range(model.nu) if model.actuator_actnum[i]]
     known = all(
         model.actuator_actnum[i] == 1 and int(model.actuator_dyntype[i]) in (*FILTERS, DYN.mjDYN_INTEGRATOR)
@@ -164,7 +164,7 @@ def _all(system: MujocoSystem, theta: Float[Tensor, "N P"], steps: int) -> list[
 
 
 def _factor(z: Float[Tensor, "N 1"], kind: int, integrator: int) -> Float[Tensor, "N 1"]:
-    """What a timestep leaves of a filter's distance from its command [1]."""
+    """Return the fraction of a filter's distance from its command that is left after a timestep [1]."""
     phi = torch.ones_like(z)
     if integrator == mujoco.mjtIntegrator.mjINT_RK4:
         phi = 1 - z / 2 + z**2 / 6 - z**3 / 24

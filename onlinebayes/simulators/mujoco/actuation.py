@@ -67,7 +67,7 @@ class JointActuator:
         )
 
     def follows(self, model: mujoco.MjModel) -> bool:
-        """Whether the force is the module's equation, on a slide or a hinge: no muscle, activation or delay."""
+        """Check whether the force is the module's equation, on a slide or a hinge: no muscle, activation or delay."""
         i = self.actuator
         linear = int(model.actuator_gaintype[i]) in _GAINS and int(model.actuator_biastype[i]) in _BIASES
         prompt = model.actuator_dyntype[i] == int(mujoco.mjtDyn.mjDYN_NONE) and not model.actuator_delay[i]

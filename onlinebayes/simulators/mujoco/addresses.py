@@ -131,7 +131,7 @@ def resolve(model: mujoco.MjModel, name: str, members: Sequence[str] | None = No
 
 
 def is_glob(name: str) -> bool:
-    """Whether an address stands for several elements."""
+    """Check whether an address stands for several elements."""
     return "*" in name or "?" in name
 
 

@@ -1,4 +1,4 @@
-"""What a simulator of a model is made of, and its variants: the same anew with some of that replaced."""
+"""The parts that a simulator of a model is built from, and its variants: the same anew with some parts replaced."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Remakable(Identifiable):
 
     @abstractmethod
     def snapshot(self) -> dict[str, Any]:
-        """Where all worlds stand; see :class:`~onlinebayes.simulators.snapshots.Resumable`."""
+        """Return the state of all worlds; see :class:`~onlinebayes.simulators.snapshots.Resumable`."""
 
     @abstractmethod
     def restore(self, snapshot: Mapping[str, Any]) -> None:

@@ -30,7 +30,7 @@ LISTS = {kind: f"{kind}s" for kind in ("joint", "geom", "pair", "actuator", "ten
     "body": "bodies"
 }
 GEOMETRY = {"qpos_spring", "body_pos", "site_pos"}
-"""What a tendon's length at rest follows from."""
+"""The arrays from which a tendon's length at rest follows."""
 
 
 def export(system: MujocoSystem, theta: np.ndarray) -> mujoco.MjSpec:

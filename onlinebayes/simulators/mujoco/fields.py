@@ -1,4 +1,4 @@
-"""Where MJCF attributes live: address field -> columns of compiled arrays -> attribute of the spec.
+"""The map of MJCF attributes: address field -> columns of compiled arrays -> attribute of the spec.
 
 An address ``joint.hinge.damping`` names an attribute as MJCF or the spec does; MuJoCo compiles it into one or several
 arrays of ``mjModel``. The two tables below are all that addresses, fields per world and export know about it.
@@ -136,7 +136,7 @@ UNITS: dict[tuple[str, str], str | tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class SpecAttribute:
-    """Where a compiled array stands in the spec: the element's kind, the attribute, the offset of its first column.
+    """The place of a compiled array in the spec: the element's kind, the attribute, the offset of its first column.
 
     A negative offset is the number of columns before those that the attribute holds.
     """

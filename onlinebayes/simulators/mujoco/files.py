@@ -1,4 +1,4 @@
-"""What an MJCF file may reach and how large it may make itself, checked before MuJoCo opens anything.
+"""Limits on the files that an MJCF file may reach and on its model's size, checked before MuJoCo opens anything.
 
 A problem file is passed from hand to hand with its model. So a model read for one must not read files outside the
 folder that was handed over (includes, meshes, textures, links that lead out), must not define entities, and must not

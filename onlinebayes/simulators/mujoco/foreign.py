@@ -1,4 +1,4 @@
-"""Which effects MJCF cannot hold at given parameters, why, and what would let plain MuJoCo have them.
+"""Effects that MJCF cannot hold at given parameters, why, and what would let plain MuJoCo have them.
 
 Force stages, sensor effects and parameters that change have no term there, nor do input stages but delays. Of these
 MuJoCo has none between nothing and one timestep: it reads its buffer before the present command enters it, which makes

@@ -1,4 +1,4 @@
-"""What a compiled model has that effects can act on, and what its commands drive: names, kinds, sizes."""
+"""The elements of a compiled model that effects can act on, and those that commands drive: names, kinds, sizes."""
 
 from __future__ import annotations
 

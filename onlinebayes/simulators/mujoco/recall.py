@@ -1,4 +1,4 @@
-"""What follows from a known motion without the engine: hidden states of force stages, and the actuators' forces.
+"""Quantities that follow from a known motion without the engine: hidden states of force stages, actuators' forces.
 
     h_{k+1} = advance(q_k, v_k, f_k, u_k, h_k),   f_k = the actuators' force at (u_k, q_k, v_k),   u = stages(command)
 
@@ -63,7 +63,7 @@ def actuator_forces(
 
 
 def _on(system: MujocoSystem, motion: TensorDictBase) -> Tensor:
-    """Which actuators are on (N, K, U)."""
+    """Return a mask of the actuators that are on (N, K, U)."""
     enable = motion.get("enable", None)
     return torch.ones(*motion.batch_size, len(system.commands)) if enable is None else enable > 0
 
@@ -80,7 +80,7 @@ def driven(
     command: Float[Tensor, "N K U"],
     step: float,
 ) -> Float[Tensor, "N K nu"]:
-    """What the actuators receive on each row; the input stages have settled at the first command."""
+    """Compute the inputs of the actuators on each row; the input stages have settled at the first command."""
     settling = math.ceil(max((effect.memory for effect in system.stages), default=0.0) / step)
     before = command[:, :1].expand(-1, settling, -1)
     ctrl, _, _ = system.drive(theta, rests, torch.cat([before, command], dim=1), step)

@@ -33,7 +33,7 @@ def followers(model: mujoco.MjModel, cells: Iterable[tuple[str, tuple[int | slic
 
 
 def _turns(model: mujoco.MjModel, body: int) -> bool:
-    """Whether a joint between the world and the body is more than a slide."""
+    """Check whether a joint between the world and the body is more than a slide."""
     while body:
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
         if (model.jnt_type[first : first + count] != mujoco.mjtJoint.mjJNT_SLIDE).any():

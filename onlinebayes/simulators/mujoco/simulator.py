@@ -198,7 +198,7 @@ class MujocoSimulator(Remakable):
         return self.state
 
     def snapshot(self) -> dict[str, Any]:
-        """Where all worlds stand, the engine's warm start included; see :meth:`Simulator.snapshot`."""
+        """Return the state of all worlds, the engine's warm start included; see :meth:`Simulator.snapshot`."""
         hidden = {key: dict(value.flatten_keys(".").clone().items()) for key, value in self._hidden.items()}
         return {"theta": self._theta.clone(), "hidden": hidden, **self._worlds.snapshot()}
 
@@ -297,7 +297,7 @@ class MujocoSimulator(Remakable):
         return drawing.shapes(self.model)
 
     def poses(self, theta: Float[Tensor, " P"], states: TensorDictBase) -> Float[Tensor, "T S 7"]:
-        """Where they are."""
+        """Return the poses of these geoms in the states."""
         return drawing.poses(self.model, to_host(states.get("qpos")))
 
     def picture(

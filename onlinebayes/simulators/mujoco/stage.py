@@ -32,12 +32,12 @@ from onlinebayes.simulators.mujoco.addresses import model_array
 from onlinebayes.simulators.mujoco.system import MujocoSystem
 
 INERTIA = ("dof_armature", "dof_M0")
-"""What a change of a joint's inertia is written to; of a body on slides alone the engine reads nothing but dof_M0."""
+"""The fields that hold a change of a joint's inertia; of a body on slides alone the engine reads nothing but dof_M0."""
 
 
 @dataclass(frozen=True)
 class Place:
-    """Where one effect acts: columns of its joint in ``qpos`` and ``qvel``, and the actuators that it sees.
+    """The place where one effect acts: columns of its joint in ``qpos`` and ``qvel``, and the actuators that it sees.
 
     Args:
         effect: the effect.
@@ -73,7 +73,7 @@ class Place:
         hidden: TensorDict | None,
         timestep: float,
     ) -> Seen:
-        """What the effect sees there; fields and ``on`` as for :meth:`.JointActuator.force`."""
+        """Return the effect's inputs at that place; fields and ``on`` as for :meth:`.JointActuator.force`."""
         q, v = qpos[..., self.q], qvel[..., self.v]
         drive, command = torch.zeros_like(q), torch.zeros_like(q)
         for actuator in self.actuators:
@@ -194,7 +194,7 @@ class ForceStage:
 
 @dataclass(frozen=True)
 class _Acting:
-    """What one effect does over a timestep: force, bound of dry friction, change of inertia, each (N,) or None."""
+    """The action of one effect over a timestep: force, bound of dry friction, change of inertia, each (N,) or None."""
 
     force: Tensor | None
     bound: Tensor | None
@@ -232,7 +232,7 @@ def _add(sums: dict[int, Tensor], dof: int, part: Tensor | None) -> None:
 
 
 def actuator_fields(system: MujocoSystem, fields: Mapping[str, np.ndarray]) -> dict[str, Tensor]:
-    """What the actuators' forces depend on, of N worlds where it differs between them, else of one; views of both."""
+    """Return the fields behind the actuators' forces, of N worlds where they differ, else of one; views of both."""
     return {
         name: torch.from_numpy(fields[name] if name in fields else model_array(system.model, name)[None].copy())
         for name in FIELDS

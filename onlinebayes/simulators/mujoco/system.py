@@ -174,7 +174,7 @@ class MujocoSystem:
     def drive(
         self, theta: Tensor, hidden: Mapping[str, TensorDict], command: Tensor, timestep: float | None = None
     ) -> tuple[np.ndarray, dict[str, TensorDict], dict[str, Tensor]]:
-        """What the actuators receive over K timesteps.
+        """Compute the inputs of the actuators over K timesteps.
 
         Args:
             theta: parameters (N, P).
@@ -230,7 +230,7 @@ def _scatter(
 
 
 def is_const_input(field: str) -> bool:
-    """Whether constants that ``mj_setConst`` derives depend on this field."""
+    """Check whether constants that ``mj_setConst`` derives depend on this field."""
     return field.startswith("opt.") or field in mujoco.MjModel._setconst_inputs
 
 

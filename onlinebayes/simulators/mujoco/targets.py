@@ -1,4 +1,4 @@
-"""Whether an effect can act where it is said to: on an element that exists, that moves, and whose law is known."""
+"""Checks that an effect can act at its target: an element that exists, that moves, and whose law is known."""
 
 from __future__ import annotations
 

@@ -130,7 +130,7 @@ class Worlds:
         return state
 
     def read_sensors(self) -> np.ndarray:
-        """What the sensors among the signals read at the present states (N, n); the states stay as they are."""
+        """Read the sensors among the signals at the present states (N, n); the states stay as they are."""
         before = self.batch.state.copy()
         self._run(self.batch.forward, self._alive())
         sensors = np.array(self.batch.bind("sensordata"))[:, list(self.system.sensor_places)]

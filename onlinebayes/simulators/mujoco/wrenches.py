@@ -51,7 +51,7 @@ def with_wrenches(spec: mujoco.MjSpec, columns: Iterable[str]) -> mujoco.MjSpec:
 
 
 def is_wrench(command: str) -> bool:
-    """Whether a command is no actuator's but what :func:`with_wrenches` added."""
+    """Check whether a command was added by :func:`with_wrenches` and is no actuator's."""
     return command.startswith(PREFIX)
 
 

@@ -1,4 +1,4 @@
-"""What every effect must do, on each simulator that carries it."""
+"""Checks that every effect must pass, on each simulator that carries it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every physics engine must do for policies to learn in it and parameters to be inferred.
+"""Checks that every physics engine must pass for policies to learn in it and parameters to be inferred.
 
 | check     | what it asks                                                            |
 |-----------|-------------------------------------------------------------------------|

@@ -1,4 +1,4 @@
-"""What every environment of a simulator and a task must do.
+"""Checks that every environment of a simulator and a task must pass.
 
 | check      | what it asks                                                                                    |
 |------------|-------------------------------------------------------------------------------------------------|
@@ -189,5 +189,5 @@ def _check_wild(env: SimulatorEnv, trial: _Trial) -> None:
 
 
 def _ahead(data: TensorDictBase) -> TensorDictBase:
-    """What a path leaves to go on with; worlds that ended there are taken as going on."""
+    """Return the last state of a path, to go on from; worlds that ended there are taken as going on."""
     return data[:, -1]["next"].exclude("reward", "done", "terminated", "truncated")

@@ -1,4 +1,4 @@
-"""What every environment that reads theta must do."""
+"""Checks that every environment that reads theta must pass."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class _Trial:
             return [env.rand_action(TensorDict(batch_size=env.batch_size))["action"] for _ in range(self.steps)]
 
     def walk(self, env: EnvBase, actions: list[Tensor]) -> TensorDict:
-        """What the steps give, from where the worlds stand."""
+        """Step the worlds from where they stand, and return the results of the steps."""
         after = []
         for action in actions:
             step = env.step(TensorDict({"action": action}, batch_size=env.batch_size, device=env.device))["next"]

@@ -1,4 +1,4 @@
-"""What every simulator must do through which logs are replayed; :mod:`.engine` asks less."""
+"""Checks that every simulator through which logs are replayed must pass; :mod:`.engine` asks less."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the checks have in common: random parameters and commands, trajectories by steps, comparison of states."""
+"""Common parts of the checks: random parameters and commands, trajectories by steps, comparison of states."""
 
 from __future__ import annotations
 
