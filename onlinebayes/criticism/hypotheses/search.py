@@ -120,12 +120,13 @@ class Search:
         """One law at all its places, as a round for each, see :mod:`.same_law_at_all_places`; none without."""
         if at_noise_floor(here) or (alone.added is not None and at_noise_floor(alone.added.evaluation)):
             return []
-        for found in at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)):
-            best = self.pruned(found, entered=0)
-            new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
-            if new > 1 and preferred(best.gains(here), here.gains(self.base)[0]):
-                return self.one_by_one(here, best, alone)
-        return []
+        found = list(at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)))
+        if not found:
+            return []
+        best = self.pruned(simplest_of_equals(found, here), entered=0)
+        new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
+        enough = new > 1 and preferred(best.gains(here), here.gains(self.base)[0])
+        return self.one_by_one(here, best, alone) if enough else []
 
     def one_by_one(self, here: Evaluation, best: Evaluation, alone: Round) -> list[Round]:
         """The additions of ``best`` that ``here`` lacks, as a round for each."""
@@ -291,6 +292,14 @@ def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial
     of = next(prediction for prediction in screened if prediction.addition == chosen.addition)
     known = {trial.addition.key for trial in tried}
     return tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
+
+
+def simplest_of_equals(found: Sequence[Evaluation], here: Evaluation) -> Evaluation:
+    """The one that gains most over ``here``, or one that is equally good with fewer parameters."""
+    best = min(found, key=lambda one: one.fitted.score)
+    won = [one.gain for one in best.gains(here)]
+    equal = [one for one in found if one is best or equally_good(best.gains(one), won)]
+    return min(equal, key=lambda one: len(one.fitted.theta))
 
 
 def _equal(best: Trial, other: Trial) -> bool:
