@@ -73,7 +73,9 @@ def answered(
     stopwatch("asking the held-out runs what to keep")
     nothing_gone: tuple[Explanation, tuple[str, ...]] = (explanation, ())
     explanation, contradicted = made(
-        "asking the held-out runs what to keep", lambda: uncontradicted(explanation, task.held_runs), nothing_gone
+        "asking the held-out runs what to keep",
+        lambda: uncontradicted(explanation, task.held_runs, task.selection.horizon_s),
+        nothing_gone,
     )
     base, found, evaluator = explanation.base, explanation.found, explanation.evaluator
     stopwatch("weighing what is left")
