@@ -14,6 +14,7 @@ from onlinebayes.criticism.findings.contradicted import uncontradicted
 from onlinebayes.criticism.findings.doubts import doubts
 from onlinebayes.criticism.findings.held_out_evaluation import evaluate_held_out
 from onlinebayes.criticism.findings.localise import failures
+from onlinebayes.criticism.findings.named import names_said, with_probabilities
 from onlinebayes.criticism.findings.notes import notes_on, weights
 from onlinebayes.criticism.findings.remainder import rms_over_floor
 from onlinebayes.criticism.findings.values_per_run import parameter_changes
@@ -101,6 +102,10 @@ def answered(
         said = made("the notes", lambda: (*notes_on(explanation, numerics, final_model.parameters), *beliefs), ())
     candidates: tuple[Candidate, ...] = made(
         "ranking the candidates", lambda: ranked(explanation, final_model.parameters, contradicted), ()
+    )
+    left = max(after.values(), default=math.inf)
+    candidates = made(
+        "the probabilities of names", lambda: with_probabilities(candidates, names_said(explanation, left)), candidates
     )
     corrected = None if fault is None else made("the corrected table", lambda: _corrected(fault, task), None)
     nothing = Remainder("structured", after, "")

@@ -12,13 +12,15 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
 from onlinebayes.criticism.hypotheses.explanation import Explanation
 from onlinebayes.criticism.hypotheses.ranking import equals, laws
 from onlinebayes.criticism.hypotheses.weighing import weighted
+from onlinebayes.criticism.results import Candidate
 from onlinebayes.runs import BadInput
 
 LEARNT = Path(__file__).with_name("learnt.json")
@@ -66,6 +68,16 @@ def _coefficients() -> tuple[float, ...]:
 def probability(said: Named) -> float:
     """Compute the probability that a name or one of its equals is in the machine."""
     return 1 / (1 + math.exp(-sum(b * x for b, x in zip(_coefficients(), evidence(said), strict=True))))
+
+
+def with_probabilities(candidates: Iterable[Candidate], named: Iterable[Named]) -> tuple[Candidate, ...]:
+    """Candidates with the probability of each that was said, or is equal to what was said."""
+    known: dict[str, float] = {}
+    for said in named:
+        p = probability(said)
+        for name, weight in zip((said.name, *said.equals), said.weights, strict=True):
+            known.setdefault(name, p * weight)
+    return tuple(replace(row, probability=known.get(row.effect)) for row in candidates)
 
 
 def names_said(explanation: Explanation, left: float) -> tuple[Named, ...]:
