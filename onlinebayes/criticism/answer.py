@@ -105,7 +105,9 @@ def answered(
     )
     left = max(after.values(), default=math.inf)
     candidates = made(
-        "the probabilities of names", lambda: with_probabilities(candidates, names_said(explanation, left)), candidates
+        "the probabilities of names",
+        lambda: with_probabilities(candidates, names_said(explanation, left, final_model.parameters)),
+        candidates,
     )
     corrected = None if fault is None else made("the corrected table", lambda: _corrected(fault, task), None)
     nothing = Remainder("structured", after, "")

@@ -19,7 +19,7 @@ from functools import partial
 
 from onlinebayes.criticism.hypotheses.additions import WiderBounds, wider_bounds
 from onlinebayes.criticism.hypotheses.original_integrator import with_original_integrator
-from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, so_far
+from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, at_end, simplest_of_equals, so_far
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
 from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
@@ -165,6 +165,7 @@ class Search:
             for second in beside.tried:
                 both = replace(second, gains=second.evaluation.gains(here))
                 believed = first not in free or at_noise_floor(both.evaluation)
+                believed &= not any(at_end(one.addition, both.evaluation) for one in (first, second))
                 if believed and preferred(both.gains, here.gains(self.base)[0]):
                     yield first, both, beside
 
@@ -239,9 +240,12 @@ class Search:
         """Judge a fitted addition by the rule."""
         gains = evaluation.gains(here)
         refused = refusal(gains, here.gains(self.base)[0])
-        if prediction.addition in self.flexible and not at_noise_floor(evaluation):
+        addition = prediction.addition
+        if at_end(addition, evaluation):
+            refused = refused or "has the largest size that can be: no size of it explains the data"
+        if addition in self.flexible and not at_noise_floor(evaluation):
             refused = refused or "has too much freedom to be believed where it leaves more than noise"
-        return Trial(prediction.addition, evaluation, gains, refused)
+        return Trial(addition, evaluation, gains, refused)
 
     def refined(self, here: Evaluation) -> Evaluation:
         """The same hypothesis, integrated as it asks: as finely, or as a simulator would; the base model too."""
@@ -292,14 +296,6 @@ def _alike(screened: Sequence[Prediction], tried: Sequence[Trial], chosen: Trial
     of = next(prediction for prediction in screened if prediction.addition == chosen.addition)
     known = {trial.addition.key for trial in tried}
     return tuple(p.addition for p in screened if p.addition.key not in known and p.alike(of))
-
-
-def simplest_of_equals(found: Sequence[Evaluation], here: Evaluation) -> Evaluation:
-    """The one that gains most over ``here``, or one that is equally good with fewer parameters."""
-    best = min(found, key=lambda one: one.fitted.score)
-    won = [one.gain for one in best.gains(here)]
-    equal = [one for one in found if one is best or equally_good(best.gains(one), won)]
-    return min(equal, key=lambda one: len(one.fitted.theta))
 
 
 def _equal(best: Trial, other: Trial) -> bool:
