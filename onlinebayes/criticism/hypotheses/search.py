@@ -123,10 +123,13 @@ class Search:
         found = list(at_every_place(self.evaluator, here, alone, self.most - len(here.hypothesis.keys)))
         if not found:
             return []
-        best = self.pruned(simplest_of_equals(found, here), entered=0)
+        self.current = simplest_of_equals(found, here)  # where the search is stopped now, it stands
+        best = self.pruned(self.current, entered=0)
         new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
-        enough = new > 1 and preferred(best.gains(here), here.gains(self.base)[0])
-        return self.one_by_one(here, best, alone) if enough else []
+        if new > 1 and preferred(best.gains(here), here.gains(self.base)[0]):
+            return self.one_by_one(here, best, alone)
+        self.current = here
+        return []
 
     def one_by_one(self, here: Evaluation, best: Evaluation, alone: Round) -> list[Round]:
         """The additions of ``best`` that ``here`` lacks, as a round for each."""
