@@ -52,7 +52,9 @@ class CsvSource(Source):
         _check_separator(names, path)
         super().__init__(path, names)
 
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """See :meth:`Source.columns`."""
         parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
         numbers: list[np.ndarray] = []
@@ -65,6 +67,8 @@ class CsvSource(Source):
                 for name, place in places.items():
                     if name in text:
                         parts[name].append(np.array([cell.strip() for cell in cells[place]], dtype=object))
+                    elif name in exact and (whole := _whole(cells[place])) is not None:
+                        parts[name].append(whole)
                     else:
                         parts[name].append(_numbers(cells[place], name, self.path, at, name in held))
         if not numbers:
@@ -142,6 +146,14 @@ def _chunks(rows: Iterator[list[str]], width: int, path: Path) -> Iterator[tuple
             chunk, at = [row for row in chunk if row], at[lengths > 0]
         if chunk:
             yield chunk, at
+
+
+def _whole(cells: Sequence[str]) -> np.ndarray | None:
+    """The cells as int64; None where one is no whole number, or has more bits."""
+    try:
+        return np.array([int(cell) for cell in cells], dtype=np.int64)
+    except (ValueError, OverflowError):
+        return None
 
 
 def _numbers(cells: Sequence[str], name: str, path: Path, rows: np.ndarray, held: bool) -> np.ndarray:

@@ -81,7 +81,9 @@ class SeriesSource(Source):
         }
         self._start = min((int(instants[0]) for instants, _ in self._samples.values()), default=0)
 
-    def columns(self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = ()) -> Columns:
+    def columns(
+        self, names: Sequence[str], text: Sequence[str] = (), held: Sequence[str] = (), exact: Sequence[str] = ()
+    ) -> Columns:
         """See :meth:`Source.columns`; rows are counted from 1."""
         for name in held:
             check_held(self._samples[name][1], f"{self.path}, '{name}'")
