@@ -62,13 +62,16 @@ class OnClock(TimedSource):
             from 0.
 
     Raises:
-        BadInput: a column of the clock is not there.
+        BadInput: a column of the clock is not there, or names the runs.
     """
 
     def __init__(self, source: Source, clock: TimeColumn, origin: int | None = None) -> None:
         for column in clock.columns:
             if column not in source.names:
                 raise BadInput(f"no column '{column}'", _there(column, source), where=f"{source.path}, row 1")
+        if RUN in clock.columns:
+            cure = "name the column of the clock, or call the column of numbers otherwise"
+            raise BadInput("'run' names the runs, and is no number", cure, where=f"{source.path}, row 1, column 'run'")
         kept = [name for name in source.names if name not in (TIME, *clock.columns)]
         super().__init__(source.path, (TIME, *kept), clock.column, joined=source.joined)
         self.source, self.column, self.origin = source, clock, origin
@@ -121,7 +124,7 @@ class OnClock(TimedSource):
         return self._with_time(read, others, instants)
 
     def _with_time(self, read: Columns, names: Sequence[str], instants: _Instants) -> Columns:
-        return Columns({TIME: self._since(instants), **{name: read[name] for name in names}}, read.rows)
+        return Columns({TIME: self._since(instants), **{name: read[name] for name in names}}, read.rows, read.switches)
 
     def _since(self, instants: _Instants) -> Float[np.ndarray, " T"]:
         origin = self.origin

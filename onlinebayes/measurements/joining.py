@@ -133,9 +133,11 @@ class JoinedSource(TimedSource):
             BadInput: of the tables themselves, a column that two tables have of one run, or clocks that do not overlap.
         """
         runs: dict[str, list[_Piece]] = {}
+        switches: set[str] = set()
         for part in self.parts:
             own = {*names, RUN, TIME} & {*part.names}
             read = part.columns(sorted(own), sorted({*text, RUN} & own), sorted({*held} & own), exact)
+            switches |= read.switches
             check_rises(read[TIME], part.clock, read, part)
             named = run_rows(read, part.path)
             if self.run and RUN not in part.names:
@@ -148,7 +150,7 @@ class JoinedSource(TimedSource):
             _check_overlap(run, pieces)
         tables = [self._one_run(run, pieces, names) for run, pieces in runs.items()]
         values = {name: np.concatenate([table[name] for table in tables]) for name in names}
-        return Columns(values, np.concatenate([np.arange(1, 1 + len(table[RUN])) for table in tables]))
+        return Columns(values, np.concatenate([np.arange(1, 1 + len(table[RUN])) for table in tables]), switches)
 
     def _one_run(self, run: str, pieces: Sequence[_Piece], names: Sequence[str]) -> dict[str, np.ndarray]:
         instants = np.unique(np.concatenate([piece.values[TIME] for piece in pieces]))

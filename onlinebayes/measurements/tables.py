@@ -98,7 +98,19 @@ class TableReader:
         found = {name for values in runs.values() for name in values}
         present = [w.signal for w in wanted if w.signal.name in found]
         self._check_mapped(found, columns)
+        self._note_idle(runs, [signal.name for signal in present])
         return Measurement.from_runs(runs, present, self.commands)
+
+    def _note_idle(self, runs: Mapping[str, Mapping[str, np.ndarray]], signals: Sequence[str]) -> None:
+        """Say where nothing is commanded while something moves: perhaps the commands stand in other columns."""
+        told = [
+            values[f"ctrl.{name}"] for values in runs.values() for name in self.commands if f"ctrl.{name}" in values
+        ]
+        if not told or any(np.any(command != 0) for command in told):
+            return
+        moving = [name for name in signals if any(_varies(values.get(name)) for values in runs.values())]
+        if moving:
+            self.note(f"every command is 0 in every row, while {moving[0]} moves: are they in other columns?")
 
     def _tables(self, paths: Iterable[str | Path]) -> list[TimedSource]:
         """The tables, each with a clock, those that share runs joined."""
@@ -147,6 +159,9 @@ class TableReader:
         read = source.columns(sorted(taken & names), text, sorted(sources))
         for clock, wraps in source.wraps:
             self.note(f"{path}: '{clock}' begins again at {wraps:.10g}, and was put straight")
+        for one in (inputs[name] for name in inputs if name.startswith("ctrl.")):
+            if told := read.switches & {*one.sources}:
+                self.note(f"{path}: '{min(told)}' is written as True and False: read as commands of 1 and 0")
         check_rises(read[TIME], source.clock, read, source)
         return {
             run: self._one_run(read, rows, found, inputs, source, _where(source, run))
@@ -273,6 +288,11 @@ class TableReader:
                     _there(mapped.source, there),
                     where=f"{', '.join([*columns][:3])}{', ...' if len(columns) > 3 else ''}, row 1",
                 )
+
+
+def _varies(column: np.ndarray | None) -> bool:
+    known = np.zeros(0) if column is None else column[np.isfinite(column)]
+    return bool(known.size and known.max() > known.min())
 
 
 def _where(source: Source, run: str) -> str:

@@ -29,6 +29,8 @@ LONGEST_LINE = 4_000_000
 """Characters in one line; what is longer is no table, and would be held in memory as a whole."""
 
 SWITCHED = {"true": "1", "false": "0"}
+FEW = 100
+"""Rows in which a column of truth values shows one."""
 NUMBER_WITH_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 
 
@@ -59,6 +61,7 @@ class CsvSource(Source):
         parts: dict[str, list[np.ndarray]] = {name: [] for name in names}
         numbers: list[np.ndarray] = []
         places = {name: self.names.index(name) for name in names}
+        switches: set[str] = set()
         with csv_rows(self.path) as rows:
             next(rows)
             for chunk, at in _chunks(rows, len(self.names), self.path):
@@ -71,9 +74,12 @@ class CsvSource(Source):
                         parts[name].append(whole)
                     else:
                         parts[name].append(_numbers(cells[place], name, self.path, at, name in held))
+                        if name in held and any(cell.strip().lower() in SWITCHED for cell in cells[place][:FEW]):
+                            switches.add(name)
         if not numbers:
             raise BadInput("a header and no rows", "give at least two rows a run", where=str(self.path))
-        return Columns({name: np.concatenate(part) for name, part in parts.items()}, np.concatenate(numbers))
+        values = {name: np.concatenate(part) for name, part in parts.items()}
+        return Columns(values, np.concatenate(numbers), switches)
 
 
 @contextmanager

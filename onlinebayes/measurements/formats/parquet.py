@@ -54,7 +54,8 @@ class ParquetSource(Source):
                 read[name] = whole
             else:
                 read[name] = _numbers(column, name, self.path, name in held)
-        return Columns(read, np.arange(2, 2 + table.num_rows))
+        switches = [name for name in names if name in held and str(self._kinds[name]) == "bool"]
+        return Columns(read, np.arange(2, 2 + table.num_rows), switches)
 
 
 def read_parquet(path: Path, names: Sequence[str], text: Sequence[str] = ()) -> Any:

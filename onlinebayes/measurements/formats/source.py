@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,11 +25,12 @@ class Columns(dict[str, np.ndarray]):
 
     Attributes:
         rows: (T,) numbers of the rows.
+        switches: names of number columns that were written as truth values.
     """
 
-    def __init__(self, values: dict[str, np.ndarray], rows: np.ndarray) -> None:
+    def __init__(self, values: dict[str, np.ndarray], rows: np.ndarray, switches: Collection[str] = ()) -> None:
         super().__init__(values)
-        self.rows = rows
+        self.rows, self.switches = rows, frozenset(switches)
 
 
 class Source(ABC):
