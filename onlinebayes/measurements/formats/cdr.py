@@ -1,8 +1,8 @@
 """ROS 2 messages in CDR -> mappings, lists and numbers, as :mod:`.messages` reads them.
 
 The type's definition is the log's own where it has one; of logs that have none (bags before Iron) the standard messages
-of ROS 2 are known. Left out are covariances, which every ``Imu`` and ``Odometry`` repeats, and lists of messages.
-Source: DDS-XTypes 1.3, 7.4, and https://gitlab.com/ternaris/rosbags. Needs the extra ``ros``.
+of ROS 2 are known. Left out are covariances, which every ``Imu`` and ``Odometry`` repeats, layouts of arrays, and lists
+of messages. Source: DDS-XTypes 1.3, 7.4, and https://gitlab.com/ternaris/rosbags. Needs the extra ``ros``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from onlinebayes.measurements.formats.messages import LONGEST_LIST
 Decoder = Callable[[bytes], Any]
 
 MISSING = "install the extra ros (pip install -e '.[ros]' in the repository), or write a CSV table"
-IDL = "ros2idl"
+IDL, LAYOUT = "ros2idl", "std_msgs/msg/MultiArrayLayout"
 
 
 def cdr_decoder(name: str, definition: str = "", encoding: str = "ros2msg") -> Decoder | None:
@@ -48,7 +48,8 @@ def _plain(message: Any) -> dict[str, Any]:
     plain: dict[str, Any] = {}
     for name in type(message).__dataclass_fields__:
         value = getattr(message, name)
-        if name.startswith("__") or name.endswith("covariance"):
+        layout = getattr(value, "__msgtype__", "") == LAYOUT
+        if name.startswith("__") or name.endswith("covariance") or layout:
             continue
         if isinstance(value, np.ndarray):
             if value.size <= LONGEST_LIST:
