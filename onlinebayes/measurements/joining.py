@@ -215,10 +215,15 @@ def _check_overlap(run: str, pieces: Sequence[_Piece]) -> None:
 
 def untied(tables: Sequence[TimedSource]) -> Untied | None:
     """What to say of tables that could be the topics of one recording, but for their clocks; None of others."""
-    free = [one for one in tables if isinstance(one, OnClock) and RUN not in one.names and not one.joined]
-    if len(free) < 2 or len(free) < len(tables) or not all(are_parts(a, b) for a, b in combinations(free, 2)):
+    groups = [[*one.parts] if isinstance(one, JoinedSource) and one.run else [one] for one in tables]
+    parts = [part for group in groups for part in group if isinstance(part, OnClock)]
+    free = all(RUN not in part.names and not part.joined for part in parts)
+    if len(groups) < 2 or len(parts) < sum(map(len, groups)) or not free:
         return None
-    return apart(name_of(free), free[0], free[0].span, free[1], free[1].span)
+    if not all(are_parts(a, b) for a, b in combinations(parts, 2)):
+        return None
+    one, other = parts[0], parts[len(groups[0])]
+    return apart(name_of(parts), one, one.span, other, other.span)
 
 
 def apart(run: str, one: OnClock, ends: tuple[float, float], other: OnClock, others: tuple[float, float]) -> Untied:

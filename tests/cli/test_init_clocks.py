@@ -69,6 +69,25 @@ def test_the_only_column_that_rises_and_speaks_of_time_is_a_guess(
     assert loaded(folder) == [0.0, 0.01, 0.02, 0.03]
 
 
+def test_a_counter_that_wraps_is_a_clock_too(folder, capsys) -> None:
+    lines = [f"{(2**32 - 25_000 + round(t * 1e6)) % 2**32},{u},{q}" for t, u, q in rows()]
+    status, said = make(folder, capsys, write(folder / "lab.csv", "mcu_us,ctrl.motor,qpos.carriage", lines))
+    assert status == 0
+    assert "time <- mcu_us [us]" in said
+    assert loaded(folder) == pytest.approx([0.0, 0.01, 0.02, 0.03])
+
+
+def test_topics_of_one_clock_beside_a_log_of_another(folder, capsys) -> None:
+    seen = write(folder / "states.csv", "time,carriage_pos", [f"{t},{q}" for t, _, q in rows()])
+    more = write(folder / "power.csv", "time,battery", [f"{t},12" for t, _, _ in rows()])
+    sent = write(folder / "planner.csv", "stamp,motor_cmd", [f"{EPOCH + t:.3f},{u}" for t, u, _ in rows()])
+    status, said = make(folder, capsys, seen, more, sent)
+    assert status == 0
+    assert f"do not overlap: 'time' goes from 0 to {rows()[-1][0]:g} s in {folder / 'states.csv'}" in said
+    assert "qpos.carriage <- carriage_pos" in said
+    assert "ctrl.motor <- motor_cmd" in said
+
+
 def test_two_that_rise_are_a_question(folder, capsys) -> None:
     lines = [f"{t},{t + 0.001},{u},{q}" for t, u, q in rows()]
     _, said = make(folder, capsys, write(folder / "lab.csv", "robot_time,host_time,ctrl.motor,qpos.carriage", lines))

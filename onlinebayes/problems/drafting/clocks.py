@@ -111,9 +111,9 @@ def timed(sources: Sequence[Source], clocks: Sequence[Clock]) -> tuple[list[Time
 
 
 def is_clock(source: Source, column: str) -> bool:
-    """Check whether the numbers of a column rise in every row, but where a run begins."""
+    """Check whether the numbers of a column rise in every row, but where a run begins or a counter ends."""
     steps = _steps(source, column)
-    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.999
+    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.99
 
 
 def rises(source: Source, column: str) -> bool:
