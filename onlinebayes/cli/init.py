@@ -38,6 +38,8 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
     for found in drafted.matches:
         said = () if found.exact else (f"({found.why}: check it)",)
         _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said)
+    for line in drafted.untied:
+        _say("clocks:", line)
     for name, columns in drafted.missing.items():
         _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
     if drafted.follows:

@@ -143,6 +143,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         from onlinebayes.runs.errors import BadInput
 
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            error = BadInput(
+                str(error.strerror), "make room, or choose another folder", where=str(error.filename or "disk")
+            )
         if isinstance(error, OSError) and error.errno == errno.ENAMETOOLONG:
             error = BadInput("its name is too long for a file", "give a shorter one", where=str(error.filename))
         if isinstance(error, BadInput):

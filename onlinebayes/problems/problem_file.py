@@ -21,7 +21,7 @@ from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.matching import matches
 from onlinebayes.problems.effects import add_effects, check_candidates, check_constant, check_effect, import_modules
 from onlinebayes.problems.limits import read_allowed
-from onlinebayes.problems.mapping import command_columns, signal_columns, time_column
+from onlinebayes.problems.mapping import command_columns, signal_columns, table_clocks, time_column
 from onlinebayes.problems.model import beside_bounds, build_simulator, known_addresses, signal_units
 from onlinebayes.problems.parameters import Declared, declared
 from onlinebayes.problems.section import Section
@@ -203,7 +203,8 @@ def _read_tables(
         commands=simulator.commands,
         mapped=signal_columns(top.section("signals"), simulator.signals, units),
         commanded=command_columns(top.section("commands"), simulator.commands),
-        clock=time_column(top.section("time", ("column", "unit"))),
+        clock=time_column(top.section("time")),
+        clocks={_located(top, table): clock for table, clock in table_clocks(top.section("time"), tables).items()},
         ignore=top.texts("ignore", ()),
         known=known_addresses(simulator),
         note=note,

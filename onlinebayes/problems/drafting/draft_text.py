@@ -24,6 +24,7 @@ def text_of(
     found: Sequence[Match],
     missing: Mapping[str, tuple[str, ...]],
     name: str,
+    untied: Sequence[str] = (),
 ) -> str:
     """The file's text: its values with comments behind them, what is missing, and what else could stand there.
 
@@ -34,10 +35,16 @@ def text_of(
         found: columns that were matched, the clock among them where it has another name.
         missing: names of the model without a column, with those that it could be.
         name: of the file.
+        untied: what is to be said of clocks that do not overlap.
     """
     comments = _comments(content, simulator, parameters, {one.name: one.why for one in found})
     text = to_toml(content, head=HEAD.format(name=one_line(name)), comments=comments)
-    return text + _lacking(missing) + _more(simulator, content.get("signals", {}))
+    return (
+        text
+        + "".join(f"\n# CLOCKS: {one_line(line)}\n" for line in untied)
+        + _lacking(missing)
+        + _more(simulator, content.get("signals", {}))
+    )
 
 
 def mapped(matches: Sequence[Match]) -> dict[str, dict[str, dict[str, str]]]:
@@ -65,8 +72,9 @@ def _comments(
     free = MujocoSimulator(simulator.spec, parameters, threads=1)
     for (name, bounds), value in zip(parameters.items(), free.nominal.tolist(), strict=True):
         comments["parameters", name] = f"{bounds.unit or 'no unit'}; the model has {value:g}"
-    comments["time", "column"] = "proposed by its name: check it"
+    comments["time", "column"] = f"{why.get('time', Match.why)}: check it"
     comments["time", "unit"] = "check it"
+    comments["time", "rest"] = "what has passed since then [ns], in a column of its own"
     for kind in ("signals", "commands"):
         for name in content.get(kind, {}):  # type: ignore[attr-defined]
             proposed = why[f"ctrl.{name}" if kind == "commands" else name]
