@@ -27,7 +27,9 @@ def result() -> Criticism:
 @pytest.fixture
 def made(monkeypatch: pytest.MonkeyPatch, result: Criticism) -> None:
     """Commands that find at once what was found by hand."""
-    monkeypatch.setattr(work, "criticise", lambda command, _problem: dataclasses.replace(result, command=command))
+    monkeypatch.setattr(
+        work, "criticise", lambda command, _problem, _budget: dataclasses.replace(result, command=command)
+    )
 
 
 def at_work(*_arguments: object) -> Criticism:
