@@ -136,6 +136,7 @@ def answered(
         changes=made("what differs between runs", lambda: parameter_changes(explanation, final_model.parameters), ()),
         wiring=None if fault is None else _wiring(fault, base),
         corrected=corrected,
+        read_as="\n".join(filter(None, (reading.lines for reading in task.readings))),
         hypotheses=hypotheses,
         explanation=explanation,
     )
