@@ -23,7 +23,7 @@ from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numer
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
-from onlinebayes.criticism.log_faults import CorrectedLog
+from onlinebayes.criticism.log_faults import LEAST_FLOORS, CorrectedLog
 from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.results import (
     Candidate,
@@ -36,6 +36,7 @@ from onlinebayes.criticism.results import (
     Wiring,
 )
 from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.criticism.wiring.dead_commands import accused, dead_commands
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.fit import Fit, weighed_by_noise
@@ -97,6 +98,9 @@ def answered(
         )
         beliefs = weights(hypotheses) if verdict == "tie" else ()
         said = made("the notes", lambda: (*notes_on(explanation, numerics, final_model.parameters), *beliefs), ())
+        errs = tuple(name for name, left in after.items() if left > LEAST_FLOORS)
+        dead = dead_commands(task.fit_runs) if errs else {}
+        doubted = (*doubted, *([accused(dead, errs)] if dead else ()))
     candidates: tuple[Candidate, ...] = made(
         "ranking the candidates", lambda: ranked(explanation, final_model.parameters, contradicted), ()
     )

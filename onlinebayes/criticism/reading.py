@@ -16,6 +16,7 @@ from onlinebayes.criticism.hypotheses.search import Search
 from onlinebayes.criticism.log_faults import LEAST_FLOORS, MOVING, judged
 from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.wiring.readings import Reading
+from onlinebayes.criticism.wiring.shifts import shifts
 from onlinebayes.identification.data.windows import Windows, make_windows
 from onlinebayes.identification.fitting.discretisation import Discretisation
 from onlinebayes.identification.judging.evaluator import FIRST_STEPS, Evaluation, Evaluator, FitRequest
@@ -92,9 +93,18 @@ def _gained_in_stretches(
     # The stretches leave out what is hardest to follow: what is worse over them than over all explains nothing.
     found = anew.evaluate(replace(asked, wanted=here.fitted.score))
     before = None if found is None else old.evaluate(asked)
-    if found is None or before is None:
+    if found is None or before is None or not explains_half(before.left_out[0], found.left_out[0]):
         return None
-    return found.gains(before) if explains_half(before.left_out[0], found.left_out[0]) else None
+    return None if _better_shifted(found, evaluator, here, runs) else found.gains(before)
+
+
+def _better_shifted(found: Evaluation, evaluator: Evaluator, here: Evaluation, runs: Measurement) -> bool:
+    """Check whether signals that run ahead of the commands leave less: half a row is half of what they lie apart."""
+    ahead = next((one for one in shifts(runs, commanded=True, late=False) if one.every), None)
+    rival = None if ahead is None else judged(ahead, evaluator, here, runs)
+    if rival is None or not explains_half(here.left_out[0], rival.evaluation.left_out[0]):
+        return False
+    return float(rival.evaluation.left_out[0].rms.max()) < float(found.left_out[0].rms.max())
 
 
 def _stretches(reading: Reading, evaluator: Evaluator, runs: Measurement) -> tuple[Windows, Windows]:
