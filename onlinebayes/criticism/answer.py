@@ -24,7 +24,7 @@ from onlinebayes.criticism.hypotheses.models import fitted_model, flat_of, numer
 from onlinebayes.criticism.hypotheses.ranking import laws, ranked, steps
 from onlinebayes.criticism.hypotheses.verdict import decide, what_to_record
 from onlinebayes.criticism.hypotheses.weighing import weighted
-from onlinebayes.criticism.log_faults import CorrectedLog
+from onlinebayes.criticism.log_faults import LEAST_FLOORS, CorrectedLog
 from onlinebayes.criticism.prepared_log import PreparedLog
 from onlinebayes.criticism.results import (
     Candidate,
@@ -37,6 +37,7 @@ from onlinebayes.criticism.results import (
     Wiring,
 )
 from onlinebayes.criticism.timing import Stopwatch
+from onlinebayes.criticism.wiring.dead_commands import accused, dead_commands
 from onlinebayes.identification.data.windows import Windows
 from onlinebayes.identification.detail import Detail
 from onlinebayes.identification.fitting.fit import Fit, weighed_by_noise
@@ -100,6 +101,9 @@ def answered(
         )
         beliefs = weights(hypotheses) if verdict == "tie" else ()
         said = made("the notes", lambda: (*notes_on(explanation, numerics, final_model.parameters), *beliefs), ())
+        errs = tuple(name for name, left in after.items() if left > LEAST_FLOORS)
+        dead = dead_commands(task.fit_runs) if errs else {}
+        doubted = (*doubted, *([accused(dead, errs)] if dead else ()))
     candidates: tuple[Candidate, ...] = made(
         "ranking the candidates", lambda: ranked(explanation, final_model.parameters, contradicted), ()
     )
@@ -145,6 +149,7 @@ def answered(
         changes=made("what differs between runs", lambda: parameter_changes(explanation, final_model.parameters), ()),
         wiring=None if fault is None else _wiring(fault, base),
         corrected=corrected,
+        read_as="\n".join(filter(None, (reading.lines for reading in task.readings))),
         hypotheses=hypotheses,
         explanation=explanation,
     )

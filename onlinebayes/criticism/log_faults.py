@@ -41,8 +41,8 @@ from onlinebayes.simulators.identifiable import Identifiable
 LEAST_FLOORS = 3.0
 """A base model that errs by fewer floors has no such fault."""
 
-LEAST_PREDICTED_GAIN = 0.1
-"""Nats that a fault's replay has to gain: it is a tenth of the error."""
+LEAST_PREDICTED_GAIN = 0.05
+"""Nats that a fault's replay has to gain. Smoothed starts hide a part: columns a row apart promised 0.09."""
 
 REFITS = 4
 """Faults that are fitted."""
@@ -93,17 +93,20 @@ class CorrectedLog:
         return equally_good(over, [one.gain for one in theirs])
 
 
-def find_fault(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> CorrectedLog | None:
+def find_fault(
+    evaluator: Evaluator, base: Evaluation, measurement: Measurement, laws: bool = True
+) -> CorrectedLog | None:
     """The fault of signs, units, columns or zeros that explains the misfit of the base model, if one does.
 
     Args:
         evaluator, base: the base model fitted to the table as it stands.
         measurement: the fit runs.
+        laws: whether laws are tried, too; where none is, columns that are late are looked for.
     """
     if float(base.left_out[0].rms.max()) <= LEAST_FLOORS:
         return None
     evaluator.watch("checking signs, units and columns")
-    promising = _promising(evaluator, base, measurement)
+    promising = _promising(evaluator, base, measurement, laws)
     tried = side_by_side([partial(judged, fault, evaluator, base, measurement) for fault in promising])
     return _best([one for one in tried if one is not None], evaluator, base, measurement)
 
@@ -196,12 +199,12 @@ def _put_right(fault: Fault, given: Identifiable, windows: Windows, measurement:
     return make_windows(given, table, windows.horizon, memory, like=replace(fault.started(windows, shown), noise=floor))
 
 
-def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement) -> list[Fault]:
+def _promising(evaluator: Evaluator, base: Evaluation, measurement: Measurement, laws: bool) -> list[Fault]:
     """The faults whose replay gains most, in the order in which they are named."""
     thetas, few = _thetas(evaluator.given, base), _few(evaluator.windows)
     table = measurement.select(few.runs)
     stood = _replayed(AsItStands(), evaluator, thetas, few, table)
-    faults = list(possible_faults(evaluator.given, measurement))
+    faults = list(possible_faults(evaluator.given, measurement, late=not laws))
     replays = side_by_side([partial(_replayed, fault, evaluator, thetas, few, table) for fault in faults])
     promise = {
         fault: -math.inf if right is None or stood is None else right.gain(stood)

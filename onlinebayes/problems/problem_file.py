@@ -10,13 +10,13 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from onlinebayes.criticism import Allowed, Scope, Selection
 from onlinebayes.identification import completed, split, start_coordinates
-from onlinebayes.measurements import Measurement, Signal, SignalColumn, TableReader
+from onlinebayes.measurements import BetweenRows, Measurement, Signal, SignalColumn, TableReader
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.matching import matches
 from onlinebayes.problems.effects import add_effects, check_candidates, check_constant, check_effect, import_modules
@@ -41,7 +41,8 @@ FEWEST_STEPS = 4
 
 TOP = (
     *("schema", "model", "measurements", "exclude", "holdout", "ignore", "skip_s", "groups", "starts", "parameters"),
-    *("time", "signals", "commands", "runs", "actuators", "model_edit", "selection", "effects", "next"),
+    *("time", "signals", "commands", "commands_between_rows", "runs", "actuators", "model_edit", "selection"),
+    *("effects", "next"),
 )
 
 
@@ -101,6 +102,7 @@ def load_problem(
         who = " and ".join(integrating)
         note(f"{who}: integrates its command; each run is taken to begin with it at the model's first keyframe, or 0")
     measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
+    measurement = replace(measurement, between_rows=_between_rows(top))
     measurement = measurement.with_starts(known_starts(top.section("starts"), start_coordinates(simulator.signals)))
     measurement, tied = completed(simulator, measurement)
     for line in tied:
@@ -243,6 +245,16 @@ def _begun(top: Section, measurement: Measurement) -> Measurement:
         raise top.error("skip_s", f"{seconds:g} s is no time", "give the seconds to leave out, 0 or more")
     with top.at("skip_s"):
         return measurement.after(seconds)
+
+
+def _between_rows(top: Section) -> BetweenRows | None:
+    """How commands go between rows, where the file says so."""
+    if "commands_between_rows" not in top:
+        return None
+    asked, known = top.text("commands_between_rows"), get_args(BetweenRows)
+    if asked not in known:
+        raise top.error("commands_between_rows", f"'{asked}' is unknown", f"use {' or '.join(known)}")
+    return next(way for way in known if way == asked)
 
 
 def _seen(measurement: Measurement, note: Callable[[str], None]) -> Measurement:

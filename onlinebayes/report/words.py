@@ -139,7 +139,7 @@ def put_right(result: Criticism) -> str:
             "again before you use them."
         )
     values = "its values and refined.xml are fitted to the mended table."
-    if keys_of(result.wiring):
+    if keys_of(result.wiring.lines):
         return f"refined.toml has the fault put right; {values}"
     return f"refined.toml reads the table with the fault, which can only be put right there; {values}"
 
