@@ -13,9 +13,8 @@ from collections.abc import Iterator
 
 from onlinebayes.criticism.hypotheses.additions import AddedEffect, FreedNumber
 from onlinebayes.criticism.hypotheses.rounds import Round
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest
+from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, refused
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
-from onlinebayes.identification.judging.rule import preferred
 
 
 def law_of(addition: Addition) -> str | None:
@@ -48,5 +47,5 @@ def at_every_place(evaluator: Evaluator, here: Evaluation, alone: Round, room: i
         hypothesis = Hypothesis((*here.hypothesis.additions, *places))
         both = [{name: x for place in places for name, x in begun[place][k].items()} for k in (0, -1)]
         found = evaluator.evaluate(FitRequest(hypothesis, both, here.fitted.lin.starts, (here.values, {})))
-        if found is not None and preferred(found.gains(best), best.gains(here)[0]):
+        if found is not None and refused(found, best, here) is None:
             yield found

@@ -22,9 +22,16 @@ from onlinebayes.criticism.hypotheses.original_integrator import with_original_i
 from onlinebayes.criticism.hypotheses.rounds import Move, Round, Trial, at_end, simplest_of_equals, so_far
 from onlinebayes.criticism.hypotheses.same_law_at_all_places import at_every_place
 from onlinebayes.criticism.hypotheses.screening import Prediction, screen
-from onlinebayes.identification.judging.evaluator import Evaluation, Evaluator, FitRequest, at_noise_floor, better
+from onlinebayes.identification.judging.evaluator import (
+    Evaluation,
+    Evaluator,
+    FitRequest,
+    at_noise_floor,
+    better,
+    refused,
+)
 from onlinebayes.identification.judging.hypothesis import Addition, Hypothesis
-from onlinebayes.identification.judging.rule import LEAST_GAIN, SHARE_OF_GAINED, equally_good, preferred, refusal
+from onlinebayes.identification.judging.rule import LEAST_GAIN, SHARE_OF_GAINED, equally_good
 from onlinebayes.runs import side_by_side
 
 REFITS = 3
@@ -126,7 +133,7 @@ class Search:
         self.current = simplest_of_equals(found, here)  # where the search is stopped now, it stands
         best = self.pruned(self.current, entered=0)
         new = len(best.hypothesis.keys) - len(here.hypothesis.keys)
-        if new > 1 and preferred(best.gains(here), here.gains(self.base)[0]):
+        if new > 1 and refused(best, here, self.base) is None:
             return self.one_by_one(here, best, alone)
         self.current = here
         return []
@@ -169,7 +176,7 @@ class Search:
                 both = replace(second, gains=second.evaluation.gains(here))
                 believed = first not in free or at_noise_floor(both.evaluation)
                 believed &= not any(at_end(one.addition, both.evaluation) for one in (first, second))
-                if believed and preferred(both.gains, here.gains(self.base)[0]):
+                if believed and refused(both.evaluation, here, self.base) is None:
                     yield first, both, beside
 
     def _twin(self) -> Search:
@@ -242,13 +249,13 @@ class Search:
     def _trial(self, here: Evaluation, prediction: Prediction, evaluation: Evaluation) -> Trial:
         """Judge a fitted addition by the rule."""
         gains = evaluation.gains(here)
-        refused = refusal(gains, here.gains(self.base)[0])
+        why = refused(evaluation, here, self.base)
         addition = prediction.addition
         if at_end(addition, evaluation):
-            refused = refused or "has the largest size that can be: no size of it explains the data"
+            why = why or "has the largest size that can be: no size of it explains the data"
         if addition in self.flexible and not at_noise_floor(evaluation):
-            refused = refused or "has too much freedom to be believed where it leaves more than noise"
-        return Trial(addition, evaluation, gains, refused)
+            why = why or "has too much freedom to be believed where it leaves more than noise"
+        return Trial(addition, evaluation, gains, why)
 
     def refined(self, here: Evaluation) -> Evaluation:
         """The same hypothesis, integrated as it asks: as finely, or as a simulator would; the base model too."""
@@ -274,7 +281,7 @@ class Search:
         """Without the additions that the rule would not let in any more; the last ``entered`` have just entered."""
         for key in here.hypothesis.keys[: len(here.hypothesis.keys) - entered]:
             without = self.evaluated_from(here, here.hypothesis.minus(key))
-            if without is not here and not preferred(here.gains(without), without.gains(self.base)[0]):
+            if without is not here and refused(here, without, self.base) is not None:
                 self.evaluator.watch(f"dropping {key}")
                 return self.pruned(without, entered)
         return here

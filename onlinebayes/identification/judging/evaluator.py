@@ -22,6 +22,7 @@ from onlinebayes.identification.fitting.gauss_newton import MOST_STEPS, SETTLED,
 from onlinebayes.identification.fitting.sensitivities import Linearisation
 from onlinebayes.identification.fitting.theta import theta_of, values_of
 from onlinebayes.identification.judging.hypothesis import Hypothesis, build
+from onlinebayes.identification.judging.rule import refusal
 from onlinebayes.identification.judging.scoring import Folds, Gain, LeftOut, LinearModel, gain, left_out, partitions
 from onlinebayes.runs import BadInput, Kept, Memo, NoMemo, Stopped, remembered, side_by_side
 from onlinebayes.simulators.identifiable import Identifiable
@@ -77,6 +78,16 @@ def better(new: Evaluation | None, known: Evaluation | None) -> Evaluation | Non
     if new is None or known is None:
         return known if new is None else new
     return new if new.fitted.score < known.fitted.score - SETTLED else known
+
+
+def refused(new: Evaluation, old: Evaluation, base: Evaluation) -> str | None:
+    """Say why the rule does not prefer a hypothesis to a simpler one; None where it does.
+
+    Args:
+        new, old: the two.
+        base: the base model, over which the old one has gained something already.
+    """
+    return refusal(new.gains(old), old.gains(base)[0], noise_left=at_noise_floor(new))
 
 
 def at_noise_floor(here: Evaluation) -> bool:

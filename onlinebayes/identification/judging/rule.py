@@ -3,7 +3,7 @@
 A hypothesis with additions is preferred to one without them where its gain in left-out score (see :mod:`.scoring`) is
 
     gain >= max(0.05, a tenth of what was gained so far)    in one of the signals: it explains a share that matters
-    gain >  2 se                                            and it is no accident of the folds
+    gain >  2 se, or no more than noise is left             and it is no accident of the folds
     worse <= max(1, a fifth of the folds)                   and nearly all folds agree
 
 with data left out by runs, and at least 0.05 wherever else they are left out: it holds where it was not seen.
@@ -57,17 +57,18 @@ def preferred(found: Sequence[Gain], gained: Gain) -> bool:
     return refusal(found, gained) is None
 
 
-def refusal(found: Sequence[Gain], gained: Gain) -> str | None:
+def refusal(found: Sequence[Gain], gained: Gain, *, noise_left: bool = False) -> str | None:
     """Why it is not preferred, in words; None where it is.
 
     Args:
         found: gain of the addition, for each way of leaving data out, by runs first.
         gained: what was gained before it, with data left out by runs.
+        noise_left: whether no more than noise is left with it: what acts in few of the runs is not uncertain then.
     """
     first = found[0]
     if not explains_enough(first, gained.by_signal):
         return f"explains too little: gain {first.gain:.3f}"
-    if first.gain <= STANDARD_ERRORS * first.se:
+    if first.gain <= STANDARD_ERRORS * first.se and not noise_left:
         return f"uncertain: gain {first.gain:.3f} with a standard error of {first.se:.3f}"
     if first.worse > max(1, int(SHARE_WORSE * first.folds)):
         return f"{first.worse} of {first.folds} parts of the data are predicted worse"
