@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 import tomllib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -21,7 +21,7 @@ from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.matching import matches
 from onlinebayes.problems.effects import add_effects, check_candidates, check_constant, check_effect, import_modules
 from onlinebayes.problems.limits import read_allowed
-from onlinebayes.problems.mapping import command_columns, signal_columns, time_column
+from onlinebayes.problems.mapping import command_columns, is_glob, signal_columns, time_column
 from onlinebayes.problems.model import beside_bounds, build_simulator, known_addresses, signal_units
 from onlinebayes.problems.parameters import Declared, declared
 from onlinebayes.problems.section import Section
@@ -94,13 +94,14 @@ def load_problem(
     tables = top.texts("measurements")
     parameters = declared(top, effects)
     import_modules(effects)
-    simulator, parameters = build_simulator(top, path.parent, parameters, _columns(top, tables))
+    columns = _columns(top, tables)
+    simulator, parameters = build_simulator(top, path.parent, parameters, columns)
     for line in beside_bounds(simulator, parameters):
         note(line)
     if integrating := simulator.integrating_commands:
         who = " and ".join(integrating)
         note(f"{who}: integrates its command; each run is taken to begin with it at the model's first keyframe, or 0")
-    measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, simulator, note))), note)
+    measurement = _seen(_begun(top, _without(top, _read_tables(top, tables, columns, simulator, note))), note)
     measurement = measurement.with_starts(known_starts(top.section("starts"), start_coordinates(simulator.signals)))
     measurement, tied = completed(simulator, measurement)
     for line in tied:
@@ -189,11 +190,12 @@ def _columns(top: Section, tables: Sequence[str]) -> set[str]:
     ignored = top.texts("ignore", ())
     found = {name for table in tables for name in open_source(_located(top, table)).names}
     kept = {name for name in found if not matches(name, ignored)}
-    return kept | set(top.section("signals").values) | set(top.section("commands").values)
+    mapped = {name for kind in ("signals", "commands") for name in top.section(kind).values if not is_glob(name)}
+    return kept | mapped
 
 
 def _read_tables(
-    top: Section, tables: Sequence[str], simulator: Extensible, note: Callable[[str], None]
+    top: Section, tables: Sequence[str], columns: Collection[str], simulator: Extensible, note: Callable[[str], None]
 ) -> Measurement:
     if not tables:
         raise top.error("measurements", "no table is named", 'write e.g. ["log.csv"]')
@@ -201,7 +203,7 @@ def _read_tables(
     reader = TableReader(
         signals=[Signal(name, units.get(name, "")) for name in simulator.signals],
         commands=simulator.commands,
-        mapped=signal_columns(top.section("signals"), simulator.signals, units),
+        mapped=signal_columns(top.section("signals"), simulator.signals, units, columns),
         commanded=command_columns(top.section("commands"), simulator.commands),
         clock=time_column(top.section("time", ("column", "unit"))),
         ignore=top.texts("ignore", ()),

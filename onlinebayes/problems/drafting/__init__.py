@@ -2,5 +2,7 @@
 
 from onlinebayes.problems.drafting.draft_text import cure, doubt
 from onlinebayes.problems.drafting.first_draft import draft
+from onlinebayes.problems.drafting.matching import Match
+from onlinebayes.problems.drafting.proposals import proposed
 
-__all__ = ["cure", "doubt", "draft"]
+__all__ = ["Match", "cure", "doubt", "draft", "proposed"]

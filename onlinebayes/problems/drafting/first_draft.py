@@ -17,12 +17,15 @@ from onlinebayes.measurements import CommandColumn, Measurement, Signal, SignalC
 from onlinebayes.measurements.formats import open_source
 from onlinebayes.measurements.joining import joined
 from onlinebayes.measurements.units import to_si
+from onlinebayes.problems.drafting.actuator_inputs import actuator_inputs
+from onlinebayes.problems.drafting.amplitudes import by_values
 from onlinebayes.problems.drafting.draft_text import mapped, text_of
 from onlinebayes.problems.drafting.freeing import free_parameters
 from onlinebayes.problems.drafting.log_columns import (
     check_rows,
     clock_of,
     is_numeric,
+    is_switch,
     is_unit_of,
     last_one,
     rises,
@@ -30,8 +33,8 @@ from onlinebayes.problems.drafting.log_columns import (
     shared_columns,
     wrenches_of,
 )
-from onlinebayes.problems.drafting.matching import Match, could_be, match
-from onlinebayes.problems.drafting.servo_inputs import servo_inputs
+from onlinebayes.problems.drafting.matching import Match, could_be
+from onlinebayes.problems.drafting.proposals import proposals, switches
 from onlinebayes.problems.model import signal_units
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -50,6 +53,7 @@ class Draft:
         missing: names of the model without a column, with those that it could be; nothing when the file is complete.
         follows: positions without a column that constraints tie to those that have one.
         unused: columns of the logs that nothing takes.
+        questions: what the values of the logs leave open, in lines.
     """
 
     text: str
@@ -57,6 +61,7 @@ class Draft:
     missing: Mapping[str, tuple[str, ...]]
     follows: tuple[str, ...]
     unused: tuple[str, ...]
+    questions: tuple[str, ...] = ()
 
 
 def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
@@ -76,14 +81,16 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         *(f"enable.{name}" for name in simulator.commands),
         *wrenches_of(simulator, shared),
     )
-    told = servo_inputs(simulator.model)
-    matches = match(wanted, [name for name in shared if name not in ("run", column)], told)
+    told = actuator_inputs(simulator.model)
+    matches = proposals(wanted, [name for name in shared if name not in ("run", column)], told)
     units = signal_units(simulator)
 
     def fits(found: Match) -> bool:
         return is_unit_of(found.unit, units.get(found.name, ""))
 
     matches = tuple(filter(fits, matches))
+    rest = [name for name in shared if name not in {"run", column, *(found.column for found in matches)}]
+    switched = [one for one in switches(simulator.commands, rest) if is_switch(sources, one.column)]
     if clock is None and not matches:
         raise BadInput(
             "no column is one of the model's, and none a clock",
@@ -95,12 +102,14 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     seen = have | {name.replace("qvel.", "qpos.", 1) for name in have if name.startswith("qvel.")}
     needed = [name for name in wanted if not name.startswith("qvel.") and name not in seen]
     follows = follow(simulator, have) & {*needed}
-    taken = {"run", column, *own, *(found.column for found in matches)}
+    taken = {"run", column, *own, *(found.column for found in (*matches, *switched))}
     left = [name for name in shared if name not in taken and not name.startswith(LIKE_THE_MODEL)]
     numbers = [name for name in left if needed and is_numeric(sources, name)]
     lacking = {name: could_be(name, wanted, numbers, told) for name in needed if name not in follows}
     if (guess := last_one(lacking)) and fits(guess):
         matches, lacking, taken = (*matches, guess), {}, taken | {guess.column}
+    read = by_values(simulator.model, bool(simulator.spec.compiler.degree), matches, units, told, sources, clock)
+    matches = (*read.matches, *switched)
     clocks = () if clock else tuple(name for name in shared if name not in taken and rises(sources, name))
     missing = ({} if clock else {"time": clocks}) | lacking
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
@@ -117,10 +126,10 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         **_runs_and_columns(runs, unused),
         "parameters": {name: [bounds.low, bounds.high] for name, bounds in parameters.items()},
         **({"time": {"column": clock.column, "unit": clock.unit}} if clock and not clock.exact else {}),
-        **mapped(matches),
+        **mapped(matches, units),
     }
-    text = text_of(content, simulator, parameters, found, missing, target.name)
-    return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused)
+    text = text_of(content, simulator, parameters, found, missing, read.questions, target.name)
+    return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused, read.questions)
 
 
 def _runs_and_columns(runs: Sequence[str], unused: Sequence[str]) -> dict[str, list[str]]:
@@ -148,21 +157,24 @@ def _measurement(
     """The logs as the problem file will read them."""
     units = signal_units(simulator)
     signalled = [
-        SignalColumn(
-            Signal(found.name, units.get(found.name, "")), found.column, to_si(found.unit) if found.unit else 1.0
-        )
+        SignalColumn(Signal(found.name, units.get(found.name, "")), found.column, *_line(found))
         for found in matches
-        if not found.name.startswith("ctrl.")
+        if not found.name.startswith(("ctrl.", "enable."))
     ]
+    switched = {one.name.removeprefix("enable."): one.column for one in matches if one.name.startswith("enable.")}
+    told = {one.name.removeprefix("ctrl."): one for one in matches if one.name.startswith("ctrl.")}
     commanded = [
-        CommandColumn(found.name.removeprefix("ctrl."), found.column, to_si(found.unit) if found.unit else 1.0)
-        for found in matches
-        if found.name.startswith("ctrl.")
+        CommandColumn(name, one.column, *_line(one), enable=switched.get(name, "")) for name, one in told.items()
     ]
     time = TimeColumn(clock.column, to_si(clock.unit or "s"))
     signals = [Signal(name) for name in simulator.signals]
     ignore = (*unused, "xfrc.*")  # what pushed is the problem file's to add to the model
     return TableReader(signals, simulator.commands, signalled, commanded, time, ignore).read(logs)
+
+
+def _line(found: Match) -> tuple[float, float]:
+    """Scale and offset of a column."""
+    return found.scale * (to_si(found.unit) if found.unit else 1.0), found.offset
 
 
 def _relative(path: Path, target: Path) -> str:
