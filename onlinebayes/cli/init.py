@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from onlinebayes.cli.outputs import check_apart
-from onlinebayes.problems.drafting import Match, cure, doubt, draft
+from onlinebayes.problems.drafting import Match, cure, doubt, draft, weld_of
 from onlinebayes.runs import BadInput, one_line, write_atomic
 
 
@@ -42,6 +42,8 @@ def init(model: str, logs: Sequence[str], out: str, force: bool = False) -> int:
         _say("matched:", f"{found.name} <- {found.column}{f' [{found.unit}]' if found.unit else ''}", *said, *more)
     for name, columns in drafted.missing.items():
         _say("missing:", f"{name}: {doubt(columns)}; {cure(name)}")
+    for joint, body in drafted.fixed.items():
+        _say("missing:", weld_of(joint, body))
     for question in drafted.questions:
         _say("check:", question)
     if drafted.follows:

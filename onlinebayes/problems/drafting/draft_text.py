@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from onlinebayes.measurements.units import SI
 from onlinebayes.parameters import ParameterSpace
 from onlinebayes.problems.drafting.matching import Match
+from onlinebayes.problems.drafting.surroundings import weld_of
 from onlinebayes.runs import one_line, to_toml
 from onlinebayes.simulators.mujoco import MujocoSimulator
 
@@ -24,6 +25,7 @@ def text_of(
     parameters: ParameterSpace,
     found: Sequence[Match],
     missing: Mapping[str, tuple[str, ...]],
+    fixed: Mapping[str, str],
     questions: Sequence[str],
     name: str,
 ) -> str:
@@ -35,12 +37,13 @@ def text_of(
         parameters: those that may be fitted, with their bounds.
         found: columns that were matched, the clock among them where it has another name.
         missing: names of the model without a column, with those that it could be.
+        fixed: free joints that nobody measured -> their bodies.
         questions: of the values of the log, to be answered by who knows.
         name: of the file.
     """
     comments = _comments(content, simulator, parameters, found)
     text = to_toml(content, head=HEAD.format(name=one_line(name)), comments=comments)
-    return text + _lacking(missing) + _asked(questions) + _more(simulator, content.get("signals", {}))
+    return text + _lacking(missing) + _welds(fixed) + _asked(questions) + _more(simulator, content.get("signals", {}))
 
 
 def mapped(matches: Sequence[Match], units: Mapping[str, str]) -> dict[str, dict[str, dict[str, str | float]]]:
@@ -122,6 +125,15 @@ def _comments(
 def _lacking(missing: Mapping[str, tuple[str, ...]]) -> str:
     lines = [one_line(f"MISSING: {name}: {doubt(columns)}; {cure(name)}") for name, columns in missing.items()]
     return "".join(f"\n# {line}" for line in lines) + ("\n" if missing else "")
+
+
+def _welds(fixed: Mapping[str, str]) -> str:
+    """What fixes the bodies that nobody measured, as a comment."""
+    if not fixed:
+        return ""
+    lines = [one_line(f"MISSING: {weld_of(joint, body)}") for joint, body in fixed.items()]
+    lines += to_toml({"model_edit": {"weld": list(fixed.values())}}).strip().split("\n")
+    return "\n" + "".join(f"# {line}\n" for line in lines)
 
 
 def _asked(questions: Sequence[str]) -> str:

@@ -35,6 +35,7 @@ from onlinebayes.problems.drafting.log_columns import (
 )
 from onlinebayes.problems.drafting.matching import Match, could_be
 from onlinebayes.problems.drafting.proposals import proposals, switches
+from onlinebayes.problems.drafting.surroundings import no_actuator, unmeasured_bodies, without_free
 from onlinebayes.problems.model import signal_units
 from onlinebayes.runs import BadInput
 from onlinebayes.simulators.mujoco import MujocoSimulator
@@ -53,6 +54,7 @@ class Draft:
         missing: names of the model without a column, with those that it could be; nothing when the file is complete.
         follows: positions without a column that constraints tie to those that have one.
         unused: columns of the logs that nothing takes.
+        fixed: free joints that nobody measured -> their bodies, which may be welded.
         questions: what the values of the logs leave open, in lines.
     """
 
@@ -61,7 +63,8 @@ class Draft:
     missing: Mapping[str, tuple[str, ...]]
     follows: tuple[str, ...]
     unused: tuple[str, ...]
-    questions: tuple[str, ...] = ()
+    fixed: Mapping[str, str]
+    questions: tuple[str, ...]
 
 
 def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
@@ -111,11 +114,14 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
     read = by_values(simulator.model, bool(simulator.spec.compiler.degree), matches, units, told, sources, clock)
     matches = (*read.matches, *switched)
     clocks = () if clock else tuple(name for name in shared if name not in taken and rises(sources, name))
-    missing = ({} if clock else {"time": clocks}) | lacking
+    fixed = unmeasured_bodies(simulator.model, lacking)
+    missing = ({} if clock else {"time": clocks}) | without_free(lacking, fixed)
     unused = tuple(dict.fromkeys(name for source in sources for name in source.names if name not in taken))
-    measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing else None
+    measurement = _measurement(simulator, logs, clock, matches, unused) if clock and not missing and not fixed else None
     if measurement is None:
         check_rows(sources, matches, column)
+    bare = no_actuator(simulator, model, unused)
+    questions = (*((bare,) if bare else ()), *read.questions)
     runs = run_names(sources)
     parameters = free_parameters(simulator, measurement and completed(simulator, measurement)[0])
     found = matches if clock is None or clock.exact else (clock, *matches)
@@ -123,13 +129,13 @@ def draft(model: Path, logs: Sequence[Path], target: Path) -> Draft:
         "schema": 1,
         "model": _relative(model, target),
         "measurements": [_relative(log, target) for log in logs],
-        **_runs_and_columns(runs, unused),
+        **_runs_and_columns(runs, unused if simulator.model.nu else [name for name in unused if name[:5] != "ctrl."]),
         "parameters": {name: [bounds.low, bounds.high] for name, bounds in parameters.items()},
         **({"time": {"column": clock.column, "unit": clock.unit}} if clock and not clock.exact else {}),
         **mapped(matches, units),
     }
-    text = text_of(content, simulator, parameters, found, missing, read.questions, target.name)
-    return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused, read.questions)
+    text = text_of(content, simulator, parameters, found, missing, fixed, questions, target.name)
+    return Draft(text, found, missing, tuple(name for name in needed if name in follows), unused, fixed, questions)
 
 
 def _runs_and_columns(runs: Sequence[str], unused: Sequence[str]) -> dict[str, list[str]]:
